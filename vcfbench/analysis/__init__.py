@@ -1,0 +1,1 @@
+"""Pure functions on arrays: regression, non-linearity, Allan deviation."""

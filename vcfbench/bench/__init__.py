@@ -1,0 +1,1 @@
+"""The bench: file, description, opening, safety."""

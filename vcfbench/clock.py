@@ -1,0 +1,148 @@
+"""Bench time: the one place that reads or spends it.
+
+Everything that waits is handed a :class:`Clock`. On hardware it is a :class:`WallClock`; a simulated
+run has a :class:`VirtualClock`, whose time moves only because someone waits; a served bench has a
+:class:`ScaledClock`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Protocol
+
+__all__ = ["Clock", "Deadline", "PacedClock", "ScaledClock", "VirtualClock", "WallClock", "sleep", "utc_now"]
+
+
+class Clock(Protocol):
+    """Bench time in seconds since the clock was made."""
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        ...
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Wait until bench time `instant_s`; return at once if it has passed."""
+        ...
+
+
+def sleep(clock: Clock, seconds: float) -> None:
+    """Wait `seconds` of bench time."""
+    clock.sleep_until(clock.now() + seconds)
+
+
+def utc_now() -> datetime:
+    """Return the date and time of day, for records and locks; never for pacing."""
+    return datetime.now(UTC)
+
+
+class WallClock:
+    """The clock of a bench of real instruments."""
+
+    __slots__ = ("_start",)
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+
+    def now(self) -> float:
+        """Return the seconds since the clock was made."""
+        return time.monotonic() - self._start
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Sleep until `instant_s`."""
+        remaining = instant_s - self.now()
+        if remaining > 0:
+            time.sleep(remaining)
+
+
+class VirtualClock:
+    """Simulated time: waiting moves it, nothing else does."""
+
+    __slots__ = ("_now",)
+
+    def __init__(self) -> None:
+        self._now = 0.0
+
+    def now(self) -> float:
+        """Return the simulated time, s."""
+        return self._now
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Jump to `instant_s`; a clock never goes back."""
+        if instant_s > self._now:
+            self._now = instant_s
+
+
+class PacedClock:
+    """Simulated time that is shown to a person: each wait also takes wall time, `speed` times shorter.
+
+    It gives the same instants as a :class:`VirtualClock`, hence the same results.
+    """
+
+    __slots__ = ("_now", "_speed", "_start")
+
+    def __init__(self, speed: float) -> None:
+        self._now = 0.0
+        self._speed = speed
+        self._start = time.monotonic()
+
+    def now(self) -> float:
+        """Return the simulated time, s."""
+        return self._now
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Jump to `instant_s` once the wall clock has come as far."""
+        if instant_s <= self._now:
+            return
+        remaining = self._start + instant_s / self._speed - time.monotonic()
+        if remaining > 0:
+            time.sleep(remaining)
+        self._now = instant_s
+
+
+class ScaledClock:
+    """A wall clock that runs `speed` times as fast, for benches served to other programs."""
+
+    __slots__ = ("_speed", "_start")
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
+        self._start = time.monotonic()
+
+    def now(self) -> float:
+        """Return the scaled seconds since the clock was made."""
+        return (time.monotonic() - self._start) * self._speed
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Sleep until `instant_s`."""
+        remaining = (instant_s - self.now()) / self._speed
+        if remaining > 0:
+            time.sleep(remaining)
+
+
+@dataclass(frozen=True, slots=True)
+class Deadline:
+    """An instant by which something must be done, handed down instead of a time-out."""
+
+    clock: Clock
+    started_s: float
+    expires_s: float
+
+    @classmethod
+    def after(cls, clock: Clock, seconds: float) -> Deadline:
+        """Return the deadline `seconds` of bench time from now."""
+        now = clock.now()
+        return cls(clock, now, now + seconds)
+
+    def remaining(self) -> float:
+        """Return the seconds left, never negative."""
+        return max(0.0, self.expires_s - self.clock.now())
+
+    def elapsed(self) -> float:
+        """Return the seconds since the deadline was set."""
+        return self.clock.now() - self.started_s
+
+    def expired(self) -> bool:
+        """Tell whether the time is up."""
+        return self.clock.now() >= self.expires_s

@@ -1,0 +1,1 @@
+"""The rate-table driver and its dialects."""

@@ -1,0 +1,163 @@
+"""What can go wrong on a bench, one class a kind.
+
+::
+
+    BenchError                      exit code 3 unless said otherwise
+    |- ConfigError                  2  the bench file, a CSV or an option is not usable
+    |- PlanError                    2  the procedure cannot be run as asked
+    |- LimitError                   3  a value would leave the limits of the bench
+    |- InterlockError               3  an interlock or fault of the table forbids motion
+    |- MeasurementError             3  a reading cannot be used (overload, not settled, supply in current limit)
+    |- Aborted                      4  stopped by a person or a signal, bench made safe
+    |- NotSafe                      5  something could not be made safe; the message names it
+    |- TransportError
+    |  |- ConnectFailed             nobody answers at the resource
+    |  |- LinkLost                  the connection broke
+    |  |- DeadlineExceeded          no answer in time
+    |  |- FramingError              an answer that is not one
+    |  `- OutOfSync                 an answer to another question; the session is closed
+    `- InstrumentError              the instrument refused; carries its number and words
+       |- WrongInstrument           another model answers at the resource
+       `- SelfTestFailed
+
+``str()`` of each is one sentence that a technician can act on.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+__all__ = [
+    "Aborted",
+    "BenchError",
+    "ConfigError",
+    "ConnectFailed",
+    "DeadlineExceeded",
+    "FramingError",
+    "InstrumentError",
+    "InterlockError",
+    "LimitError",
+    "LinkLost",
+    "MeasurementError",
+    "NotSafe",
+    "OutOfSync",
+    "PlanError",
+    "SelfTestFailed",
+    "TransportError",
+    "WrongInstrument",
+]
+
+
+class BenchError(Exception):
+    """Anything the bench can tell its user; the attributes say where and when it happened."""
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        instrument: str | None = None,
+        resource: str | None = None,
+        command: str | None = None,
+        step: str | None = None,
+        elapsed_s: float | None = None,
+        hint: str | None = None,
+    ) -> None:
+        super().__init__(what)
+        self.what = what
+        self.instrument = instrument
+        self.resource = resource
+        self.command = command
+        self.step = step
+        self.elapsed_s = elapsed_s
+        self.hint = hint
+
+    def __str__(self) -> str:
+        where = f"{self.instrument} at {self.resource}" if self.instrument and self.resource else self.instrument or self.resource
+        parts = [f"{where}: {self.what}" if where else self.what]
+        if self.command is not None:
+            parts.append(f"command {self.command!r}")
+        if self.step is not None:
+            parts.append(f"step {self.step}")
+        if self.elapsed_s is not None:
+            parts.append(f"after {self.elapsed_s:.3g} s")
+        text = ", ".join(parts)
+        return f"{text}; {self.hint}" if self.hint else text
+
+
+class ConfigError(BenchError):
+    """The bench file, a data file or an option cannot be used as it stands."""
+
+    exit_code = 2
+
+
+class PlanError(BenchError):
+    """The procedure cannot be run as asked on this bench."""
+
+    exit_code = 2
+
+
+class LimitError(BenchError):
+    """A value would leave the limits of the bench or of the instrument; nothing was sent."""
+
+
+class InterlockError(BenchError):
+    """The rate table's interlock or a latched fault forbids motion."""
+
+
+class MeasurementError(BenchError):
+    """A reading cannot be used: overload, not settled, supply in current limit."""
+
+
+class Aborted(BenchError):
+    """A person or a signal stopped the run; the bench was made safe."""
+
+    exit_code = 4
+
+
+class NotSafe(BenchError):
+    """Something could not be made safe; the message names it."""
+
+    exit_code = 5
+
+
+class TransportError(BenchError):
+    """The wire failed, not the instrument."""
+
+
+class ConnectFailed(TransportError):
+    """Nobody answers at the resource."""
+
+
+class LinkLost(TransportError):
+    """The connection broke."""
+
+
+class DeadlineExceeded(TransportError):
+    """No answer came in time."""
+
+
+class FramingError(TransportError):
+    """What came is not an answer of the expected form."""
+
+
+class OutOfSync(TransportError):
+    """The answers no longer belong to the questions; the session was closed."""
+
+
+class InstrumentError(BenchError):
+    """The instrument refused a command; `number` and `words` are its own."""
+
+    def __init__(self, what: str, *, number: int | None = None, words: str | None = None, **where: object) -> None:
+        super().__init__(what, **where)  # type: ignore[arg-type]
+        self.number = number
+        self.words = words
+
+
+class WrongInstrument(InstrumentError):
+    """Another model than the bench file says answers at the resource."""
+
+
+class SelfTestFailed(InstrumentError):
+    """The instrument's own test failed."""

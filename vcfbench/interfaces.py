@@ -1,0 +1,242 @@
+"""What the procedures need of the instruments: small protocols, SI floats, the unit in the name.
+
+Every setter raises :class:`~vcfbench.errors.LimitError` or :class:`~vcfbench.errors.InstrumentError` rather than
+clip, and returns only when the instrument's error queue has been read and was empty. Angles and rates
+of the table are in deg and deg/s, which the field uses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.clock import Deadline
+
+__all__ = [
+    "FunctionGenerator",
+    "Identity",
+    "Instrument",
+    "Multimeter",
+    "Oscilloscope",
+    "PowerSupply",
+    "RateTable",
+    "Regulation",
+    "SafeReport",
+    "Waveform",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who answers: the four fields of ``*IDN?`` (empty where a dialect has none)."""
+
+    maker: str
+    model: str
+    serial: str
+    firmware: str
+
+
+@dataclass(frozen=True, slots=True)
+class SafeReport:
+    """What making an instrument safe came to, proved by read-back."""
+
+    instrument: str
+    resource: str
+    safe: bool
+    detail: str
+
+
+class Regulation(Enum):
+    """How a supply output is regulated."""
+
+    OFF = "off"
+    CONSTANT_VOLTAGE = "CV"
+    CONSTANT_CURRENT = "CC"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class Waveform:
+    """A record of one oscilloscope channel: times (s, trigger at 0) and voltages (V), one-dimensional, equal length."""
+
+    time_s: NDArray[np.float64]
+    voltage_v: NDArray[np.float64]
+
+
+class Instrument(Protocol):
+    """What every instrument of the bench can do."""
+
+    @property
+    def name(self) -> str:
+        """The role on this bench, for messages: ``multimeter``."""
+        ...
+
+    @property
+    def resource(self) -> str:
+        """The resource string it was opened with."""
+        ...
+
+    def identify(self) -> Identity:
+        """Ask who answers."""
+        ...
+
+    def check_errors(self) -> None:
+        """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
+        ...
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Bring the instrument to its safe state and prove it by read-back; never raises for a refused step."""
+        ...
+
+    def close(self) -> None:
+        """Give the connection back."""
+        ...
+
+
+class PowerSupply(Instrument, Protocol):
+    """A supply with named outputs that share one output switch."""
+
+    def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
+        """Set level and current limit of `output`; `voltage_v` carries the sign of the terminal."""
+        ...
+
+    def enable_outputs(self) -> None:
+        """Switch all outputs on."""
+        ...
+
+    def disable_outputs(self) -> None:
+        """Switch all outputs off."""
+        ...
+
+    def outputs_enabled(self) -> bool:
+        """Tell whether the outputs are on."""
+        ...
+
+    def measure_voltage_v(self, output: str) -> float:
+        """Read back the voltage at the terminals, V."""
+        ...
+
+    def measure_current_a(self, output: str) -> float:
+        """Read back the current, A."""
+        ...
+
+    def regulation(self, output: str) -> Regulation:
+        """Tell how `output` is regulated now."""
+        ...
+
+
+class FunctionGenerator(Instrument, Protocol):
+    """A generator whose load is a high impedance."""
+
+    def configure_dc(self, voltage_v: float) -> float:
+        """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
+        ...
+
+    def set_dc(self, voltage_v: float) -> float:
+        """Change the DC level; return the setting read back, V."""
+        ...
+
+    def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
+        """Select a sine into an open circuit, output switch unchanged."""
+        ...
+
+    def enable_output(self) -> None:
+        """Close the output relay."""
+        ...
+
+    def disable_output(self) -> None:
+        """Open the output relay."""
+        ...
+
+    def output_enabled(self) -> bool:
+        """Tell whether the output relay is closed."""
+        ...
+
+
+class Multimeter(Instrument, Protocol):
+    """A voltmeter on one node."""
+
+    def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
+        """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
+        ...
+
+    def read_voltage_v(self) -> float:
+        """Trigger one reading and return it, V; raises MeasurementError on overload."""
+        ...
+
+
+class Oscilloscope(Instrument, Protocol):
+    """An oscilloscope whose channels see nodes of the PCB."""
+
+    def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
+        """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
+        ...
+
+    def configure_timebase(self, scale_s_per_div: float) -> None:
+        """Set the main time base."""
+        ...
+
+    def configure_trigger(self, channel: int, level_v: float = 0.0) -> None:
+        """Select the rising-edge trigger on `channel`, automatic sweep."""
+        ...
+
+    def acquire(self, *channels: int) -> None:
+        """Take one record of `channels` and stop."""
+        ...
+
+    def measure_frequency_hz(self, channel: int) -> float:
+        """Measure the frequency of the record; raises MeasurementError when there is none."""
+        ...
+
+    def measure_amplitude_v(self, channel: int) -> float:
+        """Measure half the peak-to-peak voltage of the record, V."""
+        ...
+
+    def measure_phase_deg(self, channel: int, reference: int) -> float:
+        """Measure the phase of `channel` against `reference`, deg in -180...180."""
+        ...
+
+    def waveform(self, channel: int, points: int = 1000) -> Waveform:
+        """Download the record of `channel`."""
+        ...
+
+
+class RateTable(Instrument, Protocol):
+    """A single-axis rate table."""
+
+    def enable(self) -> None:
+        """Zero the demand, then close the servo; raises InterlockError when a fault forbids it."""
+        ...
+
+    def disable(self) -> None:
+        """Open the servo; refuses (InterlockError) while the table turns."""
+        ...
+
+    def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; returns at once."""
+        ...
+
+    def at_rate(self) -> bool:
+        """Tell whether the table says that the demanded rate is reached."""
+        ...
+
+    def rate_deg_s(self) -> float:
+        """Read back the rate."""
+        ...
+
+    def angle_deg(self) -> float:
+        """Read back the angle."""
+        ...
+
+    def stop(self, acceleration_deg_s2: float) -> None:
+        """Ramp to rest, servo kept."""
+        ...
+
+    def fault(self) -> str | None:
+        """Return the latched fault or interlock in words, None when there is none."""
+        ...

@@ -1,0 +1,1 @@
+"""Procedures: generators of frozen steps, and the executor that carries them out."""

@@ -1,0 +1,1 @@
+"""The simulated bench: one physical world and the instruments that look at it."""

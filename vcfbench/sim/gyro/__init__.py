@@ -1,0 +1,1 @@
+"""The gyroscope: modes, drive loop, sense path, electronics and noise."""

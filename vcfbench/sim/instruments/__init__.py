@@ -1,0 +1,1 @@
+"""The simulated instruments, one file a model."""

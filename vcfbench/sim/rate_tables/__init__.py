@@ -1,0 +1,1 @@
+"""The simulated rate tables: one motion, several dialects."""

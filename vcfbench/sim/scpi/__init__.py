@@ -1,0 +1,1 @@
+"""The device side of SCPI and IEEE 488.2."""
