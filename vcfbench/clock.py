@@ -70,8 +70,7 @@ class VirtualClock:
 
     def sleep_until(self, instant_s: float) -> None:
         """Jump to `instant_s`; a clock never goes back."""
-        if instant_s > self._now:
-            self._now = instant_s
+        self._now = max(self._now, instant_s)
 
 
 class PacedClock:

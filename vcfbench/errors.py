@@ -74,7 +74,11 @@ class BenchError(Exception):
         self.hint = hint
 
     def __str__(self) -> str:
-        where = f"{self.instrument} at {self.resource}" if self.instrument and self.resource else self.instrument or self.resource
+        where = (
+            f"{self.instrument} at {self.resource}"
+            if self.instrument and self.resource
+            else self.instrument or self.resource
+        )
         parts = [f"{where}: {self.what}" if where else self.what]
         if self.command is not None:
             parts.append(f"command {self.command!r}")

@@ -13,12 +13,12 @@ __all__ = ["Device"]
 class Device(Protocol):
     """A simulated instrument, seen from its connector. Everything happens at `clock.now()`; nothing here waits."""
 
-    def write(self, data: bytes, end: bool = False) -> None:
+    def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; `end` is the END message (EOI) with the last of them."""
         ...
 
     def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return at most `limit` output bytes that are ready now (perhaps none), and whether END comes with the last."""
+        """Return at most `limit` output bytes that are ready now, and whether END comes with the last of them."""
         ...
 
     def wake_at(self) -> float | None:
