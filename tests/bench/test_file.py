@@ -1,0 +1,302 @@
+from __future__ import annotations
+
+import copy
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import inspect, structs
+
+from vcfbench.bench.description import BenchDescription, SerialSettings, Simulation
+from vcfbench.bench.file import EMBEDDED, embedded_text, load_bench, parse_bench, template
+from vcfbench.errors import ConfigError
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def to_toml(table: dict[str, Any], prefix: str = "") -> str:
+    """Write a nested dict as TOML: enough of it for these tests."""
+    lines = [f"{key} = {value_to_toml(value)}" for key, value in table.items() if not isinstance(value, dict)]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            lines += [f"[{prefix}{key}]", to_toml(value, f"{prefix}{key}.")]
+    return "\n".join(lines)
+
+
+def value_to_toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list):
+        return f"[{', '.join(map(value_to_toml, value))}]"
+    return repr(value)
+
+
+def full_file() -> dict[str, Any]:
+    """A bench file with every key written out."""
+    text = "\n".join(uncommented(line) for line in template().splitlines())
+    raw = tomllib.loads(text)
+    raw["simulation"]["errors"]["power"] = "none"
+    return raw
+
+
+def uncommented(line: str) -> str:
+    bare = line.removeprefix("# ")
+    is_setting = bare.startswith("[") or bare.partition(" = ")[0].replace("_", "").isalnum()
+    return bare if is_setting and (" = " in bare or bare.startswith("[")) else line
+
+
+def leaves(table: dict[str, Any], path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = []
+    for key, value in table.items():
+        found += leaves(value, (*path, key)) if isinstance(value, dict) else [(*path, key)]
+    return found
+
+
+def changed(raw: dict[str, Any], path: tuple[str, ...], value: object) -> dict[str, Any]:
+    raw = copy.deepcopy(raw)
+    parent = raw
+    for key in path[:-1]:
+        parent = parent[key]
+    parent[path[-1]] = value
+    return raw
+
+
+def without(raw: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
+    raw = copy.deepcopy(raw)
+    parent = raw
+    for key in path[:-1]:
+        parent = parent[key]
+    del parent[path[-1]]
+    return raw
+
+
+def refusal(raw: dict[str, Any]) -> str:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(to_toml(raw), "lab.toml")
+    assert caught.value.exit_code == 2
+    return str(caught.value)
+
+
+FULL = full_file()
+LEAVES = leaves(FULL)
+REQUIRED = [
+    *((role, key) for role in ("power", "rate_source", "multimeter", "oscilloscope") for key in ("model", "resource")),
+    *(("rate_table", key) for key in ("dialect", "resource")),
+    *(("limits", key) for key in FULL["limits"]),
+    ("site", "latitude_deg"),
+    ("name",),
+]
+
+
+def test_the_template_names_every_key_once_and_shows_the_defaults() -> None:
+    written = parse_bench(to_toml(FULL), "full")
+    assert keys_of(BenchDescription) - {"override"} <= {key for path in LEAVES for key in path} | set(FULL)
+    bare = parse_bench(template(), "template")
+    assert written.procedure == bare.procedure
+    assert written.wiring == bare.wiring
+    assert written.visa_library == bare.visa_library
+    assert written.power.serial == SerialSettings()
+    assert written.rate_table == bare.rate_table
+    assert written.power.timeout_s == bare.power.timeout_s
+    assert structs.replace(written.simulation or Simulation(), errors=Simulation().errors) == Simulation()
+
+
+def keys_of(node: object) -> set[str]:
+    """Every key that a bench file may have."""
+    found: set[str] = set()
+    pending: list[inspect.Type] = [inspect.type_info(node)]
+    while pending:
+        kind = pending.pop()
+        if isinstance(kind, inspect.UnionType):
+            pending += kind.types
+        elif isinstance(kind, inspect.StructType):
+            found |= {field.encode_name for field in kind.fields}
+            pending += [field.type for field in kind.fields]
+    return found
+
+
+def test_the_examples_are_the_embedded_files() -> None:
+    assert (EXAMPLES / "paper-bench.toml").read_text("utf-8") == template()
+    assert (EXAMPLES / "ideal-bench.toml").read_text("utf-8") == embedded_text("ideal")
+
+
+def test_the_embedded_benches_load_and_none_is_the_paper_bench() -> None:
+    assert load_bench(None).name == "paper"
+    assert [load_bench(name).name for name in EMBEDDED] == list(EMBEDDED)
+    assert load_bench(None).simulated
+    assert not parse_bench(template(), "template").simulated
+    assert resources.files("vcfbench.bench").joinpath("paper.toml").is_file()
+
+
+def test_the_seventeen_rates_are_the_papers() -> None:
+    rates = load_bench(None).procedure.rates_deg_s
+    assert len(rates) == 17
+    assert sum(rates) == 0
+    assert sum(rate * rate for rate in rates) == 106_060
+
+
+def test_a_file_on_disk_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(template(), encoding="utf-8-sig")
+    assert load_bench(path).name == "lab-1"
+
+
+@given(st.sampled_from(LEAVES), st.text("abcdefghijklmnopqrstuvwxyz_0123456789", min_size=1, max_size=12))
+def test_a_mistyped_key_is_one_line_with_its_path(path: tuple[str, ...], tail: str) -> None:
+    if path[0] == "simulation" and "override" in path:
+        return
+    mistyped = (*path[:-1], f"{path[-1]}_{tail}")
+    said = refusal(changed(FULL, mistyped, 1))
+    assert said.startswith(f"lab.toml: {'.'.join(mistyped)}: expected ")
+    assert said.endswith(", came an unknown key")
+    assert "\n" not in said
+
+
+def test_a_close_key_is_suggested() -> None:
+    said = refusal(changed(FULL, ("limits", "max_rate_degs"), 1))
+    assert said == ("lab.toml: limits.max_rate_degs: expected a known key ('max_rate_deg_s'?), came an unknown key")
+
+
+@given(st.sampled_from(LEAVES), st.sampled_from([True, [[]], [{}], 1.5j]))
+def test_a_wrong_type_is_one_line_with_its_path(path: tuple[str, ...], value: object) -> None:
+    value = "1979-05-27" if value == 1.5j else value
+    raw = changed(FULL, path, value)
+    text = to_toml(raw).replace('"1979-05-27"', "1979-05-27")
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(text, "lab.toml")
+    said = str(caught.value)
+    assert said.startswith(f"lab.toml: {'.'.join(path)}")
+    assert ": expected " in said
+    assert ", came " in said
+    assert "\n" not in said
+
+
+@given(st.sampled_from([path for path in LEAVES if not isinstance(FULL[path[0]], str)]))
+def test_a_table_in_place_of_a_value_is_refused(path: tuple[str, ...]) -> None:
+    if path[:2] == ("simulation", "errors"):
+        return  # a table of single errors is welcome there
+    said = refusal(changed(FULL, path, {"x": 1}))
+    assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
+    assert said.endswith(", came a table")
+
+
+def numeric_leaves() -> list[tuple[str, ...]]:
+    found = []
+    for path in LEAVES:
+        value: Any = FULL
+        for key in path:
+            value = value[key]
+        if isinstance(value, int | float):
+            found.append(path)
+    return found
+
+
+@given(st.sampled_from(numeric_leaves()), st.sampled_from([1e30, -1e30, float("inf"), float("nan"), 10**40, 10**400]))
+def test_a_number_out_of_range_is_one_line_with_its_path(path: tuple[str, ...], value: float) -> None:
+    if path[-1] == "k_vc_guess_deg_s_per_v" and value in (1e30, -1e30, 10**40):
+        return  # any finite slope that reaches the rates
+    said = refusal(changed(FULL, path, value))
+    assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
+    assert ", came " in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("path", REQUIRED, ids=".".join)
+def test_a_missing_key_is_one_line_with_its_path(path: tuple[str, ...]) -> None:
+    said = refusal(without(FULL, path))
+    assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
+    assert said.endswith(", came nothing")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        (("limits", "max_rate_deg_s"), "fast", "expected a number above 0 and at most 5000, came 'fast'"),
+        (("limits", "max_v_vc_v"), 11, "expected a number above 0 and at most 10, came 11"),
+        (("power", "model"), "E3632A", "expected 'E3631A', came 'E3632A'"),
+        (("site", "mains_hz"), 55, "expected 50 or 60, came 55"),
+        (("site", "latitude_deg"), 91, "expected a number at least -90 and at most 90, came 91"),
+        (("name",), "lab 1", "expected a text of letters, digits, '_', '-' and '.', came 'lab 1'"),
+        (("power", "serial", "parity"), "mark", "expected 'even' or 'none' or 'odd', came 'mark'"),
+        (("procedure", "drive", "amplitude_v"), [1], "expected a list of 2 numbers, came [1]"),
+        (("procedure", "samples"), 2.5, "expected a whole number at least 2 and at most 100000, came 2.5"),
+        (("wiring", "oscilloscope", "channel_1"), "driv", "expected 'carrier' or 'drive' or"),
+    ],
+)
+def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, said: str) -> None:
+    assert refusal(changed(FULL, path, value)).startswith(f"lab.toml: {'.'.join(path)}: {said}")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        (("procedure", "rates_deg_s"), [0, 10, 301], "procedure.rates_deg_s[2]: expected a rate of at most 300 deg/s"),
+        (("procedure", "rates_deg_s"), [5, 5, 5], "procedure.rates_deg_s: expected at least three different rates"),
+        (("procedure", "match_rate_deg_s"), 0, "procedure.match_rate_deg_s: expected a rate of at most 300"),
+        (("procedure", "acceleration_deg_s2"), 201, "procedure.acceleration_deg_s2: expected at most 200"),
+        (("limits", "max_v_vc_v"), 4, "procedure.k_vc_guess_deg_s_per_v: expected at least 50"),
+        (("limits", "min_rail_v"), 11, "limits.min_rail_v: expected less than limits.max_rail_v = 10.5 V, came 11"),
+        (("procedure", "positive_rail_v"), 12, "procedure.positive_rail_v: expected a rail of 9.5 to 10.5 V"),
+        (("procedure", "negative_rail_v"), -9, "procedure.negative_rail_v: expected a rail of 9.5 to 10.5 V"),
+        (("procedure", "rail_current_limit_a"), 0.3, "procedure.rail_current_limit_a: expected at most 0.2 A"),
+        (("wiring", "rails", "positive"), "N25V", "wiring.rails.positive: expected 'P6V' or 'P25V'"),
+        (("wiring", "rails", "positive"), "P6V", "procedure.positive_rail_v: expected at most 6.18 V"),
+        (("wiring", "rails", "negative"), "P25V", "wiring.rails.negative: expected 'N25V'"),
+        (("wiring", "oscilloscope", "channel_1"), "sense", "wiring.oscilloscope: expected a channel that sees 'drive'"),
+        (("procedure", "nplc"), 100, "procedure.sample_interval_s: expected at least 4 s"),
+        (("procedure", "drive", "phase_deg"), [5, 5], "procedure.drive.phase_deg: expected a window [low, high]"),
+        (("multimeter", "resource"), "gpib0::5::instr", "multimeter.resource: expected a resource of its own"),
+    ],
+)
+def test_contradictions_between_keys_are_refused(path: tuple[str, ...], value: object, said: str) -> None:
+    assert refusal(changed(FULL, path, value)).startswith(f"lab.toml: {said}")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("name = \n", "line 1"),
+        ('name = "a"\nname = "b"\n', "line 2"),
+        ("x = " + "[" * 5000, "nested too deeply"),
+        ("x = " + "1" * 5000, "expected TOML"),
+    ],
+)
+def test_malformed_toml_is_one_line(text: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(text, "lab.toml")
+    assert str(caught.value).startswith("lab.toml: expected TOML: ")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.text())
+def test_any_text_is_a_bench_or_one_line(text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(text, "lab.toml")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@given(st.text("\n\r\x85\u2028\t .[]`$\"'\\ab", min_size=1))
+def test_a_strange_unknown_key_stays_on_one_line(key: str) -> None:
+    quoted = '"' + "".join(f"\\U{ord(char):08X}" for char in key) + '"'
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(f"{template()}\n[site2]\n".replace("[site2]", f"[{quoted}]"), "lab.toml")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no such file"):
+        load_bench(tmp_path / "none.toml")
+    with pytest.raises(ConfigError, match="expected a readable bench file"):
+        load_bench(tmp_path)
+    with pytest.raises(ConfigError, match="expected a readable bench file"):
+        load_bench("a\0b")
+    (tmp_path / "latin.toml").write_bytes(b'name = "caf\xe9"')
+    with pytest.raises(ConfigError, match="expected UTF-8 text, came byte 0xe9"):
+        load_bench(tmp_path / "latin.toml")

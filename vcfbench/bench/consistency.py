@@ -1,0 +1,137 @@
+"""What the types of a bench file cannot say: values that must agree with each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.description import BenchDescription, Window
+
+__all__ = ["Misfit", "misfits"]
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """A value that contradicts another: its key path, what was expected there and what came."""
+
+    path: str
+    expected: str
+    came: object
+
+
+def misfits(description: BenchDescription) -> Iterator[Misfit]:
+    """Yield every contradiction within `description`."""
+    return chain(
+        _rates(description),
+        _acceleration(description),
+        _v_vc(description),
+        _rails(description),
+        _wiring(description),
+        _sampling(description),
+        _windows(description),
+        _resources(description),
+    )
+
+
+def _rates(description: BenchDescription) -> Iterator[Misfit]:
+    limit = description.limits.max_rate_deg_s
+    allowed = f"a rate of at most {limit:g} deg/s either way (limits.max_rate_deg_s)"
+    for index, rate in enumerate(description.procedure.rates_deg_s):
+        if abs(rate) > limit:
+            yield Misfit(f"procedure.rates_deg_s[{index}]", allowed, rate)
+    if len(set(description.procedure.rates_deg_s)) < 3:
+        yield Misfit("procedure.rates_deg_s", "at least three different rates", list(description.procedure.rates_deg_s))
+    match = description.procedure.match_rate_deg_s
+    if not 0.0 < abs(match) <= limit:
+        yield Misfit("procedure.match_rate_deg_s", f"{allowed}, not zero", match)
+
+
+def _acceleration(description: BenchDescription) -> Iterator[Misfit]:
+    limit = description.limits.max_acceleration_deg_s2
+    wanted = description.procedure.acceleration_deg_s2
+    if wanted > limit:
+        expected = f"at most {limit:g} deg/s^2 (limits.max_acceleration_deg_s2)"
+        yield Misfit("procedure.acceleration_deg_s2", expected, wanted)
+
+
+def _v_vc(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that every rate has a V_Vc within the limits: |rate| / |K_Vc| <= max V_Vc."""
+    procedure, limit = description.procedure, description.limits.max_v_vc_v
+    largest = max(map(abs, procedure.rates_deg_s))
+    if abs(procedure.k_vc_guess_deg_s_per_v) * limit < largest:
+        expected = f"at least {largest / limit:g}, so that {largest:g} deg/s needs at most {limit:g} V of V_Vc"
+        yield Misfit(
+            "procedure.k_vc_guess_deg_s_per_v",
+            f"{expected} (limits.max_v_vc_v)",
+            procedure.k_vc_guess_deg_s_per_v,
+        )
+
+
+def _rails(description: BenchDescription) -> Iterator[Misfit]:
+    limits, procedure = description.limits, description.procedure
+    if limits.min_rail_v >= limits.max_rail_v:
+        yield Misfit("limits.min_rail_v", f"less than limits.max_rail_v = {limits.max_rail_v:g} V", limits.min_rail_v)
+        return
+    window = f"a rail of {limits.min_rail_v:g} to {limits.max_rail_v:g} V either sign (limits)"
+    for key, voltage in (
+        ("positive_rail_v", procedure.positive_rail_v),
+        ("negative_rail_v", procedure.negative_rail_v),
+    ):
+        if not limits.min_rail_v <= abs(voltage) <= limits.max_rail_v:
+            yield Misfit(f"procedure.{key}", window, voltage)
+    if procedure.rail_current_limit_a > limits.max_rail_current_a:
+        expected = f"at most {limits.max_rail_current_a:g} A (limits.max_rail_current_a)"
+        yield Misfit("procedure.rail_current_limit_a", expected, procedure.rail_current_limit_a)
+
+
+def _wiring(description: BenchDescription) -> Iterator[Misfit]:
+    rails = description.wiring.rails
+    if rails.positive == "N25V":
+        yield Misfit("wiring.rails.positive", "'P6V' or 'P25V', outputs above ground", rails.positive)
+    if rails.negative != "N25V":
+        yield Misfit("wiring.rails.negative", "'N25V', the output below ground", rails.negative)
+    if rails.positive == "P6V" and description.procedure.positive_rail_v > 6.18:  # E3631A: programming range of +6 V
+        yield Misfit(
+            "procedure.positive_rail_v", "at most 6.18 V from output P6V", description.procedure.positive_rail_v
+        )
+    if description.wiring.oscilloscope.channel_of("drive") is None:
+        yield Misfit("wiring.oscilloscope", "a channel that sees 'drive', for the start-up check", "none")
+
+
+def _sampling(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that a reading with its autozero, two integration times, ends before the next is due."""
+    procedure = description.procedure
+    reading_s = 2.0 * procedure.nplc / description.site.mains_hz
+    if reading_s > procedure.sample_interval_s:
+        expected = (
+            f"at least {reading_s:g} s, which a reading of {procedure.nplc} power-line cycles with autozero takes"
+        )
+        yield Misfit("procedure.sample_interval_s", expected, procedure.sample_interval_s)
+
+
+def _windows(description: BenchDescription) -> Iterator[Misfit]:
+    drive = description.procedure.drive
+    windows: tuple[tuple[str, Window], ...] = (
+        ("frequency_hz", drive.frequency_hz),
+        ("amplitude_v", drive.amplitude_v),
+        ("phase_deg", drive.phase_deg),
+    )
+    for key, (low, high) in windows:
+        if not low < high:
+            yield Misfit(f"procedure.drive.{key}", "a window [low, high] with low below high", [low, high])
+
+
+def _resources(description: BenchDescription) -> Iterator[Misfit]:
+    roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "vibration_source")
+    seen: dict[str, str] = {}
+    for role in roles:
+        part = getattr(description, role)
+        if part is None:
+            continue
+        other = seen.setdefault(part.resource.upper(), role)
+        if other != role:
+            yield Misfit(f"{role}.resource", f"a resource of its own, not that of {other}", part.resource)

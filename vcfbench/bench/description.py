@@ -1,0 +1,234 @@
+"""What a bench is: roles, wiring, limits, site, procedure settings, and what stands in for it when simulated.
+
+A bench file decodes into these frozen structs and nothing else; every range is in the type. What a station must
+decide itself (resources, limits, latitude) has no default. The defaults of the procedure are the paper's:
++-10 V rails, 17 rates, 1 Hz samples, means of 10.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct, field
+
+__all__ = [
+    "BenchDescription",
+    "DriveWindow",
+    "FunctionGeneratorRole",
+    "Limits",
+    "MultimeterRole",
+    "Node",
+    "OscilloscopeRole",
+    "OscilloscopeWiring",
+    "PowerRole",
+    "ProcedureSettings",
+    "RailWiring",
+    "RateTableRole",
+    "SerialSettings",
+    "Simulation",
+    "SimulationErrors",
+    "Site",
+    "SupplyOutput",
+    "Window",
+    "Wiring",
+]
+
+Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
+SupplyOutput = Literal["P6V", "P25V", "N25V"]
+Window = tuple[float, float]
+
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+Text = Annotated[str, Meta(min_length=1, max_length=200)]
+Resource = Annotated[str, Meta(min_length=1, max_length=200)]
+Seconds = Annotated[float, Meta(gt=0.0, le=86_400.0)]
+Errors = Literal["none", "drawn", "paper"] | dict[str, Any]
+
+
+class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the bench file: frozen, strict."""
+
+
+class SerialSettings(_Part, frozen=True, kw_only=True):
+    """The line of an instrument on a serial port (``ASRL``); instruments on other interfaces ignore it."""
+
+    baud_rate: Annotated[int, Meta(ge=300, le=921_600)] = 9600
+    data_bits: Annotated[int, Meta(ge=7, le=8)] = 8
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Annotated[int, Meta(ge=1, le=2)] = 2
+    flow_control: Literal["none", "dtr_dsr", "rts_cts", "xon_xoff"] = "dtr_dsr"
+
+
+class _VisaRole(_Part, frozen=True, kw_only=True):
+    """An instrument reached through VISA."""
+
+    resource: Resource
+    timeout_s: Seconds = 5.0
+    serial_number: Text | None = None
+    serial: SerialSettings | None = None
+
+
+class PowerRole(_VisaRole, frozen=True, kw_only=True):
+    """The supply of the PCB's rails."""
+
+    model: Literal["E3631A"]
+
+
+class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
+    """A generator: of the virtual rate's voltage V_Vc, or of the virtual vibration."""
+
+    model: Literal["33220A"]
+
+
+class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
+    """The voltmeter of the output V_open."""
+
+    model: Literal["34401A"]
+
+
+class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
+    """The oscilloscope that watches drive, carrier and sense."""
+
+    model: Literal["DSO7104B"]
+
+
+class RateTableRole(_Part, frozen=True, kw_only=True):
+    """The single-axis rate table: a dialect on a serial port, or on anything pyserial opens by URL."""
+
+    dialect: Literal["acl"]
+    resource: Resource
+    timeout_s: Seconds = 2.0
+    axis: Annotated[int, Meta(ge=1, le=6)] = 1
+    baud_rate: Annotated[int, Meta(ge=300, le=921_600)] = 9600
+    reply_header: Literal["auto", "none", "u32le2", "u32be2"] = "auto"
+
+
+class RailWiring(_Part, frozen=True, kw_only=True):
+    """Which supply output feeds which rail of the PCB."""
+
+    positive: SupplyOutput = "P25V"
+    negative: SupplyOutput = "N25V"
+
+
+class OscilloscopeWiring(_Part, frozen=True, kw_only=True):
+    """Which node of the PCB each oscilloscope channel sees."""
+
+    channel_1: Node | None = "drive"
+    channel_2: Node | None = "carrier"
+    channel_3: Node | None = "sense"
+    channel_4: Node | None = "output"
+
+    def channels(self) -> dict[int, Node]:
+        """Return the wired channels: number to node."""
+        nodes = (self.channel_1, self.channel_2, self.channel_3, self.channel_4)
+        return {number: node for number, node in enumerate(nodes, start=1) if node is not None}
+
+    def channel_of(self, node: Node) -> int | None:
+        """Return the lowest channel that sees `node`, None when none does."""
+        return next((number for number, seen in self.channels().items() if seen == node), None)
+
+
+class Wiring(_Part, frozen=True, kw_only=True):
+    """What is connected to what."""
+
+    rails: RailWiring = field(default_factory=RailWiring)
+    oscilloscope: OscilloscopeWiring = field(default_factory=OscilloscopeWiring)
+    multimeter: Node = "output"
+
+
+class Limits(_Part, frozen=True, kw_only=True):
+    """What must never be exceeded on this station; checked before anything is sent."""
+
+    max_rate_deg_s: Annotated[float, Meta(gt=0.0, le=5_000.0)]
+    max_acceleration_deg_s2: Annotated[float, Meta(gt=0.0, le=50_000.0)]
+    max_v_vc_v: Annotated[float, Meta(gt=0.0, le=10.0)]
+    min_rail_v: Annotated[float, Meta(ge=0.0, le=25.0)]
+    max_rail_v: Annotated[float, Meta(gt=0.0, le=25.0)]
+    max_rail_current_a: Annotated[float, Meta(gt=0.0, le=1.0)]
+
+
+class Site(_Part, frozen=True, kw_only=True):
+    """Where the bench stands: for the Earth's rate, and for the voltmeter's integration time."""
+
+    latitude_deg: Annotated[float, Meta(ge=-90.0, le=90.0)]
+    mains_hz: Literal[50, 60] = 50
+
+
+class DriveWindow(_Part, frozen=True, kw_only=True):
+    """What the drive signal must look like on the oscilloscope before anything is measured; each ``[low, high]``."""
+
+    frequency_hz: Window = (3480.0, 3498.0)
+    amplitude_v: Window = (0.05, 10.0)
+    phase_deg: Window = (-180.0, 180.0)
+    start_up_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
+
+
+class ProcedureSettings(_Part, frozen=True, kw_only=True):
+    """How the calibrations are done; the defaults are the paper's."""
+
+    positive_rail_v: Annotated[float, Meta(gt=0.0, le=25.0)] = 10.0
+    negative_rail_v: Annotated[float, Meta(ge=-25.0, lt=0.0)] = -10.0
+    rail_current_limit_a: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.1
+    rail_tolerance_v: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.1
+    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0)] = 0.0
+    acceleration_deg_s2: Annotated[float, Meta(gt=0.0, le=50_000.0)] = 100.0
+    rate_tolerance_deg_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05
+    settle_s: Annotated[float, Meta(ge=0.0, le=3_600.0)] = 2.0
+    sample_interval_s: Annotated[float, Meta(gt=0.0, le=3_600.0)] = 1.0
+    samples: Annotated[int, Meta(ge=2, le=100_000)] = 10
+    nplc: Literal[1, 10, 100] = 10
+    meter_range_v: Literal[1, 10, 100] = 10
+    rates_deg_s: Annotated[tuple[float, ...], Meta(min_length=3, max_length=1_000)] = (
+        *(200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0),
+        *(-1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0),
+    )
+    match_rate_deg_s: float = 10.0
+    k_vc_guess_deg_s_per_v: float = 40.0
+    drive: DriveWindow = field(default_factory=DriveWindow)
+
+
+class SimulationErrors(_Part, frozen=True, kw_only=True):
+    """The imperfections of each simulated instrument.
+
+    Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed), ``"paper"`` (the specimen
+    chosen for the paper's figures, where there is one) or a table of individual errors by name, the others none.
+    """
+
+    power: Errors = "drawn"
+    rate_source: Errors = "drawn"
+    multimeter: Errors = "drawn"
+    oscilloscope: Errors = "drawn"
+    rate_table: Errors = "drawn"
+    vibration_source: Errors = "drawn"
+
+
+class Simulation(_Part, frozen=True, kw_only=True):
+    """What stands behind the resources of a simulated bench; a bench file without it is a real station."""
+
+    parameters: Literal["paper", "ideal"] = "paper"
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    errors: SimulationErrors = field(default_factory=SimulationErrors)
+    override: dict[str, Any] = field(default_factory=dict)
+
+
+class BenchDescription(_Part, frozen=True, kw_only=True):
+    """One station, as its bench file describes it, defaults filled in."""
+
+    name: Name
+    title: Text = "a bench"
+    visa_library: Text = "@py"
+    power: PowerRole
+    rate_source: FunctionGeneratorRole
+    multimeter: MultimeterRole
+    oscilloscope: OscilloscopeRole
+    rate_table: RateTableRole
+    vibration_source: FunctionGeneratorRole | None = None
+    wiring: Wiring = field(default_factory=Wiring)
+    limits: Limits
+    site: Site
+    procedure: ProcedureSettings = field(default_factory=ProcedureSettings)
+    simulation: Simulation | None = None
+
+    @property
+    def simulated(self) -> bool:
+        """Tell whether the bench is simulated."""
+        return self.simulation is not None

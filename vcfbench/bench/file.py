@@ -1,0 +1,234 @@
+"""Reads bench files: TOML to a frozen description, every mistake one line with file, key path and what was expected."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from msgspec import inspect
+
+from vcfbench.bench.consistency import misfits
+from vcfbench.bench.description import BenchDescription
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+__all__ = ["EMBEDDED", "embedded_text", "load_bench", "parse_bench", "template"]
+
+EMBEDDED = ("paper", "ideal")
+"""Names of the benches that come with the package, usable in place of a file."""
+
+Keys = tuple[str | int, ...]
+
+
+def load_bench(path: Path | str | None = None) -> BenchDescription:
+    """Return the bench described by the file at `path`; None is the embedded paper bench.
+
+    The name of an embedded bench serves as a path where no such file exists.
+
+    Raises:
+        ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
+    """
+    if path is None:
+        return _embedded("paper")
+    if str(path) in EMBEDDED and not Path(path).exists():
+        return _embedded(str(path))
+    return parse_bench(_read(Path(path)), str(path))
+
+
+def parse_bench(text: str, source: str) -> BenchDescription:
+    """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
+    raw = _decode(text, source)
+    _refuse_non_finite(raw, (), source)
+    try:
+        description = msgspec.convert(raw, BenchDescription)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), raw, source) from None
+    for misfit in misfits(description):
+        raise _error(source, misfit.path, misfit.expected, _words(misfit.came))
+    return description
+
+
+def template() -> str:
+    """Return the commented bench file of a real station, ready to be filled in."""
+    return embedded_text("station")
+
+
+def embedded_text(name: str) -> str:
+    """Return the text of the bench file `name` that comes with the package."""
+    return resources.files("vcfbench.bench").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _embedded(name: str) -> BenchDescription:
+    return parse_bench(embedded_text(name), f"embedded {name} bench")
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: expected a bench file, there is no such file") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: expected UTF-8 text, came byte 0x{error.object[error.start]:02x}") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"{str(path)!r}: expected a readable bench file: {reason}") from None
+
+
+def _decode(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else _one_line(str(error))
+        raise ConfigError(f"{source}: expected TOML: {reason}") from None
+
+
+def _refuse_non_finite(value: object, keys: Keys, source: str) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise _error(source, _dotted(keys), "a finite number", _words(value))
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _refuse_non_finite(item, (*keys, key), source)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _refuse_non_finite(item, (*keys, index), source)
+
+
+# --- msgspec's words into ours. Its message ends in " - at `$.path`"; the value and the type are looked up there. ---
+
+_AT = re.compile(r" - at `\$(?P<path>.*)`$", re.DOTALL)
+_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+|\.\.\.)\]")
+_UNKNOWN = re.compile(r"unknown field `(?P<key>.*)`", re.DOTALL)
+_MISSING = re.compile(r"missing required field `(?P<key>.*)`")
+
+
+def _explain(message: str, raw: dict[str, Any], source: str) -> ConfigError:
+    where = _AT.search(message)
+    keys = _keys(where["path"]) if where else ()
+    what = message[: where.start()] if where else message
+    if unknown := _UNKNOWN.search(what):
+        return _unknown_key((*keys, unknown["key"]), _field_names(keys), source)
+    if missing := _MISSING.search(what):
+        path = (*keys, missing["key"])
+        return _error(source, _dotted(path), _expectation(_type_at(path)), "nothing")
+    return _error(source, _dotted(keys), _expectation(_type_at(keys)), _words(_value_at(raw, keys)))
+
+
+def _unknown_key(keys: Keys, known: Sequence[str], source: str) -> ConfigError:
+    close = difflib.get_close_matches(str(keys[-1]), known, n=1)
+    expected = f"{close[0]!r}" if close else f"one of {', '.join(known)}"
+    return _error(source, _dotted(keys), f"a known key ({expected}?)" if close else expected, "an unknown key")
+
+
+def _error(source: str, path: str, expected: str, came: str) -> ConfigError:
+    return ConfigError(f"{source}: {path}: expected {expected}, came {came}")
+
+
+def _keys(path: str) -> Keys:
+    steps = (match["key"] or int(match["index"]) for match in _STEP.finditer(path) if match["index"] != "...")
+    return tuple(steps)
+
+
+def _dotted(keys: Iterable[str | int]) -> str:
+    parts = (f"[{key}]" if isinstance(key, int) else f".{_bare(key)}" for key in keys)
+    return "".join(parts).removeprefix(".")
+
+
+def _bare(key: str) -> str:
+    """Return a key as TOML would have it written."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else repr(key)
+
+
+def _value_at(raw: object, keys: Keys) -> object:
+    for key in keys:
+        raw = raw[key]  # type: ignore[index]  # the path came from a walk through this very value
+    return raw
+
+
+def _words(value: object) -> str:
+    """Say what came, short and on one line."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = repr(value)
+    if isinstance(value, str | int | float | list):
+        return text if len(text) <= 60 else f"{text[:57]}..."
+    return f"{type(value).__name__} {value}"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+# --- the expected type, in words ---
+
+
+def _type_at(keys: Keys) -> inspect.Type:
+    node: inspect.Type = inspect.type_info(BenchDescription)
+    for key in keys:
+        node = _step_into(_without_none(node), key)
+    return _without_none(node)
+
+
+def _step_into(node: inspect.Type, key: str | int) -> inspect.Type:
+    if isinstance(node, inspect.StructType):
+        return next(field.type for field in node.fields if field.encode_name == key)
+    if isinstance(node, inspect.TupleType) and isinstance(key, int):
+        return node.item_types[key]
+    if isinstance(node, inspect.VarTupleType):
+        return node.item_type
+    return inspect.AnyType()
+
+
+def _without_none(node: inspect.Type) -> inspect.Type:
+    if not isinstance(node, inspect.UnionType):
+        return node
+    types = [part for part in node.types if not isinstance(part, inspect.NoneType)]
+    return types[0] if len(types) == 1 else inspect.UnionType(tuple(types))
+
+
+def _field_names(keys: Keys) -> tuple[str, ...]:
+    node = _type_at(keys)
+    return tuple(field.encode_name for field in node.fields) if isinstance(node, inspect.StructType) else ()
+
+
+def _expectation(node: inspect.Type) -> str:
+    match node:
+        case inspect.UnionType(types):
+            return " or ".join(map(_expectation, types))
+        case inspect.LiteralType(values):
+            return " or ".join(sorted(map(repr, values)))
+        case inspect.FloatType() | inspect.IntType():
+            return f"{'a number' if isinstance(node, inspect.FloatType) else 'a whole number'}{_range(node)}"
+        case inspect.StrType():
+            return f"a text{_form(node)}"
+        case _:
+            return _shape(node)
+
+
+def _shape(node: inspect.Type) -> str:
+    if isinstance(node, inspect.TupleType):
+        return f"a list of {len(node.item_types)} numbers"
+    if isinstance(node, inspect.VarTupleType):
+        return f"a list of {node.min_length} to {node.max_length} numbers"
+    return "a table"
+
+
+def _range(node: inspect.FloatType | inspect.IntType) -> str:
+    bounds = (("above", node.gt), ("at least", node.ge), ("below", node.lt), ("at most", node.le))
+    words = [f"{word} {bound:.16g}" for word, bound in bounds if bound is not None]
+    return f" {' and '.join(words)}" if words else ""
+
+
+def _form(node: inspect.StrType) -> str:
+    if node.pattern:
+        return " of letters, digits, '_', '-' and '.'"
+    return f" of {node.min_length} to {node.max_length} characters" if node.max_length else ""
