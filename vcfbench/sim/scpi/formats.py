@@ -1,0 +1,63 @@
+"""Reply formats: from a value to the characters of a response message."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+__all__ = ["NOT_A_NUMBER", "bare_integer", "block", "boolean", "comma_list", "quoted", "real", "signed_integer"]
+
+NOT_A_NUMBER = 9.91e37
+
+
+def signed_integer(value: float) -> str:
+    """Format an integer with its sign, `+1`."""
+    return f"{int(value):+d}"
+
+
+def bare_integer(value: float) -> str:
+    """Format an integer without a plus sign, `1`."""
+    return str(int(value))
+
+
+def boolean(value: object) -> str:
+    """Format a state: `0` or `1`."""
+    return "1" if value else "0"
+
+
+def quoted(value: str) -> str:
+    """Format a string in double quotes, those inside doubled."""
+    return '"' + value.replace('"', '""') + '"'
+
+
+def real(decimals: int, exponent_digits: int = 2) -> Callable[[float], str]:
+    """Return a formatter for NR3 with its sign: `real(8)` gives `+1.00000000E+01`; infinity is 9.9E+37."""
+    pattern = f"%+.{decimals}E"
+    if exponent_digits == 2:
+        return lambda value: pattern % _finite(value)
+    return lambda value: _widen(pattern % _finite(value), exponent_digits)
+
+
+def comma_list(item: Callable[[float], str]) -> Callable[[Iterable[float]], str]:
+    """Return a formatter that joins values with commas, each formatted by `item`."""
+    return lambda values: ",".join(map(item, values))
+
+
+def block(data: bytes, digits: int | None = None) -> bytes:
+    """Format a definite length block, with `digits` length digits or as many as needed."""
+    length = str(len(data)) if digits is None else f"{len(data):0{digits}d}"
+    return b"#%d%b" % (len(length), length.encode()) + data
+
+
+def _finite(value: float) -> float:
+    if math.isinf(value):
+        return math.copysign(9.9e37, value)
+    return NOT_A_NUMBER if math.isnan(value) else value + 0.0
+
+
+def _widen(text: str, exponent_digits: int) -> str:
+    mantissa, exponent = text.split("E")
+    return f"{mantissa}E{exponent[0]}{exponent[1:].zfill(exponent_digits)}"
