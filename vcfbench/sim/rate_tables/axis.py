@@ -1,0 +1,121 @@
+"""The axis of a simulated rate table as its controller sees it: true motion through encoder and read-back.
+
+The true motion and its errors (servo loop, mean-rate error, wow) belong to the World's table; here are the errors
+of what the controller *says*, which is what a driver reads.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vcfbench.clock import Clock
+
+__all__ = ["Axis", "Motion", "TableErrors", "TableWorld"]
+
+
+class Motion(Protocol):
+    """True motion of the table, as the World offers it."""
+
+    @property
+    def servo_closed(self) -> bool:
+        """Tell whether the servo holds the table."""
+        ...
+
+    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        """Ramp to a rate from now on."""
+        ...
+
+    def close_servo(self) -> None:
+        """Close the servo."""
+        ...
+
+    def open_servo(self) -> None:
+        """Open the servo; the table coasts."""
+        ...
+
+    def rate_deg_s(self) -> float:
+        """Return the true rate now."""
+        ...
+
+    def angle_deg(self) -> float:
+        """Return the true accumulated angle now."""
+        ...
+
+    def profile_rate_deg_s(self) -> float:
+        """Return the profiled rate now."""
+        ...
+
+    def profile_complete(self) -> bool:
+        """Tell whether the profile has reached the demand."""
+        ...
+
+
+class TableWorld(Protocol):
+    """What a simulated table needs of the World."""
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        ...
+
+    @property
+    def table(self) -> Motion:
+        """The table's true motion."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TableErrors:
+    """Imperfections of the read-back of one specimen; zero switches each off."""
+
+    encoder_error_deg: float
+    """Once-per-turn encoder error, amplitude, deg (BD125 data sheet: position accuracy 1 arcsec RSS)."""
+    encoder_phase_deg: float
+    """Angle at which the encoder error crosses zero, deg."""
+    angle_resolution_deg: float
+    """Quantum of the position read-back, deg (BD125 data sheet: 1e-5 deg)."""
+    rate_resolution_deg_s: float
+    """Quantum of the rate read-back, deg/s (BD125 data sheet: 1e-5 deg/s)."""
+
+    @classmethod
+    def none(cls) -> TableErrors:
+        """Return a read-back that says what is."""
+        return cls(0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> TableErrors:
+        """Return a specimen drawn from the BD125 data sheet: amplitude such that the RSS figure is one sigma."""
+        amplitude_deg = math.sqrt(2.0) / 3600.0 * abs(float(rng.standard_normal()))
+        return cls(amplitude_deg, float(rng.uniform(0.0, 360.0)), 1e-5, 1e-5)
+
+
+class Axis:
+    """The axis as measured: encoder error and quantisation on the true motion."""
+
+    def __init__(self, world: TableWorld, errors: TableErrors) -> None:
+        self._world = world
+        self._errors = errors
+
+    def angle_deg(self) -> float:
+        """Return the accumulated angle that the encoder gives now, deg."""
+        true = self._world.table.angle_deg()
+        error = self._errors.encoder_error_deg * math.sin(self._electrical_rad(true))
+        return _quantised(true + error, self._errors.angle_resolution_deg)
+
+    def rate_deg_s(self) -> float:
+        """Return the rate estimated from the encoder now, deg/s: the true rate times the encoder's local slope."""
+        table = self._world.table
+        slope = math.radians(self._errors.encoder_error_deg) * math.cos(self._electrical_rad(table.angle_deg()))
+        return _quantised(table.rate_deg_s() * (1.0 + slope), self._errors.rate_resolution_deg_s)
+
+    def _electrical_rad(self, angle_deg: float) -> float:
+        return math.radians(angle_deg - self._errors.encoder_phase_deg)
+
+
+def _quantised(value: float, quantum: float) -> float:
+    return round(value / quantum) * quantum if quantum else value

@@ -1,0 +1,119 @@
+"""What the simulated tables have in common on the wire: messages cut at a terminator, replies at the line's pace."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Clock
+
+__all__ = ["LineDevice", "SerialTiming"]
+
+_BITS_PER_CHARACTER = 10  # 8N1: start, eight data, stop
+
+
+@dataclass(frozen=True, slots=True)
+class SerialTiming:
+    """How long an exchange takes: the line's speed and the controller's own time."""
+
+    baud: float
+    """Line speed, Bd (8N1)."""
+    processing_s: float
+    """Time from the last byte of a message to the first of its reply, s (unverified for every table)."""
+
+    def exchange_s(self, received: int, sent: int) -> float:
+        """Return the time from the first byte of a message of `received` bytes to the last of a reply of `sent`, s."""
+        return self.processing_s + (received + sent) * _BITS_PER_CHARACTER / self.baud
+
+
+class LineDevice:
+    """A `Device` that answers lines.
+
+    A message acts when its terminator is handed over (transports hand bytes over at once); only the reply takes the
+    time of the exchange. Replies keep their order.
+    """
+
+    def __init__(self, clock: Clock, timing: SerialTiming, *, terminators: bytes, longest: int) -> None:
+        self._clock = clock
+        self._timing = timing
+        self._terminators = terminators
+        self._longest = longest
+        self._input = bytearray()
+        self._overflowed = False
+        self._output: deque[tuple[float, bytearray]] = deque()
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes from the controller; `end` terminates a message like its terminator."""
+        self._advance()
+        for byte in data:
+            if byte in self._terminators:
+                self._finish_message()
+            else:
+                self._take(byte)
+        if end:
+            self._finish_message()
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return at most `limit` bytes of the replies that are complete by now, and whether a reply ends there."""
+        self._advance()
+        if not self._output or self._output[0][0] > self._clock.now():
+            return b"", False
+        reply = self._output[0][1]
+        part = bytes(reply[:limit])
+        del reply[:limit]
+        if not reply:
+            self._output.popleft()
+        return part, not reply
+
+    def wake_at(self) -> float | None:
+        """Return when the next reply is complete, None when none is under way."""
+        self._advance()
+        return self._output[0][0] if self._output else None
+
+    def clear(self) -> None:
+        """Drop input and output; settings and motion stay."""
+        self._input.clear()
+        self._output.clear()
+        self._overflowed = False
+
+    def status_byte(self) -> int:
+        """Return 0: a serial line has no serial poll."""
+        return 0
+
+    def trigger(self) -> None:
+        """Do nothing: a serial line has no group execute trigger."""
+
+    def _take(self, byte: int) -> None:
+        if len(self._input) >= self._longest:
+            self._overflowed = True
+        else:
+            self._input.append(byte)
+
+    def _finish_message(self) -> None:
+        message, overflowed = bytes(self._input), self._overflowed
+        self._input.clear()
+        self._overflowed = False
+        if overflowed:
+            self._send(self._overflow(), len(message))
+        elif message:
+            self._send(self._answer(message), len(message))
+
+    def _send(self, reply: bytes | None, received: int) -> None:
+        if not reply:
+            return
+        now = self._clock.now()
+        started = self._output[-1][0] if self._output else now
+        self._output.append((max(now, started) + self._timing.exchange_s(received + 1, len(reply)), bytearray(reply)))
+
+    def _advance(self) -> None:
+        """Bring what happens by itself up to now."""
+
+    def _answer(self, message: bytes) -> bytes | None:
+        """Act on one message; return the reply as sent, terminator included, or None."""
+        raise NotImplementedError
+
+    def _overflow(self) -> bytes | None:
+        """Return the reply to a message that was too long and is lost."""
+        return None

@@ -1,0 +1,174 @@
+"""Simulated serial ports in this process: ``serial.serial_for_url("sim://handle")`` opens a registered `Device`.
+
+Reading waits on the bench clock, so a time-out of a simulated port takes simulated time. Importing this module puts
+the handler into pyserial's list.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import serial
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Clock
+    from vcfbench.sim.device import Device
+
+__all__ = ["SimulatedSerial", "register", "unregister"]
+
+_SCHEME = "sim://"
+_HANDLERS = "vcfbench.sim.serial_handlers"
+
+
+@dataclass(frozen=True, slots=True)
+class _Port:
+    device: Device
+    clock: Clock
+
+
+# pyserial opens by name alone, so what a name means must live beside it
+_PORTS: dict[str, _Port] = {}
+
+if _HANDLERS not in serial.protocol_handler_packages:
+    serial.protocol_handler_packages.append(_HANDLERS)
+
+
+def register(handle: str, device: Device, clock: Clock) -> None:
+    """Make `device` reachable as ``sim://handle``; a handle in use is replaced."""
+    _PORTS[handle.lower()] = _Port(device, clock)
+
+
+def unregister(handle: str) -> None:
+    """Forget `handle`; ports that are open stay open."""
+    _PORTS.pop(handle.lower(), None)
+
+
+def _lookup(url: str) -> _Port:
+    handle = url[len(_SCHEME) :].strip("/") if url.lower().startswith(_SCHEME) else url
+    port = _PORTS.get(handle.lower())  # pyserial lowers the URL it hands over in some versions
+    if port is None:
+        raise serial.SerialException(f"could not open port {url!r}: no simulated port of that name")
+    return port
+
+
+class SimulatedSerial(serial.SerialBase):
+    """A serial port whose other end is a simulated device. Baud rate and framing are accepted and have no effect."""
+
+    _port_behind: _Port
+    _received: bytearray
+
+    def open(self) -> None:
+        """Connect to the device named by the URL; raises SerialException if there is none."""
+        if self.port is None:
+            raise serial.SerialException("Port must be configured before it can be used.")
+        if self.is_open:
+            raise serial.SerialException("Port is already open.")
+        self._port_behind = _lookup(self.port)
+        self._received = bytearray()
+        self.is_open = True
+
+    def close(self) -> None:
+        """Close the port; what the device has not sent yet stays with it."""
+        self.is_open = False
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Return up to `size` bytes, waiting at most the time-out in bench time."""
+        self._require_open()
+        clock = self._port_behind.clock
+        deadline = None if self.timeout is None else clock.now() + self.timeout
+        self._pull()
+        while len(self._received) < size and self._wait(deadline):
+            self._pull()
+        return self._take(size)
+
+    def write(self, data: Any, /) -> int:
+        """Hand all of `data` to the device; a simulated line never blocks."""
+        self._require_open()
+        raw = bytes(data)
+        self._port_behind.device.write(raw)
+        return len(raw)
+
+    @property
+    def in_waiting(self) -> int:
+        """Return the number of bytes that have arrived by now."""
+        self._require_open()
+        self._pull()
+        return len(self._received)
+
+    @property
+    def out_waiting(self) -> int:
+        """Return 0: bytes leave at once."""
+        return 0
+
+    def flush(self) -> None:
+        """Do nothing: bytes leave at once."""
+        self._require_open()
+
+    def reset_input_buffer(self) -> None:
+        """Throw away what has arrived by now."""
+        self._require_open()
+        self._pull()
+        self._received.clear()
+
+    def reset_output_buffer(self) -> None:
+        """Do nothing: bytes leave at once."""
+        self._require_open()
+
+    @property
+    def cts(self) -> bool:
+        """Return True: the other end is always ready."""
+        return True
+
+    @property
+    def dsr(self) -> bool:
+        """Return True: the other end is powered."""
+        return True
+
+    @property
+    def ri(self) -> bool:
+        """Return False."""
+        return False
+
+    @property
+    def cd(self) -> bool:
+        """Return True: there is a carrier while the port exists."""
+        return True
+
+    def _wait(self, deadline_s: float | None) -> bool:
+        """Let time pass until the device may have more; False once the deadline has passed."""
+        clock, wake_s = self._port_behind.clock, self._port_behind.device.wake_at()
+        if deadline_s is None:
+            if wake_s is None:
+                raise serial.SerialException("read without time-out, and the simulated device has nothing to send")
+            clock.sleep_until(wake_s)
+            return True
+        if clock.now() >= deadline_s:
+            return False
+        clock.sleep_until(deadline_s if wake_s is None else min(wake_s, deadline_s))
+        return True
+
+    def _pull(self) -> None:
+        while data := self._port_behind.device.read(65536)[0]:
+            self._received += data
+
+    def _take(self, size: int) -> bytes:
+        taken = bytes(self._received[:size])
+        del self._received[:size]
+        return taken
+
+    def _require_open(self) -> None:
+        if not self.is_open:
+            raise serial.PortNotOpenError
+
+    def _reconfigure_port(self) -> None:
+        """Accept any line setting."""
+
+    def _update_rts_state(self) -> None:
+        """Accept RTS."""
+
+    def _update_dtr_state(self) -> None:
+        """Accept DTR."""
+
+    def _update_break_state(self) -> None:
+        """Accept a break."""

@@ -1,0 +1,9 @@
+"""The handler of ``sim://`` URLs: pyserial looks for a module of this name with a class `Serial`."""
+
+from __future__ import annotations
+
+from vcfbench.sim.serial_backend import SimulatedSerial
+
+__all__ = ["Serial"]
+
+Serial = SimulatedSerial
