@@ -1,0 +1,21 @@
+"""Front door of the simulated instruments: `pyvisa.ResourceManager("@vcfbench")` finds this package by its name.
+
+`"@vcfbench"` is the embedded paper bench, `"bench.toml@vcfbench"` the simulated bench of that file.
+"""
+
+from importlib import import_module
+
+from vcfbench.sim.visa_backend import SimulatedInstruments, SimVisaLibrary
+
+__all__ = ["WRAPPER_CLASS"]
+
+WRAPPER_CLASS = SimVisaLibrary
+
+
+def _resolve(path: str) -> SimulatedInstruments:
+    """Build the simulated bench of the bench file `path`, the embedded one for ""; imported only when asked for."""
+    instruments, clock = import_module("vcfbench.bench.simulated").resolve(path)
+    return SimulatedInstruments(instruments, clock)
+
+
+SimVisaLibrary.install_resolver(_resolve)

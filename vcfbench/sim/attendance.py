@@ -1,0 +1,61 @@
+"""A clock that does not jump over what simulated devices do by themselves.
+
+Simulated time jumps to whatever is waited for. A supply's ramp or a commanded output that falls due in between must
+still happen at its own instant, or the World would see it late; so the devices are looked in on as time passes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from vcfbench.clock import Clock
+
+__all__ = ["Attended", "AttendedClock"]
+
+
+class Attended(Protocol):
+    """What can be looked in on: every :class:`~vcfbench.sim.device.Device`."""
+
+    def wake_at(self) -> float | None:
+        """Do what is due and return when something next happens by itself."""
+        ...
+
+
+class AttendedClock:
+    """Bench time that stops at each instant at which a device does something by itself.
+
+    Args:
+        clock: the time that is really spent.
+        devices: the devices to look in on; more by :meth:`attend`, because a device is made with its clock.
+    """
+
+    __slots__ = ("_clock", "_devices", "now")
+
+    def __init__(self, clock: Clock, devices: Iterable[Attended] = ()) -> None:
+        self._clock = clock
+        self._devices = tuple(devices)
+        self.now = clock.now
+
+    def attend(self, *devices: Attended) -> None:
+        """Look in on `devices` too."""
+        self._devices += devices
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Wait until `instant_s`, stopping wherever a device has something to do."""
+        while (due := self._next_due(instant_s)) < instant_s:
+            self._clock.sleep_until(due)
+        self._clock.sleep_until(instant_s)
+
+    def _next_due(self, instant_s: float) -> float:
+        """Return the next instant before `instant_s` at which a device acts, else `instant_s`."""
+        if instant_s <= self.now():
+            return instant_s
+        due = instant_s
+        for device in self._devices:
+            wake = device.wake_at()
+            if wake is not None and self.now() < wake < due:
+                due = wake
+        return due
