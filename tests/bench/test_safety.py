@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.bench.fakes import FakeInstrument
+from vcfbench.bench.safety import SafeAction, SafetyStack, Stage, not_safe
+from vcfbench.clock import VirtualClock
+from vcfbench.errors import NotSafe
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+GRACE_S = 0.05
+
+
+def action(instrument: FakeInstrument, stage: Stage = Stage.REST, deadline_s: float = 0.0) -> SafeAction:
+    return SafeAction(stage, instrument, deadline_s, instrument.verify)
+
+
+def stack_of(*actions: SafeAction) -> SafetyStack:
+    stack = SafetyStack(VirtualClock(), grace_s=GRACE_S)
+    for each in actions:
+        stack.register(each)
+    return stack
+
+
+@pytest.fixture
+def log() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def hanging(log: list[str]) -> Iterator[FakeInstrument]:
+    instrument = FakeInstrument("hanging", log, "hangs")
+    yield instrument
+    instrument.released.set()
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(Stage)))
+def test_motion_then_stimulus_then_power_then_the_rest_however_they_were_opened(order: tuple[Stage, ...]) -> None:
+    log: list[str] = []
+    stack = stack_of(*(action(FakeInstrument(stage.name, log), stage) for stage in order))
+    assert all(report.safe for report in stack.make_safe())
+    assert log == ["MOTION safe", "STIMULUS safe", "POWER safe", "REST safe"]
+
+
+def test_within_a_stage_the_last_opened_comes_first(log: list[str]) -> None:
+    stack_of(action(FakeInstrument("first", log)), action(FakeInstrument("second", log))).make_safe()
+    assert log == ["second safe", "first safe"]
+
+
+def test_one_that_fails_keeps_no_other_from_being_made_safe(log: list[str]) -> None:
+    broken, supply = FakeInstrument("table", log, "fails"), FakeInstrument("power", log)
+    reports = stack_of(action(broken, Stage.MOTION), action(supply, Stage.POWER)).make_safe()
+    assert [report.safe for report in reports] == [False, True]
+    assert "the cable is out" in reports[0].detail
+    assert not supply.energised
+
+
+def test_one_that_hangs_is_left_behind_and_the_next_is_made_safe(log: list[str], hanging: FakeInstrument) -> None:
+    supply = FakeInstrument("power", log)
+    reports = stack_of(action(hanging, Stage.MOTION), action(supply, Stage.POWER)).make_safe()
+    assert [report.safe for report in reports] == [False, True]
+    assert "still busy" in reports[0].detail
+
+
+def test_one_that_lies_is_found_out_by_the_read_back(log: list[str]) -> None:
+    reports = stack_of(action(FakeInstrument("power", log, "lies"))).make_safe()
+    assert [(report.safe, report.detail) for report in reports] == [(False, "reported safe, but it is still on")]
+
+
+def test_one_whose_read_back_fails_is_not_safe(log: list[str]) -> None:
+    def broken() -> str | None:
+        raise OSError("gone")
+
+    (report,) = stack_of(SafeAction(Stage.REST, FakeInstrument("power", log), 0.0, broken)).make_safe()
+    assert not report.safe
+    assert "gone" in report.detail
+
+
+def test_the_instrument_is_given_its_deadline(log: list[str]) -> None:
+    (report,) = stack_of(action(FakeInstrument("power", log), deadline_s=7.0)).make_safe()
+    assert report.detail == "with 7 s left"
+
+
+@given(st.lists(st.tuples(st.sampled_from(Stage), st.sampled_from(["obeys", "fails", "refuses", "lies"])), max_size=8))
+def test_every_instrument_is_tried_once_and_reported_as_it_is(crowd: list[tuple[Stage, str]]) -> None:
+    log: list[str] = []
+    instruments = [FakeInstrument(str(index), log, behaviour) for index, (_, behaviour) in enumerate(crowd)]
+    stages = [stage for stage, _ in crowd]
+    reports = stack_of(*map(action, instruments, stages)).make_safe()
+    assert sorted(log) == sorted(f"{instrument.name} safe" for instrument in instruments)
+    truly_safe = {instrument.name: not instrument.energised for instrument in instruments}
+    assert {report.instrument: report.safe for report in reports} == truly_safe
+
+
+def test_closing_goes_on_past_one_that_fails_and_one_that_hangs(log: list[str], hanging: FakeInstrument) -> None:
+    broken, good = FakeInstrument("broken", log, "fails"), FakeInstrument("good", log)
+    stack_of(action(good), action(hanging), action(broken)).close()
+    assert log == ["broken closed", "hanging closed", "good closed"]
+
+
+def test_not_safe_names_everything_that_is_not_and_nothing_else(log: list[str]) -> None:
+    crowd = [FakeInstrument("table", log, "fails"), FakeInstrument("power", log), FakeInstrument("source", log, "lies")]
+    error = not_safe(stack_of(*map(action, crowd)).make_safe())
+    assert isinstance(error, NotSafe)
+    assert error.exit_code == 5
+    assert "table at FAKE::table" in str(error)
+    assert "source at FAKE::source" in str(error)
+    assert "power" not in str(error)
+    assert not_safe([]) is None

@@ -1,0 +1,113 @@
+"""What a signal does to an open bench.
+
+The first stops the run at its next safe point, the second at once; both leave the bench through the safety stack.
+While that runs signals only count; the third of all ends even the making safe, which then says what is not safe.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from typing import TYPE_CHECKING, Self
+
+from vcfbench.bench.safety import LeaveNow
+from vcfbench.errors import Aborted
+
+if TYPE_CHECKING:
+    from types import FrameType, TracebackType
+
+    from vcfbench.clock import Clock
+
+__all__ = ["ControlClock", "StopSignals"]
+
+_WATCHED = (
+    "SIGINT",
+    "SIGTERM",
+    "SIGHUP",
+    "SIGBREAK",
+)  # a closed terminal stops the bench as well; the last is Windows'
+
+
+class StopSignals:
+    """Turns SIGINT and its kin into Aborted while the bench is open; gives the handlers back when left.
+
+    Handlers belong to the main thread; entered elsewhere it changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._name = ""
+        self._at_safe_point = False
+        self._unwinding = False
+        self._closing = False
+        self._previous: dict[signal.Signals, object] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for name in _WATCHED:
+                number = getattr(signal.Signals, name, None)
+                if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup
+                    self._previous[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]  # what signal.signal returned
+        self._previous.clear()
+
+    def safe_point(self) -> None:
+        """Raise Aborted if a signal has come; called where nothing is half done."""
+        if self._count and not self._unwinding:
+            raise self._aborted()
+
+    def wait(self, clock: Clock, instant_s: float) -> None:
+        """Wait on `clock`; the wait as a whole is a safe point."""
+        self._at_safe_point = True
+        try:
+            self.safe_point()
+            clock.sleep_until(instant_s)
+        finally:
+            self._at_safe_point = False
+
+    def unwind(self) -> None:
+        """Say that the bench is being made safe: from now on signals only count."""
+        self._unwinding = True
+
+    def close(self) -> None:
+        """Say that the making safe is over and only connections are left to close: signals change nothing any more."""
+        self._closing = True
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        self._count += 1
+        self._name = signal.Signals(number).name
+        if self._unwinding:
+            if self._count >= 3 and not self._closing:
+                raise LeaveNow
+        elif self._at_safe_point or self._count >= 2:
+            raise self._aborted()
+
+    def _aborted(self) -> Aborted:
+        return Aborted(f"stopped by {self._name}, bench made safe")
+
+
+class ControlClock:
+    """The clock handed to procedures: the bench's, with a safe point at every wait.
+
+    Instruments are given the bench's own clock, so that no exchange is broken off in the middle.
+    """
+
+    __slots__ = ("_clock", "_signals")
+
+    def __init__(self, clock: Clock, signals: StopSignals) -> None:
+        self._clock = clock
+        self._signals = signals
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        return self._clock.now()
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Wait until bench time `instant_s`; raises Aborted when a signal comes before or meanwhile."""
+        self._signals.wait(self._clock, instant_s)
