@@ -1,0 +1,157 @@
+"""Strict reading of calibration tables kept as CSV text: nothing is guessed, skipped or filled in.
+
+Two layouts are read: a table whose first column is ``rate_deg_s`` and whose other columns are outputs in volts, and the
+``points.csv`` of a vcfbench record, which has one line a point.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
+from textwrap import shorten
+from typing import NoReturn
+
+from vcfbench.errors import ConfigError
+
+__all__ = ["POINT_COLUMNS", "RATE_COLUMN", "Series", "decode", "parse_table"]
+
+RATE_COLUMN = "rate_deg_s"
+POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
+"""Header of a record's ``points.csv``."""
+
+_SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
+_FEWEST_POINTS = 3
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One output against the rate; `u_output_v` is the standard uncertainty of each output where the file tells it."""
+
+    rate_deg_s: tuple[float, ...]
+    output_v: tuple[float, ...]
+    u_output_v: tuple[float, ...] | None = None
+
+
+def decode(raw: bytes, name: str) -> str:
+    """Return the text of a UTF-8 file, with or without byte order mark; raises ConfigError for anything else."""
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise ConfigError(f"{name}, line {line}: this is not UTF-8 text; save the table as UTF-8 CSV") from error
+    if "\0" in text:
+        raise ConfigError(f"{name}, line {text.count(chr(10), 0, text.index(chr(0))) + 1}: this is not a text file")
+    return text
+
+
+def parse_table(text: str, name: str) -> dict[str, Series]:
+    """Return the series of a CSV table by column; `name` is the file's, for messages.
+
+    Raises:
+        ConfigError: one sentence with file, line and column, for anything that is not a complete table of numbers.
+    """
+    rows = _rows(text, name)
+    if not rows:
+        raise ConfigError(f"{name}: the file is empty; the first line must be the header, {RATE_COLUMN},...")
+    header = _header(*rows[0], name)
+    cells = [_values(line, row, header, name) for line, row in rows[1:]]
+    if header == POINT_COLUMNS:
+        return _points(cells, name)
+    if len(cells) < _FEWEST_POINTS:
+        raise ConfigError(f"{name}: at least {_FEWEST_POINTS} points are needed, the file has {len(cells)}")
+    rate, *outputs = zip(*cells, strict=True)
+    if len(set(rate)) == 1:
+        raise ConfigError(f"{name}, column {RATE_COLUMN}: every rate is {rate[0]:g}, so there is no scale factor")
+    return {column: Series(rate, output) for column, output in zip(header[1:], outputs, strict=True)}
+
+
+def _rows(text: str, name: str) -> list[tuple[int, list[str]]]:
+    """Return the rows, each with the number of its line; empty lines at the end do not count."""
+    reader = csv.reader(io.StringIO(text.rstrip() + "\n" if text.strip() else ""), strict=True)
+    try:
+        return [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    except csv.Error as error:
+        raise ConfigError(f"{name}, line {reader.line_num}: this is not CSV: {error}") from error
+
+
+def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
+    where = f"{name}, line {line}"
+    if len(header) <= 1:
+        _refuse_separator(where, "".join(header))
+    if tuple(header) == POINT_COLUMNS:
+        return POINT_COLUMNS
+    if not header or header[0] != RATE_COLUMN:
+        first = header[0] if header else ""
+        raise ConfigError(f"{where}, column 1: the header must begin with {RATE_COLUMN}, got {first!r}")
+    if len(header) == 1:
+        raise ConfigError(f"{where}: there is no output column beside {RATE_COLUMN}")
+    for column, title in enumerate(header, 1):
+        if not title:
+            raise ConfigError(f"{where}, column {column}: the column has no name")
+        if title in header[: column - 1]:
+            raise ConfigError(f"{where}, column {column}: there is already a column {title}")
+    return tuple(header)
+
+
+def _refuse_separator(where: str, header: str) -> None:
+    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in header:
+            raise ConfigError(f"{where}: the columns are separated by {word}; save with commas and decimal points")
+
+
+def _values(line: int, row: list[str], header: tuple[str, ...], name: str) -> tuple[float, ...]:
+    if not row:
+        raise ConfigError(f"{name}, line {line}: the line is empty")
+    if len(row) != len(header):
+        hint = "; are there decimal commas?" if len(row) > len(header) else ""
+        raise ConfigError(f"{name}, line {line}: {len(header)} columns expected, got {len(row)}{hint}")
+    return tuple(_number(cell, f"{name}, line {line}, column {title}") for cell, title in zip(row, header, strict=True))
+
+
+def _number(cell: str, where: str) -> float:
+    if not _NUMBER.fullmatch(cell):
+        _refuse_cell(shorten(cell, 40), where)
+    value = float(cell)
+    if not math.isfinite(value):
+        raise ConfigError(f"{where}: {shorten(cell, 40)} is too large for a number")
+    return value
+
+
+def _refuse_cell(cell: str, where: str) -> NoReturn:
+    if not cell:
+        raise ConfigError(f"{where}: the value is missing")
+    if cell.lower().lstrip("+-") in {"nan", "inf", "infinity"}:
+        raise ConfigError(f"{where}: {cell} is not a measured value")
+    if "\N{MINUS SIGN}" in cell or "\N{EN DASH}" in cell:
+        raise ConfigError(f"{where}: {cell!r} has a typographic minus sign; write it with a hyphen")
+    if _DECIMAL_COMMA.fullmatch(cell):
+        raise ConfigError(f"{where}: {cell!r} has a decimal comma; write it with a point")
+    raise ConfigError(f"{where}: {cell!r} is not a number")
+
+
+def _points(cells: list[tuple[float, ...]], name: str) -> dict[str, Series]:
+    """Return a series for every step of a record that has enough points for a line."""
+    steps = sorted({row[0] for row in cells})
+    groups = {step: [row for row in cells if row[0] == step] for step in steps}
+    series = {_series_name(step): _point_series(rows) for step, rows in groups.items() if _spans(rows)}
+    if not series:
+        raise ConfigError(f"{name}: no step has {_FEWEST_POINTS} points at different rates")
+    return series
+
+
+def _series_name(step: float) -> str:
+    return _SERIES_OF_STEP.get(int(step), f"step_{step:g}")
+
+
+def _spans(rows: list[tuple[float, ...]]) -> bool:
+    return len(rows) >= _FEWEST_POINTS and len({row[1] for row in rows}) > 1
+
+
+def _point_series(rows: list[tuple[float, ...]]) -> Series:
+    _, rate, _, output, std, count = zip(*rows, strict=True)
+    return Series(rate, output, tuple(s / math.sqrt(max(n, 1.0)) for s, n in zip(std, count, strict=True)))

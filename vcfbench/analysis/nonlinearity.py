@@ -1,0 +1,153 @@
+"""Non-linearity by every definition in use; each result is named, since they differ by a factor of twenty.
+
+All are relative to the span or to the one-sided full scale, in ppm. `None` stands where the points do not allow the
+definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slope that rounds to nothing.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.regression import checked_points, slope
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from vcfbench.analysis.regression import LineFit
+
+__all__ = ["DEFINITIONS", "PAPER_DECIMALS", "READING_FLOOR_DEG_S", "best_straight_line", "nonlinearity_ppm"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+READING_FLOOR_DEG_S = 10.0
+"""The least rate that counts for `reading`, deg/s."""
+
+PAPER_DECIMALS = 5
+"""The paper prints its slopes and intercepts with five decimals, and takes its residuals from them."""
+
+DEFINITIONS: dict[str, str] = {
+    "max_span": "max |residual| / output span",
+    "max_span_rounded": "the same, line rounded to 5 decimals",
+    "max_fs": "max |residual| / one-sided full scale",
+    "max_out": "max |residual| / max |output|",
+    "rms_fs": "rms residual / full scale",
+    "sd_fs": "residual std (n - 2) / full scale",
+    "pp_fs": "residual band width / full scale",
+    "bsl_fs": "half band about minimax line / full scale",
+    "endpoint_span": "max deviation from end-point chord / span",
+    "reading": "max |residual| / reading from 10 deg/s on",
+    "asym": "slope change at 0, own intercepts",
+    "asym_common": "slope change at 0, common intercept",
+}
+"""What each id means, in the order in which they are reported."""
+
+
+def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -> dict[str, float | None]:
+    """Return every definition by its id, ppm, in the order of :data:`DEFINITIONS`."""
+    rate, output = checked_points(rate_deg_s, output_v)
+    residuals = fit.residuals_v
+    gain = abs(fit.scale_factor)
+    largest = float(np.abs(residuals).max())
+    full_scale = gain * float(np.abs(rate).max())
+    ratios = {
+        "max_span": (largest, gain * float(np.ptp(rate))),
+        "max_span_rounded": _rounded_line(rate, output, fit),
+        "max_fs": (largest, full_scale),
+        "max_out": (largest, float(np.abs(output).max())),
+        "rms_fs": (float(np.sqrt(np.mean(residuals**2))), full_scale),
+        "sd_fs": (fit.s_v, full_scale),
+        "pp_fs": (float(np.ptp(residuals)), full_scale),
+        "bsl_fs": _best_line(rate, output),
+        "endpoint_span": _chord(rate, output),
+        "reading": (_largest_of_reading(rate, residuals), gain),
+        "asym": _asymmetry(_own_slopes(rate, output)),
+        "asym_common": _asymmetry(_common_slopes(rate, output)),
+    }
+    return {name: _ppm(*ratio) for name, ratio in ratios.items()}
+
+
+def _ppm(part: float | None, whole: float | None) -> float | None:
+    return None if part is None or not whole else 1e6 * part / whole
+
+
+def _rounded_line(rate: Floats, output: Floats, fit: LineFit) -> tuple[float, float]:
+    scale_factor = round(fit.scale_factor, PAPER_DECIMALS)
+    residuals = output - scale_factor * rate - round(fit.bias, PAPER_DECIMALS)
+    return float(np.abs(residuals).max()), abs(scale_factor) * float(np.ptp(rate))
+
+
+def _chord(rate: Floats, output: Floats) -> tuple[float, float]:
+    """Return the largest deviation from the line through the lowest and the highest rate, and that line's span."""
+    first, last = int(rate.argmin()), int(rate.argmax())
+    span = float(rate[last] - rate[first])
+    gain = float(output[last] - output[first]) / span
+    return float(np.abs(output - output[first] - gain * (rate - rate[first])).max()), abs(gain) * span
+
+
+def _best_line(rate: Floats, output: Floats) -> tuple[float, float]:
+    gain, _, half_band = best_straight_line(rate, output)
+    return half_band, abs(gain) * float(np.abs(rate).max())
+
+
+def best_straight_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[float, float, float]:
+    """Return slope, intercept and half band of the line with the smallest largest residual.
+
+    The width of the band around the points is a convex, piecewise linear function of the slope whose corners are the
+    slopes of the edges of the points' convex hull, so the least width is found exactly, at one of them.
+    """
+    rate, output = checked_points(rate_deg_s, output_v)
+    edges = np.array([*_hull_slopes(rate, output, 1.0), *_hull_slopes(rate, output, -1.0)])
+    widths = np.array([np.ptp(output - edge * rate) for edge in edges])
+    gain = float(edges[widths.argmin()])
+    offsets = output - gain * rate
+    return gain, float(offsets.max() + offsets.min()) / 2.0, float(np.ptp(offsets)) / 2.0
+
+
+def _hull_slopes(rate: Floats, output: Floats, side: float) -> Iterator[float]:
+    """Yield the slopes of the lower (`side` 1) or the upper (-1) hull: Andrew's monotone chain."""
+    order = np.lexsort((side * output, rate))
+    hull: list[tuple[float, float]] = []
+    for x, y in zip(rate[order].tolist(), output[order].tolist(), strict=True):
+        if hull and x == hull[-1][0]:
+            continue  # an inner point of the same rate
+        while len(hull) > 1 and side * _turn(hull[-2], hull[-1], (x, y)) <= 0.0:
+            hull.pop()
+        hull.append((x, y))
+    return ((b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(hull))
+
+
+def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _largest_of_reading(rate: Floats, residuals: Floats) -> float | None:
+    counted = np.abs(rate) >= READING_FLOOR_DEG_S
+    return float((np.abs(residuals[counted]) / np.abs(rate[counted])).max()) if counted.any() else None
+
+
+def _own_slopes(rate: Floats, output: Floats) -> tuple[float, float] | None:
+    """Return the slopes at rates >= 0 and <= 0; the zero belongs to both."""
+    sides = rate >= 0.0, rate <= 0.0
+    if any(np.unique(rate[side]).size < 2 for side in sides):
+        return None
+    positive, negative = (slope(rate[side], output[side]) for side in sides)
+    return positive, negative
+
+
+def _common_slopes(rate: Floats, output: Floats) -> tuple[float, float] | None:
+    """Return the slopes of a line with a break at zero."""
+    design = np.column_stack([np.maximum(rate, 0.0), np.minimum(rate, 0.0), np.ones_like(rate)])
+    (positive, negative, _), _, rank, _ = np.linalg.lstsq(design, output, rcond=None)
+    return (float(positive), float(negative)) if rank == 3 else None
+
+
+def _asymmetry(slopes: tuple[float, float] | None) -> tuple[float | None, float | None]:
+    if slopes is None:
+        return None, None
+    positive, negative = map(abs, slopes)
+    return positive - negative, (positive + negative) / 2.0

@@ -1,0 +1,165 @@
+"""The straight line through a calibration, and what it says about itself.
+
+Notation: `rate_deg_s` is the applied rate, `output_v` the mean output at each rate; one-dimensional, of one length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.quantile import student_t
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["LineFit", "Polynomial", "durbin_watson", "fit_line", "fit_polynomial", "sign_runs", "slope"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_LARGEST = 1e100
+"""Nothing physical comes near; squares and products of what is smaller neither overflow nor vanish."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineFit:
+    """An ordinary least-squares line ``output = scale_factor * rate + bias`` and its standard uncertainties.
+
+    The uncertainties come from the scatter `s_v` about the line, so they hold lack of fit as well as noise.
+    """
+
+    scale_factor: float
+    """Slope, V/(deg/s)."""
+    bias: float
+    """Intercept, V."""
+    u_scale_factor: float
+    """Standard uncertainty of the slope, V/(deg/s): s / sqrt(Sxx)."""
+    u_bias: float
+    """Standard uncertainty of the intercept, V: s * sqrt(1/n + mean(rate)^2 / Sxx)."""
+    covariance: float
+    """Covariance of slope and intercept, V^2/(deg/s)."""
+    s_v: float
+    """Residual standard deviation with n - 2 degrees of freedom, V."""
+    dof: int
+    """Degrees of freedom, n - 2."""
+    sxx: float
+    """Sum of squares of the rates about their mean, (deg/s)^2."""
+    rate_mean_deg_s: float
+    residuals_v: Floats
+    """Output minus line, V, in the order of the points."""
+    leverage: Floats
+    """Share of each point in its own fitted value; they add up to 2."""
+
+    @property
+    def coverage_factor(self) -> float:
+        """Two-sided 95 % quantile of Student's t with `dof` degrees of freedom."""
+        return student_t(self.dof)
+
+    @property
+    def bias_deg_s(self) -> float:
+        """The bias as an equivalent rate, deg/s, sign kept."""
+        return self.bias / self.scale_factor
+
+    @property
+    def cook_distance(self) -> Floats:
+        """How far each point alone pulls the line, in units of its uncertainty."""
+        leverage = self.leverage
+        scaled = self.residuals_v**2 / (2.0 * self.s_v**2)
+        return np.asarray(scaled * leverage / (1.0 - leverage) ** 2)
+
+    def predict_v(self, rate_deg_s: ArrayLike) -> Floats:
+        """Return the line at `rate_deg_s`, V."""
+        return self.scale_factor * np.asarray(rate_deg_s, dtype=np.float64) + self.bias
+
+
+@dataclass(frozen=True, slots=True)
+class Polynomial:
+    """A least-squares polynomial of the output in the rate."""
+
+    coefficients: tuple[float, ...]
+    """c0, c1, ... in V/(deg/s)^i."""
+    s_v: float | None
+    """Residual standard deviation, V; None when no degree of freedom is left."""
+    residuals_v: Floats
+
+
+def slope(rate_deg_s: Floats, output_v: Floats) -> float:
+    """Return the least-squares slope, V/(deg/s)."""
+    deviation = rate_deg_s - rate_deg_s.mean()
+    return float(deviation @ (output_v - output_v.mean()) / (deviation @ deviation))
+
+
+def fit_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> LineFit:
+    """Fit the least-squares line.
+
+    Raises:
+        ConfigError: fewer than three points, a value that is not finite, or a rate that never changes.
+
+    """
+    rate, output = checked_points(rate_deg_s, output_v)
+    deviation = rate - rate.mean()
+    sxx = float(deviation @ deviation)
+    scale_factor = slope(rate, output)
+    bias = float(output.mean() - scale_factor * rate.mean())
+    residuals = output - scale_factor * rate - bias
+    dof = rate.size - 2
+    variance = float(residuals @ residuals) / dof
+    mean = float(rate.mean())
+    return LineFit(
+        scale_factor=scale_factor,
+        bias=bias,
+        u_scale_factor=math.sqrt(variance / sxx),
+        u_bias=math.sqrt(variance * (1.0 / rate.size + mean**2 / sxx)),
+        covariance=0.0 - mean * variance / sxx,
+        s_v=math.sqrt(variance),
+        dof=dof,
+        sxx=sxx,
+        rate_mean_deg_s=mean,
+        residuals_v=residuals,
+        leverage=1.0 / rate.size + deviation**2 / sxx,
+    )
+
+
+def checked_points(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[Floats, Floats]:
+    """Return both as arrays a line can be fitted to; raises ConfigError otherwise."""
+    rate = np.asarray(rate_deg_s, dtype=np.float64)
+    output = np.asarray(output_v, dtype=np.float64)
+    if rate.ndim != 1 or rate.shape != output.shape:
+        raise ConfigError(f"as many outputs as rates are needed, got {output.shape} and {rate.shape}")
+    if rate.size < 3:
+        raise ConfigError(f"at least three points are needed for a line and its uncertainty, got {rate.size}")
+    if not (np.isfinite(rate).all() and np.isfinite(output).all()):
+        raise ConfigError("a rate or an output is not a finite number")
+    largest = float(np.abs(rate).max())
+    if max(largest, float(np.abs(output).max())) > _LARGEST:
+        raise ConfigError("a rate or an output is larger than any gyroscope's")
+    if np.ptp(rate) <= max(1e-12 * largest, 1.0 / _LARGEST):
+        raise ConfigError(f"the rate never changes ({rate[0]:g} deg/s at every point), so there is no scale factor")
+    return rate, output
+
+
+def fit_polynomial(rate_deg_s: ArrayLike, output_v: ArrayLike, degree: int) -> Polynomial:
+    """Fit ``sum c_i * rate^i`` by least squares; the rates are scaled to 1 inside so that high degrees stay exact."""
+    rate, output = checked_points(rate_deg_s, output_v)
+    scale = float(np.abs(rate).max())
+    powers = np.vander(rate / scale, degree + 1, increasing=True)
+    scaled, *_ = np.linalg.lstsq(powers, output, rcond=None)
+    residuals = output - powers @ scaled
+    dof = rate.size - degree - 1
+    s_v = math.sqrt(float(residuals @ residuals) / dof) if dof > 0 else None
+    return Polynomial(tuple(float(c) / scale**i for i, c in enumerate(scaled)), s_v, residuals)
+
+
+def durbin_watson(residuals_v: Floats) -> float | None:
+    """Return Durbin and Watson's statistic: 2 for independent residuals, towards 0 for a trend left in them."""
+    total = float(residuals_v @ residuals_v)
+    return float(np.square(np.diff(residuals_v)).sum()) / total if total > 0.0 else None
+
+
+def sign_runs(residuals_v: Floats) -> int:
+    """Return how many runs of equal sign the residuals have, in their order."""
+    return 1 + int(np.count_nonzero(np.diff(np.signbit(residuals_v))))

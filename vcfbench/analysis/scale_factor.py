@@ -1,0 +1,223 @@
+"""A scale-factor calibration: everything that one column of outputs against rates is reported with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
+from vcfbench.analysis.quantile import student_t
+from vcfbench.analysis.regression import (
+    LineFit,
+    Polynomial,
+    checked_points,
+    durbin_watson,
+    fit_line,
+    fit_polynomial,
+    sign_runs,
+)
+from vcfbench.analysis.symmetry import Pair, sign_pairs
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Comparison",
+    "ScaleFactorResult",
+    "TypeA",
+    "characterise",
+    "compare",
+    "scale_factor_error_percent",
+]
+
+SCALE_FACTOR_UNIT = "V/(deg/s)"
+BIAS_UNIT = "V"
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+
+@dataclass(frozen=True, slots=True)
+class TypeA:
+    """What the noise of the readings alone explains, apart from how well a straight line fits."""
+
+    u_scale_factor: float
+    """Standard uncertainty of the slope from the readings' own scatter, V/(deg/s)."""
+    u_bias: float
+    """The same of the intercept, V."""
+    u_output_v: float
+    """Root mean square of the standard uncertainties of the points, V."""
+    lack_of_fit_v: float
+    """What is left of the residual standard deviation beside that noise, V."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleFactorResult:
+    """One column, characterised; `type_a` is None when the noise of the points is not known."""
+
+    rate_deg_s: Floats
+    output_v: Floats
+    line: LineFit
+    nonlinearity_ppm: dict[str, float | None]
+    polynomial: Polynomial | None
+    """Third order; None with fewer than four different rates."""
+    pairs: list[Pair]
+    type_a: TypeA | None
+
+    @property
+    def asymmetry_ppm(self) -> float | None:
+        """Difference of the slopes on the two sides of zero, each with its own intercept."""
+        return self.nonlinearity_ppm["asym"]
+
+    @property
+    def zero_v(self) -> float | None:
+        """Mean output at rate 0, V; None when it was not measured."""
+        at_zero = self.output_v[self.rate_deg_s == 0.0]
+        return float(at_zero.mean()) if at_zero.size else None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the result as plain values ready for JSON; full precision, the unit beside or in the name."""
+        line = self.line
+        return {
+            "scale_factor": {"value": line.scale_factor, "u": line.u_scale_factor, "unit": SCALE_FACTOR_UNIT},
+            "bias": {"value": line.bias, "u": line.u_bias, "unit": BIAS_UNIT},
+            "nonlinearity_ppm": self.nonlinearity_ppm,
+            "asymmetry_ppm": self.asymmetry_ppm,
+            "bias_deg_s": line.bias_deg_s,
+            "zero_v": self.zero_v,
+            "zero_deg_s": None if self.zero_v is None else self.zero_v / line.scale_factor,
+            "s_v": line.s_v,
+            "dof": line.dof,
+            "coverage_factor": line.coverage_factor,
+            "u95_scale_factor_ppm": 1e6 * line.coverage_factor * line.u_scale_factor / abs(line.scale_factor),
+            "covariance": line.covariance,
+            "type_a": None if self.type_a is None else asdict(self.type_a),
+            "polynomial": None if self.polynomial is None else self._polynomial_json(self.polynomial),
+            "pairs": [asdict(pair) for pair in self.pairs],
+            "residuals_v": line.residuals_v.tolist(),
+            "durbin_watson": durbin_watson(line.residuals_v),
+            "sign_runs": sign_runs(line.residuals_v),
+        }
+
+    def _polynomial_json(self, polynomial: Polynomial) -> dict[str, float | None]:
+        span = abs(self.line.scale_factor) * float(np.ptp(self.rate_deg_s))
+        left = float(np.abs(polynomial.residuals_v).max())
+        coefficients = {f"c{i}": value for i, value in enumerate(polynomial.coefficients)}
+        return {**coefficients, "s_v": polynomial.s_v, "max_span_ppm": 1e6 * left / span}
+
+
+def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLike | None = None) -> ScaleFactorResult:
+    """Characterise one column of outputs.
+
+    Args:
+        rate_deg_s: applied rates, deg/s.
+        output_v: mean output at each rate, V.
+        u_output_v: standard uncertainty of each mean (or one for all), V; None when unknown.
+
+    Raises:
+        ConfigError: the points do not determine a line, or the output does not follow the rate at all.
+
+    """
+    rate, output = checked_points(rate_deg_s, output_v)
+    line = fit_line(rate, output)
+    if line.scale_factor == 0.0:
+        raise ConfigError("the output does not follow the rate at all (scale factor 0)")
+    return ScaleFactorResult(
+        rate_deg_s=rate,
+        output_v=output,
+        line=line,
+        nonlinearity_ppm=nonlinearity_ppm(rate, output, line),
+        polynomial=fit_polynomial(rate, output, 3) if np.unique(rate).size > 3 else None,
+        pairs=sign_pairs(rate, output),
+        type_a=None if u_output_v is None else _type_a(rate, line, np.asarray(u_output_v, dtype=np.float64)),
+    )
+
+
+def _type_a(rate: Floats, line: LineFit, u_output_v: Floats) -> TypeA:
+    """Carry the noise of the points through the least-squares sums, each point with its own weight in them."""
+    variance = np.broadcast_to(u_output_v**2, rate.shape)
+    slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
+    bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
+    mean_variance = float(variance.mean())
+    return TypeA(
+        u_scale_factor=math.sqrt(float(slope_weight**2 @ variance)),
+        u_bias=math.sqrt(float(bias_weight**2 @ variance)),
+        u_output_v=math.sqrt(mean_variance),
+        lack_of_fit_v=math.sqrt(max(0.0, line.s_v**2 - mean_variance)),
+    )
+
+
+def scale_factor_error_percent(reference: float, other: float, decimals: int | None = None) -> float | None:
+    """Return how far the magnitude of `other` is from that of `reference`, per cent of `reference`.
+
+    The two scale factors are first rounded to `decimals` when it is given; the paper's 1.515 % comes from slopes
+    rounded to five decimals, 1.533 % from the same slopes unrounded. None when the reference rounds to zero.
+    """
+    slopes = (reference, other) if decimals is None else (round(reference, decimals), round(other, decimals))
+    first, second = slopes
+    return 100.0 * (second / first - 1.0) if first else None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two calibrations of one gyroscope, the second against the first."""
+
+    scale_factor_error_percent: float
+    scale_factor_error_percent_rounded: float | None
+    """From slopes rounded to five decimals, as the paper does."""
+    u_scale_factor_error_percent: float
+    """Standard uncertainty of the error from both fits, lack of fit included, percentage points."""
+    e_n: float | None
+    """Difference of the scale factors over the root of the sum of their squared 95 % uncertainties; above 1 they
+    disagree. None when both fits are exact."""
+    bias_difference_v: float
+    zero_difference_v: float | None
+    """Difference of the outputs at zero, V: the same physical state, reached in two ways."""
+    residual_correlation: float | None
+    """Correlation of the two columns' residuals, where both were measured at the same rates."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the comparison as plain values ready for JSON."""
+        return asdict(self)
+
+
+def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Comparison:
+    """Compare `other` with `reference`."""
+    first, second = reference.line, other.line
+    ratio = second.scale_factor / first.scale_factor
+    relative = math.hypot(first.u_scale_factor / first.scale_factor, second.u_scale_factor / second.scale_factor)
+    error = scale_factor_error_percent(first.scale_factor, second.scale_factor)
+    assert error is not None  # noqa: S101 - `characterise` refuses a scale factor of zero
+    return Comparison(
+        scale_factor_error_percent=error,
+        scale_factor_error_percent_rounded=scale_factor_error_percent(
+            first.scale_factor, second.scale_factor, PAPER_DECIMALS
+        ),
+        u_scale_factor_error_percent=100.0 * abs(ratio) * relative,
+        e_n=_e_n(first, second),
+        bias_difference_v=second.bias - first.bias,
+        zero_difference_v=_difference(reference.zero_v, other.zero_v),
+        residual_correlation=_residual_correlation(reference, other),
+    )
+
+
+def _e_n(first: LineFit, second: LineFit) -> float | None:
+    expanded = [student_t(line.dof) * line.u_scale_factor for line in (first, second)]
+    both = math.hypot(*expanded)
+    return abs(second.scale_factor - first.scale_factor) / both if both > 0.0 else None
+
+
+def _difference(first: float | None, second: float | None) -> float | None:
+    return None if first is None or second is None else second - first
+
+
+def _residual_correlation(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
+    if not np.array_equal(first.rate_deg_s, second.rate_deg_s):
+        return None
+    residuals = first.line.residuals_v, second.line.residuals_v
+    if any(np.ptp(column) == 0.0 for column in residuals):
+        return None
+    return float(np.corrcoef(*residuals)[0, 1])

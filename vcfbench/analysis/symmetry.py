@@ -1,0 +1,38 @@
+"""Even and odd parts of a calibration: which imperfection of a chain a residual pattern speaks for.
+
+A pair of rates +w and -w gives the chopped scale factor (y(+w) - y(-w)) / 2w, free of bias and of every even term,
+and the even part (y(+w) + y(-w)) / 2, which holds exactly those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vcfbench.analysis.regression import checked_points
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+__all__ = ["Pair", "sign_pairs"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """What the points at +`rate_deg_s` and -`rate_deg_s` say together."""
+
+    rate_deg_s: float
+    scale_factor: float
+    """Chopped scale factor, V/(deg/s)."""
+    even_v: float
+    """Half the sum of the two outputs, V."""
+
+
+def sign_pairs(rate_deg_s: ArrayLike, output_v: ArrayLike) -> list[Pair]:
+    """Return the pairs by falling magnitude; outputs measured repeatedly at one rate are averaged first."""
+    rate, output = checked_points(rate_deg_s, output_v)
+    mean = {float(value): float(output[rate == value].mean()) for value in np.unique(rate)}
+    both = sorted((value for value in mean if value > 0.0 and -value in mean), reverse=True)
+    return [Pair(w, (mean[w] - mean[-w]) / (2.0 * w), (mean[w] + mean[-w]) / 2.0) for w in both]

@@ -1,0 +1,173 @@
+"""``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003 - typer reads the annotation when it runs
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rich.table import Table
+
+    from vcfbench.analysis.csv_table import Series
+    from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
+
+__all__ = ["analyze"]
+
+
+def analyze(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE.csv", help="Table: first column rate_deg_s, every other column an output in volts."
+        ),
+    ],
+    compare: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Compare column B with column A; two columns are compared unasked."),
+    ] = None,
+    *,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
+    series = read_series(file)
+    pair = compared_columns(compare, list(series), file)
+    results = _characterise(series, file)
+    comparison = _compare(results, pair)
+    if json:
+        _print_json(results, pair, comparison)
+    else:
+        _print_tables(results, pair, comparison)
+
+
+def read_series(file: Path) -> dict[str, Series]:
+    """Read the table in `file`; raises ConfigError with file, line and column."""
+    from vcfbench.analysis.csv_table import decode, parse_table  # noqa: PLC0415
+
+    try:
+        raw = file.read_bytes()
+    except FileNotFoundError as error:
+        raise ConfigError(f"{file}: there is no such file") from error
+    except IsADirectoryError as error:
+        raise ConfigError(f"{file}: this is a directory, not a CSV file") from error
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
+    return parse_table(decode(raw, str(file)), str(file))
+
+
+def compared_columns(asked: str | None, columns: list[str], file: Path) -> tuple[str, str] | None:
+    """Return the two columns to compare, reference first, or None; raises ConfigError for an unknown one."""
+    if asked is None:
+        return (columns[0], columns[1]) if len(columns) == 2 else None
+    names = [name.strip() for name in asked.split(",")]
+    if len(names) != 2:
+        raise ConfigError(f"--compare {asked}: two column names with a comma between them are needed")
+    for name in names:
+        if name not in columns:
+            raise ConfigError(f"--compare {asked}: {file} has no column {name!r}, only {', '.join(columns)}")
+    return names[0], names[1]
+
+
+def _characterise(series: Mapping[str, Series], file: Path) -> dict[str, ScaleFactorResult]:
+    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415
+
+    results = {}
+    for column, one in series.items():
+        try:
+            results[column] = characterise(one.rate_deg_s, one.output_v, one.u_output_v)
+        except ConfigError as error:
+            raise ConfigError(f"{file}, column {column}: {error}") from error
+    return results
+
+
+def _compare(results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None) -> Comparison | None:
+    from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415
+
+    return None if pair is None else compare(results[pair[0]], results[pair[1]])
+
+
+def _print_json(
+    results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
+) -> None:
+    from json import dumps  # noqa: PLC0415
+
+    compared: dict[str, Any] | None = None
+    if pair is not None and comparison is not None:
+        compared = {"reference": pair[0], "other": pair[1], **comparison.as_json()}
+    series = {column: result.as_json() for column, result in results.items()}
+    typer.echo(dumps({"series": series, "comparison": compared}, allow_nan=False))
+
+
+def _print_tables(
+    results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
+) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    console.print(_fit_table(results))
+    console.print(_nonlinearity_table(results))
+    if pair is not None and comparison is not None:
+        console.print(_comparison_table(pair, comparison))
+
+
+def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=title, title_justify="left", caption=note or None, caption_justify="left", box=SIMPLE_HEAD)
+    table.add_column("")
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    return table
+
+
+def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
+    table = _columns_table("Least-squares line", list(results), note="u: standard uncertainty, lack of fit included")
+    lines = [result.line for result in results.values()]
+    rows = {
+        "scale factor, mV/(deg/s)": [f"{1e3 * line.scale_factor:.6f}" for line in lines],
+        "  u, mV/(deg/s)": [f"{1e3 * line.u_scale_factor:.2g}" for line in lines],
+        "bias, mV": [f"{1e3 * line.bias:.4f}" for line in lines],
+        "  u, mV": [f"{1e3 * line.u_bias:.2g}" for line in lines],
+        "bias, deg/s": [f"{line.bias_deg_s:.4f}" for line in lines],
+        "residual std, mV": [f"{1e3 * line.s_v:.4f}" for line in lines],
+        "degrees of freedom": [str(line.dof) for line in lines],
+    }
+    for name, cells in rows.items():
+        table.add_row(name, *cells)
+    return table
+
+
+def _nonlinearity_table(results: Mapping[str, ScaleFactorResult]) -> Table:
+    from vcfbench.analysis.nonlinearity import DEFINITIONS  # noqa: PLC0415
+
+    table = _columns_table("Non-linearity and asymmetry, ppm", list(results))
+    table.add_column("definition", overflow="fold")
+    for name, words in DEFINITIONS.items():
+        table.add_row(name, *(_ppm(result.nonlinearity_ppm[name]) for result in results.values()), words)
+    return table
+
+
+def _ppm(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def _comparison_table(pair: tuple[str, str], comparison: Comparison) -> Table:
+    table = _columns_table(f"{pair[1]} against {pair[0]}", [""])
+    table.show_header = False
+    rounded, e_n = comparison.scale_factor_error_percent_rounded, comparison.e_n
+    rows = {
+        "scale factor error, %": f"{comparison.scale_factor_error_percent:.3f}",
+        "  u, percentage points": f"{comparison.u_scale_factor_error_percent:.3f}",
+        "  from slopes rounded to five decimals, %": "-" if rounded is None else f"{rounded:.3f}",
+        "E_n (above 1: they disagree)": "-" if e_n is None else f"{e_n:.2f}",
+        "bias difference, mV": f"{1e3 * comparison.bias_difference_v:.3f}",
+    }
+    for name, cell in rows.items():
+        table.add_row(name, cell)
+    return table
