@@ -1,0 +1,112 @@
+"""Who imports whom, how heavy an import is, and the shape of the code: what docs/architecture.md promises."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from statistics import median, quantiles
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[1]
+FLOORS = [
+    {"cli", "testing"},
+    {"report", "procedures", "bench"},
+    {"drivers", "record", "analysis", "sim"},
+    {"interfaces", "errors", "clock"},
+]
+SEALED = {"drivers", "record", "analysis", "sim"}
+KNOW_THE_SIMULATION = ("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.sim", "vcfbench.testing", "pyvisa_vcfbench")
+HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba"}
+
+
+@cache
+def modules() -> dict[str, ast.Module]:
+    paths = [path for package in ("vcfbench", "pyvisa_vcfbench") for path in (ROOT / package).rglob("*.py")]
+    return {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imports(tree: ast.Module) -> Iterator[str]:
+    """Every module named in an import, wherever it stands."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative imports hide who imports whom"
+            yield str(node.module)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def floor_of(part: str) -> int:
+    return next(level for level, parts in enumerate(FLOORS) if part in parts)
+
+
+def inner_imports() -> Iterator[tuple[str, str]]:
+    for name, tree in modules().items():
+        yield from ((name, target) for target in imports(tree) if target.startswith("vcfbench."))
+
+
+def test_every_part_of_the_package_has_its_floor() -> None:
+    parts = {name.split(".")[1] for name in modules() if name.startswith("vcfbench.")}
+    assert parts <= set().union(*FLOORS)
+
+
+def test_imports_point_downwards() -> None:
+    wrong = []
+    for name, target in inner_imports():
+        if name.startswith("pyvisa_vcfbench") or "." not in name:
+            continue
+        ours, theirs = name.split(".")[1], target.split(".")[1]
+        if theirs in {"__version__", ours}:
+            continue
+        if floor_of(ours) > floor_of(theirs) or {ours, theirs} <= SEALED:
+            wrong.append(f"{name} -> {target}")
+    assert wrong == []
+
+
+def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
+    wrong = [
+        f"{name} -> {target}"
+        for name, target in inner_imports()
+        if f"{target}.".startswith("vcfbench.sim.") and not name.startswith(KNOW_THE_SIMULATION)
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("module", ["vcfbench", "vcfbench.cli.main", "vcfbench.bench.description"])
+def test_nothing_heavy_is_imported_before_it_is_needed(module: str) -> None:
+    code = f"import sys, {module}; print(*sorted(set(sys.modules) & {HEAVY!r}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout.split() == []
+
+
+def body_lengths() -> Iterator[tuple[str, int]]:
+    """Lines of every function body, its docstring not counted."""
+    for name, tree in modules().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+                lines = body[-1].end_lineno - body[0].lineno + 1 if body else 0  # type: ignore[operator]
+                yield f"{name}.{node.name}", lines
+
+
+def test_functions_stay_small() -> None:
+    lengths = dict(body_lengths())
+    assert {name: lines for name, lines in lengths.items() if lines > 60} == {}
+    assert median(lengths.values()) <= 5
+    assert quantiles(lengths.values(), n=20)[-1] <= 25
+
+
+def test_every_module_explains_itself() -> None:
+    assert [name for name, tree in modules().items() if not ast.get_docstring(tree)] == []
