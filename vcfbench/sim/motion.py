@@ -1,8 +1,8 @@
 """True motion of the rate table: trapezoid, rate loop, mean-rate error, angle-locked ripple, coasting.
 
-A command makes a plan of segments from now on. In each segment the true rate is a sum of exponentials, known in closed
-form at any time, and the gyro takes exactly that sum as its input. The ripple (*wow*) turns with the profile at constant
-rate and is left out during ramps, where it would be a chirp of some ten ppm of the rate.
+A command makes a plan of segments from now on. In each segment the true rate is a sum of exponentials, known in
+closed form at any time, and the gyro takes exactly that sum as its input. The ripple (*wow*) turns with the profile
+at constant rate and is left out during ramps, where it would be a chirp of some ten ppm of the rate.
 """
 
 from __future__ import annotations

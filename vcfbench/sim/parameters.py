@@ -1,8 +1,8 @@
 """Every physical parameter of the simulated bench, with its unit, meaning and source.
 
 Nothing here is a result: scale factors, biases and non-linearities are what comes out of the model. Two sets are
-shipped. :meth:`BenchParameters.ideal` has every imperfection off, noise too; :meth:`BenchParameters.paper` is a realistic
-specimen whose imperfections were *chosen* so that the calibration of Wang et al. (2018) comes out.
+shipped. :meth:`BenchParameters.ideal` has every imperfection off, noise too; :meth:`BenchParameters.paper` is a
+realistic specimen whose imperfections were *chosen* so that the calibration of Wang et al. (2018) comes out.
 """
 
 from __future__ import annotations

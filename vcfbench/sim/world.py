@@ -1,11 +1,18 @@
-"""The one physical world that all simulated instruments look at."""
+"""The one physical world that all simulated instruments look at.
+
+Nobody steps it: whoever is asked something takes it to `clock.now()` first, over whatever interval has passed.
+Propagation stops at events and at the edges of registered windows and captures only, so an hour of waiting costs what
+a second does.
+"""
 
 from __future__ import annotations
 
+import bisect
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.motion import TableMotion
 
 if TYPE_CHECKING:
@@ -13,14 +20,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["Capture", "Drive", "Window", "World"]
+__all__ = ["NODES", "RAILS", "Capture", "Drive", "Window", "World"]
+
+RAILS = ("positive", "negative")
+NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
+EARLY_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What a generator puts out, open circuit: dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), bench time."""
+    """What a generator puts out, open circuit.
+
+    dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time.
+    """
 
     dc_v: float
     amplitude_v: float = 0.0
@@ -32,78 +47,177 @@ class Drive:
 class Window:
     """An averaging window on a node."""
 
+    __slots__ = ("_integral_v_s", "_world", "node", "start_s", "stop_s")
+
     def __init__(self, world: World, node: str, start_s: float, stop_s: float) -> None:
-        self._world, self.node, self.start_s, self.stop_s = world, node, start_s, stop_s
+        self._world = world
+        self._integral_v_s = 0.0
+        self.node = node
+        self.start_s = start_s
+        self.stop_s = stop_s
 
     def mean_v(self) -> float:
-        """Return the mean voltage over the window."""
-        return self._world.value_v(self.node)
+        """Return the mean voltage over the window; carrier-level nodes have none in the mean.
+
+        Raises:
+            RuntimeError: the window is not over yet.
+        """
+        self._world.advance()
+        if self._world.reached_s < self.stop_s:
+            raise RuntimeError("the averaging window is not over yet")
+        return self._integral_v_s / (self.stop_s - self.start_s)
+
+    def take(self, stretch: Stretch) -> None:
+        """Add a stretch that lies within the window."""
+        self._integral_v_s += stretch.integral(self.node)
 
 
 class Capture:
-    """A stretch of time in which waveforms can be looked at."""
+    """A stretch of time whose waveforms can be looked at, at carrier level too."""
+
+    __slots__ = ("_stretches", "_world", "start_s", "stop_s")
 
     def __init__(self, world: World, start_s: float, stop_s: float) -> None:
-        self._world, self.start_s, self.stop_s = world, start_s, stop_s
+        self._world = world
+        self._stretches: list[Stretch] = []
+        self.start_s = start_s
+        self.stop_s = stop_s
 
     def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the node's volts at absolute times within the capture."""
-        import numpy as np  # noqa: PLC0415
+        """Return the node's volts at absolute times within the capture, in the shape of `times_s`.
 
-        amplitude = {"drive": 1.0, "carrier": 2.0, "sense": 0.1}
-        if node in amplitude and self._world.powered:
-            return amplitude[node] * np.sin(2 * math.pi * 3488.9 * np.asarray(times_s))
-        return np.full(np.shape(times_s), self._world.value_v(node))
+        Raises:
+            RuntimeError: the capture is not over yet.
+        """
+        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
+
+        self._world.advance()
+        if self._world.reached_s < self.stop_s:
+            raise RuntimeError("the capture is not over yet")
+        times = np.asarray(times_s, dtype=float)
+        starts = [each.start_s for each in self._stretches]
+        held = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
+        volts = np.empty_like(times)
+        for index in np.unique(held):
+            volts[held == index] = self._stretches[index].at(node, times[held == index])
+        return volts
+
+    def take(self, stretch: Stretch) -> None:
+        """Keep a stretch that lies within the capture."""
+        self._stretches.append(stretch)
 
 
 class World:
-    """First simple body: quasi-static gain; the full model replaces it behind the same names."""
+    """Gyro, PCB, table, rails and wiring at bench time; see the module's words on how time passes."""
 
     def __init__(self, clock: Clock, parameters: BenchParameters, seed: int) -> None:
         self.clock = clock
         self.parameters = parameters
-        self.seed = seed
-        self.table = TableMotion(clock, parameters.table, lambda: None)
-        self._rails = {"positive": 0.0, "negative": 0.0}
-        self._drive: Drive | None = None
+        self.table = TableMotion(clock, parameters.table, self.advance)
+        self._gyro = Gyro(parameters, seed, clock.now())
+        self._rails_v = dict.fromkeys(RAILS, 0.0)
+        self._edges_s: list[float] = []
+        self._observers: list[Window | Capture] = []
 
     @property
-    def powered(self) -> bool:
-        """Whether both rails are up."""
-        return self._rails["positive"] > 8 and self._rails["negative"] < -8
+    def reached_s(self) -> float:
+        """The bench time that the world was taken to."""
+        return self._gyro.now_s
+
+    def advance(self) -> None:
+        """Take the world to `clock.now()`."""
+        target = self.clock.now()
+        while self._gyro.now_s < target:
+            self._step(target)
+
+    def _step(self, target_s: float) -> None:
+        now = self._gyro.now_s
+        rate = self.table.segment(now)
+        edge = self._edges_s[0] if self._edges_s else math.inf
+        stop = min(target_s, rate.stop_s, self._gyro.next_event_s(), edge)
+        stretch = self._gyro.propagate(rate, stop)
+        for each in self._observers:
+            if each.start_s <= now:
+                each.take(stretch)
+        if stop == edge:
+            self._pass_edge(stop)
+
+    def _pass_edge(self, now_s: float) -> None:
+        del self._edges_s[: bisect.bisect_right(self._edges_s, now_s)]
+        self._observers = [each for each in self._observers if each.stop_s > now_s]
 
     def set_rail(self, rail: str, voltage_v: float) -> None:
-        """Set the voltage really present at the pin from now on, signed: "positive" +10 V, "negative" -10 V."""
-        self._rails[rail] = voltage_v
+        """Put a voltage on a supply pin from now on, signed: "positive" +10 V, "negative" -10 V.
+
+        A pin of the wrong polarity counts as 0 V: the PCB's protection diodes block it.
+        """
+        self._require(rail, RAILS)
+        self.advance()
+        self._rails_v[rail] = voltage_v
+        self._gyro.set_rails(max(self._rails_v["positive"], 0.0), min(self._rails_v["negative"], 0.0))
 
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
-        """Return the magnitude of the current that the PCB would draw from `rail` now at `voltage_v`."""
-        del rail
-        return self.parameters.supply.quiescent_a * min(1.0, abs(voltage_v) / self.parameters.supply.brown_out_v)
+        """Return the magnitude of the current that the PCB would draw from `rail` now at `voltage_v`, A."""
+        self._require(rail, RAILS)
+        self.advance()
+        return self._gyro.rail_current_a(RAILS.index(rail), voltage_v)
 
     def drive_v_vc(self, source: Drive | None) -> None:
-        """Connect a generator to the V_Vc input, or None: the pull-down holds it and the modulator's switch opens."""
-        self._drive = source
+        """Connect a generator to the V_Vc input from now on, or None.
+
+        None is a generator whose relay is open: the pull-down holds the node at 0 V and the carrier switch opens, so
+        that the modulator's leakage does not reach the combs.
+        """
+        self.advance()
+        self._gyro.connect_v_vc(source)
 
     def window(self, node: str, start_s: float, stop_s: float) -> Window:
-        """Register an averaging window."""
-        return Window(self, node, start_s, stop_s)
+        """Register an averaging window that begins now or later.
 
-    def value_v(self, node: str) -> float:
-        """Return the node's voltage now."""
-        if node == "rail_positive":
-            return self._rails["positive"]
-        if node == "rail_negative":
-            return self._rails["negative"]
-        v_vc = 0.0 if self._drive is None else self._drive.dc_v
-        if node == "v_vc":
-            return v_vc
-        if node != "output" or not self.powered:
-            return 0.0
-        switched = 0.0 if self._drive is None else self.parameters.virtual_path.offset_v
-        rate = self.table.rate_deg_s() + 40.0 * (v_vc + switched)
-        return -0.012542 * rate + self.parameters.output_stage.offset_v
+        Raises:
+            ValueError: it begins in the past, does not last, or the node is unknown.
+        """
+        self._require(node, NODES)
+        start_s = self._coming(start_s, stop_s)
+        window = Window(self, node, start_s, stop_s)
+        self._observe(window)
+        return window
 
     def capture(self, start_s: float, stop_s: float) -> Capture:
-        """Register a stretch of time whose waveforms will be asked for."""
-        return Capture(self, start_s, stop_s)
+        """Register a stretch of time that begins now or later, whose waveforms will be asked for.
+
+        Raises:
+            ValueError: it begins in the past or does not last.
+        """
+        start_s = self._coming(start_s, stop_s)
+        capture = Capture(self, start_s, stop_s)
+        self._observe(capture)
+        return capture
+
+    def value_v(self, node: str) -> float:
+        """Return a node's voltage now."""
+        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
+
+        self._require(node, NODES)
+        self.advance()
+        now = self._gyro.now_s
+        return float(self._gyro.look(self.table.segment(now), now).at(node, np.array([now]))[0])
+
+    def _coming(self, start_s: float, stop_s: float) -> float:
+        """Return the start of an observation; a start in the past by less than 1 ns is round-off and becomes now."""
+        self.advance()
+        now = self._gyro.now_s
+        if not now - EARLY_S <= start_s < stop_s:
+            raise ValueError(f"an observation from {start_s} to {stop_s} s cannot be registered at {now} s")
+        return max(start_s, now)
+
+    def _observe(self, observer: Window | Capture) -> None:
+        self._observers.append(observer)
+        for edge in (observer.start_s, observer.stop_s):
+            if edge > self._gyro.now_s:
+                bisect.insort(self._edges_s, edge)
+
+    @staticmethod
+    def _require(name: str, known: tuple[str, ...]) -> None:
+        if name not in known:
+            raise ValueError(f"{name!r} is none of {', '.join(known)}")

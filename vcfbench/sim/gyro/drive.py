@@ -1,0 +1,162 @@
+"""The drive loop: AGC and PLL around the drive mode, from power-on to lock and from brown-out to rest.
+
+While it starts, the loop is a sampled controller on the exact envelope of the mode: force and VCO frequency are held
+for `CONTROL_STEP_S`, and within such a step the mode's motion is exact. Nothing else acts on the drive, so the whole
+transient is laid out at once, as segments from now on; the last of them lasts for ever and costs nothing.
+
+The force is F_d sin(th); locked, w_d = w_x and x = -A_x cos(th): equation (4) of the paper with its sign corrected,
+since the phase of equation (2) is -pi/2 there.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.sim.gyro.modes import Resonance
+    from vcfbench.sim.parameters import BenchParameters
+
+__all__ = ["CONTROL_STEP_S", "DriveSegment", "Motion", "locked", "resting", "ring_down", "start_up"]
+
+CONTROL_STEP_S = 0.25e-3
+STEPS_A_SEGMENT = 16
+RING_DOWN_SEGMENT_S = 20e-3
+LONGEST_START_S = 3.0
+SETTLED = 1e-7
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The mode under a constant force, exact from `start_s` on: two parts, force per mass, frame and phase there."""
+
+    start_s: float
+    parts: tuple[complex, complex]
+    force_m_s2: complex
+    drive_rad_s: float
+    phase_rad: float
+
+    def displacement_m(self, mode: Resonance, instant_s: float) -> complex:
+        """Return the analytic displacement D at `instant_s`; x = Re D."""
+        elapsed = instant_s - self.start_s
+        parts = mode.step(self.parts, self.force_m_s2, self.drive_rad_s, elapsed)
+        return mode.displacement(parts) * cmath.exp(1j * (self.phase_rad + self.drive_rad_s * elapsed))
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSegment:
+    """A stretch of the drive's motion as the sense chain takes it: constant mean envelopes and frequency.
+
+    `motions` hold the exact motion within it. A `locked` segment follows the resonance and lasts for ever.
+    """
+
+    stop_s: float
+    drive_rad_s: float
+    displacement_m: complex
+    velocity_m_s: complex
+    locked: bool
+    motions: tuple[Motion, ...]
+
+
+def locked(amplitude_m: float, drive_rad_s: float) -> DriveSegment:
+    """Return the drive locked at resonance: x = -A cos(th), x' = A w_d sin(th)."""
+    velocity = -1j * drive_rad_s * amplitude_m
+    return DriveSegment(math.inf, drive_rad_s, complex(-amplitude_m), velocity, locked=True, motions=())
+
+
+def resting(drive_rad_s: float) -> DriveSegment:
+    """Return the drive at rest."""
+    return DriveSegment(math.inf, drive_rad_s, 0j, 0j, locked=False, motions=())
+
+
+@dataclass(slots=True)
+class _Loop:
+    """AGC and PLL with their integrators; amplitudes relative to the set one, forces to the one that holds it."""
+
+    bench: BenchParameters
+    mode: Resonance
+    amplitude_m: float
+    limit: float
+    free_running_rad_s: float
+    agc: float
+    pll: float
+
+    def control(self, displacement_m: complex) -> tuple[float, float, bool]:
+        """Return relative force, VCO frequency and whether the loop has settled; then integrate over one step."""
+        loop = self.bench.drive_loop
+        error = 1 - abs(displacement_m) / self.amplitude_m
+        phase = cmath.phase(-displacement_m) if displacement_m else 0.0
+        wanted = loop.agc_proportional * error + self.agc
+        force = min(max(wanted, 0.0), self.limit)
+        if wanted == force:
+            self.agc += loop.agc_integral_per_s * error * CONTROL_STEP_S
+        self.pll += loop.pll_integral_per_s2 * phase * CONTROL_STEP_S
+        frequency = self.free_running_rad_s + loop.pll_proportional_per_s * phase + self.pll
+        quiet = abs(frequency - self.mode.natural_rad_s) < SETTLED * self.mode.natural_rad_s
+        return force, frequency, quiet and abs(error) < SETTLED and abs(phase) < SETTLED
+
+
+def start_up(
+    bench: BenchParameters,
+    mode: Resonance,
+    parts: tuple[complex, complex],
+    *,
+    start_s: float,
+    phase_rad: float,
+    amplitude_m: float,
+    supply_v: float,
+) -> list[DriveSegment]:
+    """Return the drive's motion from `parts` to lock at `amplitude_m`, the weaker rail being `supply_v`.
+
+    The loop starts with empty integrators and its VCO at the free-running frequency. If it has not settled after
+    `LONGEST_START_S`, it is taken as locked then.
+    """
+    holding = mode.natural_rad_s**2 * amplitude_m / mode.quality
+    offset = 2 * math.pi * bench.drive_loop.pll_free_running_offset_hz
+    limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
+    loop = _Loop(bench, mode, amplitude_m, limit, mode.natural_rad_s + offset, 0.0, 0.0)
+    motions: list[Motion] = []
+    for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
+        force, frequency, settled = loop.control(mode.displacement(parts))
+        if settled and step % STEPS_A_SEGMENT == 0:
+            break
+        motion = Motion(start_s + step * CONTROL_STEP_S, parts, -1j * force * holding, frequency, phase_rad)
+        motions.append(motion)
+        parts = mode.step(parts, motion.force_m_s2, frequency, CONTROL_STEP_S)
+        phase_rad += frequency * CONTROL_STEP_S
+    chunks = [motions[i : i + STEPS_A_SEGMENT] for i in range(0, len(motions), STEPS_A_SEGMENT)]
+    return [*(_mean(mode, chunk) for chunk in chunks), locked(amplitude_m, mode.natural_rad_s)]
+
+
+def _mean(mode: Resonance, motions: Sequence[Motion]) -> DriveSegment:
+    """Return the segment of one chunk of control steps, its envelopes averaged over them."""
+    count = len(motions)
+    displacement = sum(mode.displacement(each.parts) for each in motions) / count
+    velocity = sum(mode.velocity(each.parts) for each in motions) / count
+    frequency = sum(each.drive_rad_s for each in motions) / count
+    stop = motions[-1].start_s + CONTROL_STEP_S
+    return DriveSegment(stop, frequency, displacement, velocity, locked=False, motions=tuple(motions))
+
+
+def ring_down(
+    mode: Resonance, parts: tuple[complex, complex], *, drive_rad_s: float, start_s: float, phase_rad: float
+) -> list[DriveSegment]:
+    """Return the drive's free decay in the frame of the last VCO frequency, until 1e-7 of it is left."""
+    damping = mode.natural_rad_s / (2 * mode.quality)
+    moving = abs(mode.displacement(parts)) > 0
+    count = math.ceil(math.log(1e7) / damping / RING_DOWN_SEGMENT_S) if moving else 0
+    segments = []
+    for index in range(count):
+        start = start_s + index * RING_DOWN_SEGMENT_S
+        motion = Motion(start, parts, 0j, drive_rad_s, phase_rad)
+        middle = mode.step(parts, 0j, drive_rad_s, RING_DOWN_SEGMENT_S / 2)
+        displacement, velocity = mode.displacement(middle), mode.velocity(middle)
+        stop = start + RING_DOWN_SEGMENT_S
+        segments.append(DriveSegment(stop, drive_rad_s, displacement, velocity, locked=False, motions=(motion,)))
+        parts = mode.step(parts, 0j, drive_rad_s, RING_DOWN_SEGMENT_S)
+        phase_rad += drive_rad_s * RING_DOWN_SEGMENT_S
+    return [*segments, resting(drive_rad_s)]

@@ -1,0 +1,260 @@
+"""The gyro with its PCB: what it is in, and how that moves from one event to the next.
+
+Between events (a rail, V_Vc, a corner of the table's motion, a segment of the drive's start-up, a band of
+temperature) the sense chain is linear with fixed parameters and Gaussian noise, and one step of any length is exact.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
+from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
+from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
+from vcfbench.sim.gyro.electronics import Oscillation, modulate, node_voltage, output_limits, rail_current_a
+from vcfbench.sim.gyro.noise import Flicker, Increment, NoisyChain
+from vcfbench.sim.gyro.signals import real_terms
+from vcfbench.sim.gyro.stretch import Stretch
+from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
+
+if TYPE_CHECKING:
+    from vcfbench.sim.gyro.chain import Chain, Response
+    from vcfbench.sim.gyro.modes import Resonance
+    from vcfbench.sim.motion import RateSegment
+    from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.world import Drive
+
+__all__ = ["Gyro"]
+
+FORGOTTEN_DEG_S = 1e-18
+
+
+class Gyro:
+    """State of the gyro at `now_s`, the last instant that it was taken to."""
+
+    def __init__(self, bench: BenchParameters, seed: int, now_s: float) -> None:
+        self.now_s = now_s
+        self._bench = bench
+        self._random = np.random.default_rng(seed)
+        self._flicker = Flicker.of(bench.noise)
+        self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
+        self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0
+        self._rates = self._flicker.deviation_rad_s * self._random.standard_normal(bench.noise.flicker_processes)
+        self._rails = (0.0, 0.0)
+        self._running = False
+        self._source: Drive | None = None
+        self._phase = 0.0
+        self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
+        self._bands = self._warm_up.bands(bench.thermal)
+        self._drive = [resting(self._drive_mode().natural_rad_s)]
+        self._locked_chains: dict[tuple[int, complex], tuple[Chain, NoisyChain]] = {}
+        self._chain, self._noise = self._new_chain()
+        self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order))
+
+    # -- commands, all at `now_s` --
+
+    def set_rails(self, positive_v: float, negative_v: float) -> None:
+        """Set both rails, signed; starts or stops the drive loop and the warm-up as they cross their thresholds."""
+        self._rails = (positive_v, negative_v)
+        supply, was_running = self._bench.supply, self._running
+        self._running = self._weaker_rail() >= (supply.brown_out_v if was_running else supply.start_v)
+        if self._running != was_running:
+            self._heat()
+        if self._running and not was_running:
+            self._start()
+        elif was_running and not self._running:
+            self._stop()
+        self._settle()
+
+    def connect_v_vc(self, source: Drive | None) -> None:
+        """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
+        self._source = source
+
+    def rail_current_a(self, rail: int, voltage_v: float) -> float:
+        """Return the magnitude of the current drawn from rail 0 (positive) or 1 (negative) at a voltage."""
+        others = (abs(voltage_v), abs(self._rails[1 - rail]))
+        starts = self._running or min(others) >= self._bench.supply.start_v
+        lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m() if starts else 0.0
+        return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
+
+    # -- time --
+
+    def next_event_s(self) -> float:
+        """Return when the gyro's own parameters change next."""
+        band = self._bands[1][0] if len(self._bands) > 1 else math.inf
+        return min(self._drive[0].stop_s, band)
+
+    def look(self, rate: RateSegment, stop_s: float) -> Stretch:
+        """Return the stretch from now to `stop_s`, as it will be without noise; changes nothing."""
+        return self._stretch(self._chain.respond(self._modal, self._forcing(rate)), stop_s, 0.0)
+
+    def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
+        """Go to `stop_s`, not beyond the next event, and return what happened."""
+        duration = stop_s - self.now_s
+        response = self._chain.respond(self._modal, self._forcing(rate))
+        noise = self._draw(duration)
+        stretch = self._stretch(response, stop_s, 0.0 if noise is None else noise.integral)
+        self._modal = response.modal(duration)
+        if noise is not None:
+            self._modal = self._modal + noise.modal
+            self._rates = self._rates * np.exp(-duration / self._flicker.times_s) + noise.flicker
+        self._phase += self._drive[0].drive_rad_s * duration
+        self.now_s = stop_s
+        self._pass_events()
+        return stretch
+
+    def _pass_events(self) -> None:
+        changed = False
+        while self._drive[0].stop_s <= self.now_s:
+            self._drive.pop(0)
+            changed = True
+        while len(self._bands) > 1 and self._bands[1][0] <= self.now_s:
+            self._bands.pop(0)
+            changed = True
+        if changed:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
+        if self._drive[0].locked:
+            self._drive = [locked(self._amplitude_m(), self._drive_mode().natural_rad_s)]
+        state = self._chain.state(self._modal)
+        self._chain, self._noise = self._new_chain()
+        self._modal = self._chain.modal(state)
+
+    def _draw(self, duration: float) -> Increment | None:
+        """Draw the noise of a step; while the drive is not locked only the flicker goes on."""
+        if not self._noisy:
+            return None
+        if self._noise is not None:
+            return self._noise.draw(duration, self._random)
+        spread = self._flicker.deviation_rad_s * np.sqrt(-np.expm1(-2 * duration / self._flicker.times_s))
+        return Increment(np.zeros(len(self._modal), complex), spread * self._random.standard_normal(len(spread)), 0.0)
+
+    def _stretch(self, response: Response, stop_s: float, noise_integral_v_s: float) -> Stretch:
+        bench = self._bench
+        return Stretch(
+            bench,
+            self.now_s,
+            stop_s,
+            self._chain,
+            response,
+            noise_integral_v_s,
+            self._drive_mode(),
+            self._drive[0],
+            self._phase,
+            self._v_vc(),
+            self._rails,
+            output_limits(bench.output_stage, *self._rails),
+            self._weaker_rail() >= bench.supply.dead_v,
+        )
+
+    # -- what acts on the chain --
+
+    def _forcing(self, rate: RateSegment) -> Forcing:
+        since = self.now_s - rate.start_s
+        bench, scale = self._bench, math.pi / 180
+        earth = EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg))
+        warm, drift = self._bias()
+        constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
+        terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
+        moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
+        if self._noisy:
+            moving += [(complex(r), complex(-1 / t)) for r, t in zip(self._rates, self._flicker.times_s, strict=True)]
+        virtual = self._modulated()
+        return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, real_terms(virtual.terms))
+
+    def _bias(self) -> tuple[float, list[tuple[complex, complex]]]:
+        """Return the bias rate by temperature, deg/s: its goal, and what is left of the warm-up."""
+        thermal, warm_up = self._bench.thermal, self._warm_up
+        goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
+        left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.now_s) - warm_up.goal_c)
+        return goal, [(complex(left), complex(-1 / warm_up.time_constant_s))]
+
+    def _v_vc(self) -> Oscillation:
+        """Return the voltage really present on the V_Vc node from now on."""
+        source, path = self._source, self._bench.virtual_path
+        if source is None:
+            return Oscillation(0.0, [])
+        loaded = node_voltage(1.0, source.source_ohm, path)
+        speed = 2 * math.pi * source.frequency_hz
+        turned = -1j * source.amplitude_v * loaded * cmath.exp(1j * (speed * self.now_s + source.phase_rad))
+        if speed == 0 or source.amplitude_v == 0:
+            return Oscillation(source.dc_v * loaded + turned.real, [])
+        return Oscillation(source.dc_v * loaded, [(turned, 1j * speed)])
+
+    def _modulated(self) -> Oscillation:
+        """Return the modulator's multiplicand; an open switch lets nothing through, not even its leakage."""
+        if self._source is None:
+            return Oscillation(0.0, [])
+        return modulate(self._bench.virtual_path, self._v_vc())
+
+    # -- power --
+
+    def _weaker_rail(self) -> float:
+        positive, negative = self._rails
+        return max(min(positive, -negative), 0.0)
+
+    def _amplitude_m(self) -> float:
+        """Return the drive amplitude that the AGC holds on the present rails."""
+        loop, nominal = self._bench.drive_loop, self._bench.supply.nominal_v
+        return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (self._weaker_rail() - nominal))
+
+    def _heat(self) -> None:
+        """Let the temperature go to its new goal from where it is."""
+        thermal = self._bench.thermal
+        goal = thermal.ambient_c + (thermal.self_heating_k if self._running else 0.0)
+        self._warm_up = WarmUp(self.now_s, self._warm_up.at(self.now_s), goal, thermal.time_constant_s)
+        self._bands = self._warm_up.bands(thermal)
+
+    def _start(self) -> None:
+        self._drive = start_up(
+            self._bench,
+            self._drive_mode(),
+            self._drive_parts(),
+            start_s=self.now_s,
+            phase_rad=self._phase,
+            amplitude_m=self._amplitude_m(),
+            supply_v=self._weaker_rail(),
+        )
+
+    def _stop(self) -> None:
+        speed = self._drive[0].drive_rad_s
+        self._drive = ring_down(
+            self._drive_mode(), self._drive_parts(), drive_rad_s=speed, start_s=self.now_s, phase_rad=self._phase
+        )
+
+    def _drive_parts(self) -> tuple[complex, complex]:
+        """Return the two parts of the drive mode now."""
+        segment, mode = self._drive[0], self._drive_mode()
+        if not segment.motions:
+            return mode.parts(segment.displacement_m, segment.velocity_m_s)
+        motion = next(each for each in reversed(segment.motions) if each.start_s <= self.now_s)
+        return mode.step(motion.parts, motion.force_m_s2, motion.drive_rad_s, self.now_s - motion.start_s)
+
+    # -- parameters at the present temperature --
+
+    def _temperature_c(self) -> float:
+        return self._bands[0][1] * self._bench.thermal.refresh_k
+
+    def _drive_mode(self) -> Resonance:
+        return resonance_at(self._bench.drive_mode, self._bench.thermal, self._temperature_c())
+
+    def _new_chain(self) -> tuple[Chain, NoisyChain | None]:
+        if not self._drive[0].locked:
+            return self._build(), None
+        key = (self._bands[0][1], self._drive[0].displacement_m)
+        if key not in self._locked_chains:
+            chain = self._build()
+            self._locked_chains[key] = chain, NoisyChain(chain, self._flicker, self._white)
+        return self._locked_chains[key]
+
+    def _build(self) -> Chain:
+        bench, temperature, drive = self._bench, self._temperature_c(), self._drive[0]
+        in_phase = resonance_at(bench.sense_in_phase, bench.thermal, temperature)
+        anti_phase = resonance_at(bench.sense_anti_phase, bench.thermal, temperature)
+        return build_chain(bench, (in_phase, anti_phase), drive.drive_rad_s, drive.displacement_m, drive.velocity_m_s)

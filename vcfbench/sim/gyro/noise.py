@@ -1,0 +1,129 @@
+"""Gaussian noise of the chain over any interval, exactly.
+
+White force noise (angle random walk, both quadratures of the carrier) and flicker, a sum of Ornstein-Uhlenbeck
+processes on the rate, drive the chain of :mod:`.chain`. All of it is linear, so the increments of chain, flicker and
+the running integral of the filtered signal are jointly Gaussian with a covariance known in closed form: in the
+eigenmodes each entry is (G G*)_ab (exp((l_a + l_b*) T) - 1) / (l_a + l_b*). It is factored once an interval, scaled
+to correlations first and with negative round-off cut away, and kept.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.gyro.chain import Chain
+    from vcfbench.sim.parameters import NoiseSources
+
+__all__ = ["Flicker", "Increment", "NoisyChain"]
+
+
+@dataclass(frozen=True, slots=True)
+class Flicker:
+    """Ornstein-Uhlenbeck processes whose sum has the spectrum B^2/(2 pi f) (two-sided), correlation times 1:4:16..."""
+
+    times_s: NDArray[np.float64]
+    deviation_rad_s: float
+
+    @classmethod
+    def of(cls, noise: NoiseSources) -> Flicker:
+        """Return the processes of a parameter set; variance B^2 ln(4) / pi each makes the sum's density right."""
+        times = np.array([noise.flicker_shortest_s * 4.0**n for n in range(noise.flicker_processes)])
+        deviation = math.radians(noise.bias_instability_deg_s) * math.sqrt(math.log(4) / math.pi)
+        return cls(times, deviation)
+
+
+@dataclass(frozen=True, slots=True)
+class Increment:
+    """What noise adds over an interval: to eigenmodes, to each flicker process, to the integral of v (V s)."""
+
+    modal: NDArray[np.complex128]
+    flicker: NDArray[np.float64]
+    integral: float
+
+
+class NoisyChain:
+    """A chain with its noise sources; factors of the covariance are kept for each interval, rounded to 1 ns."""
+
+    def __init__(self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float) -> None:
+        self._n = len(chain.eigenmodes)
+        slow = -1 / flicker.times_s
+        self._exponents = np.concatenate((chain.eigenmodes, slow, [0.0]))
+        drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
+        follow = chain.by_rate[:, None] / (slow - chain.eigenmodes[:, None])
+        self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
+        self._integral = self._integral_row(chain, follow)
+        self._factors: dict[int, NDArray[np.float64]] = {}
+
+    def _integral_row(self, chain: Chain, follow: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the integral of v as a sum of modes; the mode of exponent 0 gets its input here."""
+        moving = self._exponents[:-1]
+        weights = np.concatenate((chain.to_filtered, chain.to_filtered @ follow)) / moving
+        self._input[-1] = weights @ self._input[:-1]
+        return np.concatenate((weights, [-1.0]))
+
+    def covariance(self, interval_s: float) -> NDArray[np.float64]:
+        """Return the covariance of (Re modal, Im modal, flicker, integral) gathered over `interval_s`."""
+        rows = np.vstack((self._output, self._integral))
+        hermitian = rows @ self._gathered(interval_s, np.conj) @ rows.conj().T
+        plain = rows @ self._gathered(interval_s, np.asarray) @ rows.T
+        real, imaginary = 0.5 * (hermitian + plain).real, 0.5 * (hermitian - plain).real
+        cross = 0.5 * (plain - hermitian).imag
+        full = np.block([[real, cross], [cross.T, imaginary]])
+        kept = self._kept()
+        return np.asarray(full[np.ix_(kept, kept)])
+
+    def draw(self, interval_s: float, random: np.random.Generator) -> Increment:
+        """Draw the increments over `interval_s`."""
+        key = round(interval_s * 1e9)
+        factor = self._factors.get(key)
+        if factor is None:
+            factor = self._factors[key] = _factor(self.covariance(key * 1e-9))
+        drawn = factor @ random.standard_normal(len(factor))
+        n = self._n
+        return Increment(drawn[:n] + 1j * drawn[n : 2 * n], drawn[2 * n : -1], float(drawn[-1]))
+
+    def _gathered(self, interval_s: float, other: np.ufunc | _AsArray) -> NDArray[np.complex128]:
+        total = np.add.outer(self._exponents, other(self._exponents))
+        safe = np.where(total == 0, 1.0, total)
+        grown = np.where(total == 0, interval_s, np.expm1(safe * interval_s) / safe)
+        return np.asarray((self._input @ other(self._input).T) * grown)
+
+    def _kept(self) -> NDArray[np.intp]:
+        """Return the rows of real and imaginary parts that exist: flicker and integral are real."""
+        n, rows = self._n, len(self._exponents)
+        return np.concatenate((np.arange(n), rows + np.arange(n), np.arange(n, rows)))
+
+
+def _noise_maps(
+    chain: Chain, follow: NDArray[np.complex128], drift: NDArray[np.float64], white: float
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return how the sources drive the modes (eigenmodes freed of flicker, flicker, exponent 0), and the way back."""
+    n, k = follow.shape
+    inputs = np.zeros((n + k + 1, k + 2), complex)
+    inputs[:n, :k] = -follow * drift
+    inputs[n : n + k, :k] = np.diag(drift)
+    inputs[:n, k], inputs[:n, k + 1] = white * chain.by_rate, 1j * white * chain.by_rate
+    outputs = np.eye(n + k, n + k + 1, dtype=complex)
+    outputs[:n, n : n + k] = follow
+    return inputs, outputs
+
+
+def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return F with F F' = covariance, for a covariance of widely different scales and deficient rank."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale == 0, 1.0, scale)
+    values, vectors = np.linalg.eigh(covariance / np.multiply.outer(safe, safe))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    _AsArray = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

@@ -1,0 +1,53 @@
+"""Signals in closed form: a constant, a ramp and a sum of complex exponentials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["ExponentialSum", "real_terms"]
+
+
+@dataclass(frozen=True, slots=True)
+class ExponentialSum:
+    """The signal `constant + slope t + sum amplitudes exp(exponents t)`, complex; t in s from its own origin."""
+
+    constant: complex
+    slope: complex
+    amplitudes: NDArray[np.complex128]
+    exponents: NDArray[np.complex128]
+
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the signal at an array of times."""
+        turned: NDArray[np.complex128] = np.exp(np.multiply.outer(times_s, self.exponents)) @ self.amplitudes
+        return turned + (self.constant + self.slope * times_s)
+
+    def value(self, time_s: float) -> complex:
+        """Return the signal at one time."""
+        return complex(self.amplitudes @ np.exp(self.exponents * time_s)) + self.constant + self.slope * time_s
+
+    def integral(self, duration_s: float) -> complex:
+        """Return the integral from 0 to `duration_s`; no exponent may be 0."""
+        grown = np.expm1(self.exponents * duration_s) / self.exponents
+        ramp = self.constant * duration_s + 0.5 * self.slope * duration_s**2
+        return complex(self.amplitudes @ grown) + ramp
+
+    def swing(self) -> float:
+        """Return a bound of how far the exponentials can move the signal, all of them decaying or turning."""
+        return float(np.abs(self.amplitudes).sum())
+
+
+def real_terms(terms: list[tuple[complex, complex]]) -> list[tuple[complex, complex]]:
+    """Return terms (a, s) whose plain sum is the real part of the given ones' sum."""
+    halves: list[tuple[complex, complex]] = []
+    for amplitude, exponent in terms:
+        if exponent.imag == 0:
+            halves.append((complex(amplitude.real), exponent))
+        else:
+            halves += [(amplitude / 2, exponent), (amplitude.conjugate() / 2, exponent.conjugate())]
+    return halves

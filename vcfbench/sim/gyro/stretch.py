@@ -1,0 +1,143 @@
+"""One stretch of the gyro's history between two events, in closed form at any time within it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vcfbench.sim.gyro.electronics import amplify
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.gyro.chain import Chain, Response
+    from vcfbench.sim.gyro.drive import DriveSegment, Motion
+    from vcfbench.sim.gyro.electronics import Oscillation
+    from vcfbench.sim.gyro.modes import Resonance
+    from vcfbench.sim.parameters import BenchParameters
+
+__all__ = ["Stretch"]
+
+STEADY_V = 1e-4
+PANEL_S = 0.1
+PANEL_NODES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
+
+    `noise_integral_v_s` is the noise's part of the integral of the filtered signal; waveforms within a stretch show the
+    noise only through the state at its start.
+    """
+
+    bench: BenchParameters
+    start_s: float
+    stop_s: float
+    chain: Chain
+    response: Response
+    noise_integral_v_s: float
+    drive_mode: Resonance
+    drive: DriveSegment
+    phase_rad: float
+    v_vc: Oscillation
+    rails_v: tuple[float, float]
+    limits_v: tuple[float, float]
+    alive: bool
+
+    def integral(self, node: str) -> float:
+        """Return the integral of a node's voltage over the stretch, V s; carrier-level nodes have none in the mean."""
+        duration = self.stop_s - self.start_s
+        if node == "output":
+            return self._output_integral(duration) if self.alive else 0.0
+        if node == "v_vc":
+            swung = sum((a * (np.exp(s * duration) - 1) / s).real for a, s in self.v_vc.terms)
+            return self.v_vc.constant_v * duration + float(swung)
+        rails = {"rail_positive": self.rails_v[0], "rail_negative": self.rails_v[1]}
+        return rails.get(node, 0.0) * duration
+
+    def _output_integral(self, duration: float) -> float:
+        """Integrate the output: exactly where it is linear, the curvature by Gauss-Legendre nodes.
+
+        A filtered signal that moves by less than `STEADY_V` (at the output) needs none: the curvature then adds less
+        than 1e-11 V. Otherwise 16 nodes each 0.1 s integrate what is left after the tangent is taken off. Noise
+        enters by its mean over the stretch; its own variance times the curvature, below 1e-12 V, is left out.
+        """
+        filtered = self.response.seen(self.chain.to_filtered)
+        mean = (filtered.integral(duration).real + self.noise_integral_v_s) / duration
+        middle = float(self._amplified(np.array([mean]))[0])
+        moved = abs(self.bench.output_stage.gain) * (filtered.swing() + abs(filtered.slope) * duration)
+        if moved < STEADY_V:
+            return duration * middle
+        times, weights = _nodes(duration)
+        values = filtered.at(times).real + self.noise_integral_v_s / duration
+        bent = self._amplified(values) - middle - self._tangent(mean) * (values - mean)
+        return duration * (middle + float(weights @ bent))
+
+    def _amplified(self, filtered_v: NDArray[np.float64]) -> NDArray[np.float64]:
+        return amplify(self.bench.output_stage, filtered_v, self.limits_v)
+
+    def _tangent(self, filtered_v: float) -> float:
+        stage = self.bench.output_stage
+        u = stage.gain * filtered_v
+        return stage.gain * (1 + u * (2 * stage.second_order_per_v + 3 * u * stage.third_order_per_v2))
+
+    def at(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a node's voltage at absolute times within the stretch."""
+        elapsed = times_s - self.start_s
+        if node == "v_vc":
+            return self.v_vc.constant_v + sum(
+                ((a * np.exp(s * elapsed)).real for a, s in self.v_vc.terms), start=np.zeros_like(elapsed)
+            )
+        if node in {"rail_positive", "rail_negative"}:
+            return np.full_like(elapsed, self.rails_v[node == "rail_negative"])
+        if not self.alive:
+            return np.zeros_like(elapsed)
+        if node == "output":
+            return self._amplified(self.response.seen(self.chain.to_filtered).at(elapsed).real)
+        return self._carrier_level(node, times_s)
+
+    def _carrier_level(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        elapsed = times_s - self.start_s
+        phase = self.phase_rad + self.drive.drive_rad_s * elapsed
+        if node == "sense":
+            return np.asarray((self.response.seen(self.chain.to_sense).at(elapsed) * np.exp(1j * phase)).real)
+        loop = self.bench.drive_loop
+        if node == "carrier":
+            v_dac = self.bench.sense_path.reference_amplitude_v * abs(self.drive.displacement_m) / loop.amplitude_m
+            return np.asarray(v_dac * np.sin(phase + self.bench.virtual_path.carrier_phase_rad))
+        if node == "drive":
+            return loop.pick_off_v_per_m * self._drive_displacement(times_s, phase)
+        raise ValueError(f"the PCB has no node {node!r}")
+
+    def _drive_displacement(self, times_s: NDArray[np.float64], phase_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not self.drive.motions:
+            return np.asarray((self.drive.displacement_m * np.exp(1j * phase_rad)).real)
+        starts = np.array([each.start_s for each in self.drive.motions])
+        held = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
+        moved = np.zeros_like(times_s)
+        for index in np.unique(held):
+            moved[held == index] = _free_motion(self.drive_mode, self.drive.motions[index], times_s[held == index])
+        return moved
+
+
+def _free_motion(mode: Resonance, motion: Motion, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([motion.displacement_m(mode, float(t)).real for t in times_s])
+
+
+@cache
+def _panel() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    nodes, weights = np.polynomial.legendre.leggauss(PANEL_NODES)
+    return (nodes + 1) / 2, weights / 2
+
+
+def _nodes(duration_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return nodes in [0, duration_s] and weights that sum to 1."""
+    count = max(1, math.ceil(duration_s / PANEL_S))
+    nodes, weights = _panel()
+    starts = np.arange(count)[:, None]
+    return ((starts + nodes) * (duration_s / count)).ravel(), np.tile(weights / count, count)
