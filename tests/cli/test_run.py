@@ -1,0 +1,221 @@
+"""``vcfbench run`` on a bench of fakes; the simulated bench has its turn in tests/test_end_to_end.py."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from tests.procedures.fakes import FakeBench, Gyro
+from vcfbench.bench.file import load_bench
+from vcfbench.cli import run as run_module
+from vcfbench.cli import runs as runs_module
+from vcfbench.errors import BenchError, ConnectFailed, NotSafe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from typer.testing import Result
+
+KEYS = ["run", "procedure", "status", "bench", "simulated", "seed", "bench_seconds", "points", "results"]
+POINT_KEYS = ["step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n"]
+
+
+class Station:
+    """Stands in for :func:`vcfbench.bench.bench.open_bench`."""
+
+    def __init__(self) -> None:
+        self.spoil: Callable[[FakeBench], None] = lambda _: None
+        self.refuses: BenchError | None = None
+        self.ends_with: BenchError | None = None
+        self.opened: list[dict[str, Any]] = []
+
+    @contextmanager
+    def open_bench(self, description: Any, **options: Any) -> Iterator[Any]:
+        self.opened.append(options)
+        if self.refuses is not None:
+            raise self.refuses
+        bench: Any = FakeBench(Gyro(noise_v=1e-4))
+        bench.description, bench.simulated = description, description.simulated
+        bench.identities = {"power": bench.power.identify()}
+        self.spoil(bench)
+        try:
+            yield bench
+        finally:
+            if self.ends_with is not None:
+                raise self.ends_with
+
+
+@pytest.fixture
+def station(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Station:
+    station = Station()
+    module = ModuleType("vcfbench.bench.bench")
+    module.open_bench = station.open_bench  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "vcfbench.bench.bench", module)
+    monkeypatch.chdir(tmp_path)
+    return station
+
+
+app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False)
+app.add_typer(run_module.app, name="run")
+app.add_typer(runs_module.app, name="runs")
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments)
+
+
+@pytest.fixture(params=["turntable", "virtual-coriolis"])
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def test_json_is_one_object_with_the_agreed_keys(station: Station, name: str, tmp_path: Path) -> None:
+    result = call("run", name, "--json", "--seed", "7", "--quiet")
+    assert result.exit_code == 0
+    answer = json.loads(result.stdout)
+    assert list(answer) == KEYS
+    assert (answer["procedure"], answer["status"], answer["seed"]) == (name, "complete", 7)
+    assert (answer["bench"], answer["simulated"]) == ("paper", True)
+    assert all(list(point) == POINT_KEYS for point in answer["points"])
+    assert len(answer["points"]) == {"turntable": 17, "virtual-coriolis": 39}[name]
+    assert (tmp_path / "runs" / answer["run"] / "journal.jsonl").exists()
+    assert station.opened == [{"seed": 7, "speed": "max"}]
+    assert result.stderr == ""
+
+
+def test_results_of_a_turntable_run(station: Station) -> None:
+    results = json.loads(call("run", "turntable", "--json").stdout)["results"]
+    assert results["scale_factor"]["unit"] == "V/(deg/s)"
+    assert results["scale_factor"]["value"] == pytest.approx(-0.0125, rel=1e-4)
+    assert results["bias"]["unit"] == "V"
+    assert {"max_span", "max_span_rounded", "max_fs"} <= set(results["nonlinearity_ppm"])
+    assert station.opened
+
+
+def test_results_of_a_virtual_coriolis_run(station: Station) -> None:
+    results = json.loads(call("run", "virtual-coriolis", "--json").stdout)["results"]
+    assert results["k_vc"]["unit"] == "(deg/s)/V"
+    assert results["k_vc"]["value"] == pytest.approx(40.0, rel=3e-3)
+    assert results["v_vc10_v"] == pytest.approx(0.25, rel=3e-3)
+    assert set(results["turntable"]) == set(results["virtual"])
+    assert abs(results["scale_factor_error_percent"]) < 0.3
+    assert station.opened
+
+
+def test_match_absolute_is_passed_on(station: Station) -> None:
+    results = json.loads(call("run", "virtual-coriolis", "--json", "--match", "absolute").stdout)["results"]
+    assert results["scale_factor_error_percent"] == pytest.approx(41.36, abs=1.0)
+    assert station.opened
+
+
+def test_table_and_record_without_json_and_progress_on_stderr(station: Station, name: str) -> None:
+    result = call("run", name)
+    assert result.exit_code == 0
+    assert "Omega_z / (deg/s)" in result.stdout
+    assert "complete:" in result.stdout
+    assert "record: runs/" in result.stdout.replace("\\", "/")
+    assert "table to +200 deg/s" in result.stderr
+    assert "table to +200 deg/s" not in result.stdout
+    assert station.opened
+
+
+def test_dry_run_opens_nothing_and_writes_nothing(station: Station, name: str, tmp_path: Path) -> None:
+    result = call("run", name, "--dry-run")
+    assert result.exit_code == 0
+    assert station.opened == []
+    assert list(tmp_path.iterdir()) == []
+    assert "table to +200 deg/s" in result.stdout
+    assert "estimated bench time" in result.stdout.splitlines()[-1]
+
+
+def test_dry_run_as_json(station: Station) -> None:
+    answer = json.loads(call("run", "turntable", "--dry-run", "--json").stdout)
+    assert answer["dry_run"] is True
+    assert answer["physical_minimum_s"] <= answer["estimated_bench_seconds"]
+    assert answer["steps"][0]["what"] == "Start-up"
+    assert station.opened == []
+
+
+def test_an_aborted_run_keeps_its_points_and_says_so(station: Station) -> None:
+    def overload(bench: FakeBench) -> None:
+        bench.multimeter.overload_at = 34
+
+    station.spoil = overload
+    result = call("run", "turntable", "--json", "--quiet")
+    answer = json.loads(result.stdout)
+    assert answer["status"] == "aborted"
+    assert len(answer["points"]) == 3
+    assert answer["results"] == {}
+    assert "multimeter at FAKE::22: overload on the 10 V range, step 28" in answer["error"]
+    assert isinstance(result.exception, BenchError)
+    assert result.exception.exit_code == 3
+    assert "aborted" in call("runs", "list").stdout
+
+
+def test_an_unreachable_instrument_is_an_aborted_run_without_record(station: Station, tmp_path: Path) -> None:
+    station.refuses = ConnectFailed("nobody answers", instrument="multimeter", resource="GPIB0::22::INSTR")
+    result = call("run", "turntable", "--json")
+    answer = json.loads(result.stdout)
+    assert (answer["run"], answer["status"], answer["points"]) == (None, "aborted", [])
+    assert result.exception is station.refuses
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_not_safe_comes_before_everything(station: Station) -> None:
+    def overload(bench: FakeBench) -> None:
+        bench.multimeter.overload_at = 34
+
+    station.spoil, station.ends_with = overload, NotSafe("NOT SAFE: rate_table at COM1: turns")
+    result = call("run", "turntable", "--json", "--quiet")
+    assert result.exception is station.ends_with
+    assert "before that: multimeter at FAKE::22: overload" in str(result.exception)
+    assert len(json.loads(result.stdout)["points"]) == 3
+
+
+def test_same_seed_same_bytes_of_results(station: Station, name: str, tmp_path: Path) -> None:
+    for runs in ("a", "b"):
+        call("run", name, "--runs", runs, "--quiet")
+    first, second = (next((tmp_path / runs).iterdir()) for runs in ("a", "b"))
+    for derived in ("result.json", "points.csv"):
+        assert (first / derived).read_bytes() == (second / derived).read_bytes()
+    assert station.opened
+
+
+def test_an_unknown_procedure_is_one_line_with_the_known_ones(station: Station) -> None:
+    result = call("run", "spin")
+    assert result.exit_code == 2
+    assert result.stderr == "vcfbench run: there is no procedure 'spin'; known are turntable, virtual-coriolis\n"
+    assert station.opened == []
+
+
+@pytest.mark.parametrize("options", [("--match", "nearly"), ("--bench", "nowhere.toml")])
+def test_bad_options_are_errors_of_usage(station: Station, options: tuple[str, str]) -> None:
+    result = call("run", "virtual-coriolis", *options)
+    assert isinstance(result.exception, BenchError)
+    assert result.exception.exit_code == 2
+    assert station.opened == []
+
+
+def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
+    call("run", "turntable", "--seed", "3", "--quiet")
+    directory = next((tmp_path / "runs").iterdir())
+    lines = [json.loads(line) for line in (directory / "journal.jsonl").read_text().splitlines()]
+    header, footer = lines[0], lines[-1]
+    assert header["bench"]["name"] == load_bench().name
+    assert header["identities"]["power"]["maker"] == "fake"
+    assert header["seed"] == 3
+    assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])
+    assert footer["status"] == "complete"
+    assert footer["bench_seconds"] <= 1.05 * footer["physical_minimum_s"]
+    windows = [line for line in lines if line.get("step_kind") == "Acquire"]
+    assert all(len(line["result"]["readings"]) == 10 for line in windows)
+    assert all(len(line["result"]["rails"]) == 2 for line in windows)
+    assert station.opened

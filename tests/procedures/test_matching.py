@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.settings import Match
+
+K, K_VC = -0.0125, 40.0
+
+
+def output(v_vc: float, *, k_vc: float = K_VC, curvature: float = 0.0, zero: float = 0.0097) -> float:
+    return zero + K * k_vc * v_vc * (1.0 + curvature * v_vc)
+
+
+def match(mode: Match, guess_v: float, times: int, *, curvature: float = 0.0, k_vc: float = K_VC) -> Matching:
+    matching = Matching.against_table(mode, 10.0, zero_v=-0.042, turning_v=-0.042 + 10.0 * K).with_zero(0.0097)
+    v_vc = guess_v
+    for _ in range(times):
+        matching = matching.with_try(v_vc, output(v_vc, curvature=curvature, k_vc=k_vc), 0.0)
+        v_vc = matching.v_vc_equal_v
+    return matching
+
+
+@given(st.floats(0.02, 2.0), st.sampled_from([1.0, -1.0]), st.floats(5.0, 200.0))
+def test_a_straight_gyro_is_matched_from_any_guess_of_either_sign(guess_v: float, sign: float, k_vc: float) -> None:
+    assert match(Match.ZERO, guess_v, 1, k_vc=sign * k_vc).k_vc == pytest.approx(sign * k_vc, rel=1e-9)
+
+
+def test_curvature_is_met_by_further_settings() -> None:
+    once, twice, thrice = (match(Match.ZERO, 0.4, times, curvature=0.05) for times in (1, 2, 3))
+    exact = 10.0 / ((math.sqrt(1.0 + 4.0 * 0.05 * 0.25) - 1.0) / (2.0 * 0.05))  # V (1 + 0.05 V) = 0.25
+    assert abs(once.k_vc / exact - 1.0) > 5e-3
+    assert twice.k_vc == pytest.approx(exact, rel=1.5e-4)
+    assert not twice.equal()
+    assert thrice.k_vc == pytest.approx(exact, rel=1e-5)
+    assert thrice.equal()
+
+
+def test_absolute_takes_the_offset_of_the_zeros_into_k_vc() -> None:
+    """51.7 mV between the zeros, 125 mV for 10 deg/s: K_Vc is 29 % low, V_Vc 41 % high (gyro-metrology 6.2)."""
+    trapped = match(Match.ABSOLUTE, 0.25, 3)
+    assert trapped.v_vc_equal_v / 0.25 == pytest.approx(1.0 + 0.0517 / 0.125, rel=1e-6)
+    assert match(Match.ZERO, 0.25, 3).v_vc_equal_v == pytest.approx(0.25, rel=1e-6)
+
+
+def test_equal_within_the_noise_or_nearly_so() -> None:
+    begun = Matching.against_table(Match.ZERO, 10.0, zero_v=0.0, turning_v=-0.125).with_zero(0.0)
+    assert begun.with_try(0.25, -0.12495, 0.0).equal()
+    assert not begun.with_try(0.25, -0.1249, 0.0).equal()
+    assert begun.with_try(0.25, -0.1249, 2e-5).equal()
+    assert not begun.with_try(0.25, -0.120, 2e-5).usable()
+
+
+def test_a_dead_v_vc_lead_is_said_to_be_one() -> None:
+    begun = Matching.against_table(Match.ZERO, 10.0, zero_v=0.0, turning_v=-0.125).with_zero(0.0)
+    with pytest.raises(MeasurementError, match="does not answer to V_Vc"):
+        begun.with_try(0.25, 1e-6, 1e-5).v_vc_equal_v  # noqa: B018  # the property raises
+
+
+def test_uncertainty_of_k_vc_counts_every_mean() -> None:
+    matched = match(Match.ZERO, 0.25, 1)
+    assert matched.u_k_vc(1e-5) / matched.k_vc == pytest.approx(2.0 * 1e-5 / 0.125, rel=1e-6)
+    absolute = match(Match.ABSOLUTE, 0.25, 2)
+    relative = 2.0**0.5 * 1e-5 / (0.125 + 0.0517)
+    assert absolute.u_k_vc(1e-5) / absolute.k_vc == pytest.approx(relative, rel=1e-6)

@@ -1,0 +1,192 @@
+"""The order of the steps reads like the paper's section 4.2."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.procedures.fakes import make_settings
+from vcfbench.errors import PlanError
+from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.procedures.rehearsal import StraightGyro, rehearse
+from vcfbench.procedures.settings import PAPER_RATES_DEG_S
+from vcfbench.procedures.steps import (
+    Acquire,
+    AwaitRate,
+    CheckRails,
+    ConfigureGenerator,
+    ConfigureMeter,
+    ConfigureRail,
+    DisableVvc,
+    EnableSupply,
+    EnableTable,
+    EnableVvc,
+    Note,
+    SetRate,
+    Settle,
+    SetVvc,
+)
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.steps import Step
+
+K_VC = 40.0
+
+
+def steps_of(name: str) -> list[Step]:
+    settings = make_settings(k_vc_guess=K_VC)
+    plan = PROCEDURES[name].plan(settings)
+    return [each.step for each in rehearse(plan, StraightGyro(K_VC))]
+
+
+def words(steps: list[Step]) -> list[str]:
+    """Put every step in a word or two, with what matters of it."""
+    said = []
+    for step in steps:
+        match step:
+            case Note():
+                said.append(f"# {step.text}")
+            case SetRate():
+                said.append(f"rate {step.rate_deg_s:g}")
+            case SetVvc():
+                said.append(f"V_Vc {step.v_vc_v:g}")
+            case Settle():
+                said.append(f"settle {step.seconds:g}")
+            case Acquire():
+                said.append(f"acquire {step.step}: {step.rate_deg_s:g} deg/s, {step.v_vc_v:g} V")
+            case ConfigureRail():
+                said.append(f"{step.output} {step.voltage_v:g} V {step.current_limit_a:g} A")
+            case _:
+                said.append(type(step).__name__)
+    return said
+
+
+START_UP = [
+    "# Start-up",
+    "ConfigureMeter",
+    "DisableVvc",
+    "ConfigureGenerator",
+    "P25V 10 V 0.1 A",
+    "N25V -10 V 0.1 A",
+    "EnableSupply",
+    "settle 2",
+    "CheckRails",
+    "AwaitDrive",
+    "EnableTable",
+]
+
+SHUT_DOWN = ["# Shut down", "rate 0", "AwaitRate", "DisableTable", "DisableVvc", "DisableSupply"]
+
+
+def table_sweep(step: int) -> list[str]:
+    points = [
+        [f"rate {rate:g}", "AwaitRate", "settle 2", f"acquire {step}: {rate:g} deg/s, 0 V"]
+        for rate in PAPER_RATES_DEG_S
+    ]
+    return [*(line for point in points for line in point), "rate 0", "AwaitRate"]
+
+
+def virtual_sweep() -> list[str]:
+    points = [
+        [f"V_Vc {rate / K_VC:g}", "settle 2", f"acquire 4: {rate:g} deg/s, {rate / K_VC:g} V"]
+        for rate in PAPER_RATES_DEG_S
+    ]
+    return [line for point in points for line in point]
+
+
+def test_turntable_reads_like_the_work_instruction() -> None:
+    assert words(steps_of("turntable")) == [
+        *START_UP,
+        "# Step 1: the table turns at each rate, generator off",
+        *table_sweep(1),
+        *SHUT_DOWN,
+    ]
+
+
+def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
+    assert words(steps_of("virtual-coriolis")) == [
+        *START_UP,
+        "# Step 1: the table turns at 10 deg/s, generator off",
+        "settle 2",
+        "acquire 1: 0 deg/s, 0 V",
+        "rate 10",
+        "AwaitRate",
+        "settle 2",
+        "acquire 1: 10 deg/s, 0 V",
+        "rate 0",
+        "AwaitRate",
+        "# Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1",
+        "V_Vc 0",
+        "EnableVvc",
+        "settle 2",
+        "acquire 2: 0 deg/s, 0 V",
+        "V_Vc 0.25",
+        "settle 2",
+        "acquire 2: 0 deg/s, 0.25 V",
+        "V_Vc 0.25",
+        "settle 2",
+        "acquire 2: 0 deg/s, 0.25 V",
+        "# Step 3: the table turns at each rate, generator off",
+        "DisableVvc",
+        *table_sweep(3),
+        "# Step 4: table at rest, V_Vc stands for each rate, K_Vc = 40 (deg/s)/V",
+        "V_Vc 0",
+        "EnableVvc",
+        *virtual_sweep(),
+        "V_Vc 0",
+        *SHUT_DOWN,
+    ]
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_limits_are_set_before_the_supply_is_on_and_the_drive_is_checked_before_the_table(name: str) -> None:
+    kinds = [type(step) for step in steps_of(name)]
+    assert max(i for i, kind in enumerate(kinds) if kind is ConfigureRail) < kinds.index(EnableSupply)
+    assert kinds.index(DisableVvc) < kinds.index(ConfigureGenerator) < kinds.index(EnableSupply)
+    assert kinds.index(EnableSupply) < kinds.index(CheckRails) < kinds.index(EnableTable)
+    assert kinds.index(ConfigureMeter) < kinds.index(Acquire)
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_generator_is_off_while_the_table_turns_and_the_table_rests_while_it_is_on(name: str) -> None:
+    on, rate = False, 0.0
+    for step in steps_of(name):
+        if isinstance(step, EnableVvc | DisableVvc):
+            on = isinstance(step, EnableVvc)
+        elif isinstance(step, SetRate):
+            rate = step.rate_deg_s
+        assert not (on and rate != 0.0)
+        if isinstance(step, Acquire):
+            assert on == (step.step in {2, 4})
+            assert step.table_deg_s == rate
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_every_window_comes_two_seconds_after_the_last_change(name: str) -> None:
+    settled_s = 0.0
+    for step in steps_of(name):
+        if isinstance(step, Settle):
+            settled_s += step.seconds
+        elif isinstance(step, Acquire):
+            assert settled_s >= 2.0
+        elif isinstance(step, SetRate | SetVvc | AwaitRate | EnableVvc | DisableVvc):
+            settled_s = 0.0
+
+
+def test_keys_name_steps_by_their_parameters() -> None:
+    first, second = steps_of("virtual-coriolis"), steps_of("virtual-coriolis")
+    assert [step.key for step in first] == [step.key for step in second]
+    assert SetVvc(0.1).key != SetVvc(0.2).key
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_every_step_says_what_it_does(name: str) -> None:
+    for step in steps_of(name):
+        assert step.describe()
+        assert step.duration_s >= step.physical_s >= 0.0
+
+
+def test_an_unknown_procedure_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(PlanError, match="no procedure 'spin'; known are turntable, virtual-coriolis"):
+        procedure("spin")

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.errors import ConfigError
+from vcfbench.record.directory import create_run, find_run, list_runs
+from vcfbench.record.journal import Journal
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_a_run_is_named_by_start_procedure_and_six_digits(tmp_path: Path) -> None:
+    run = create_run(tmp_path / "deep" / "runs", "virtual-coriolis")
+    assert re.fullmatch(r"\d{8}T\d{6}Z-virtual-coriolis-[0-9a-f]{6}", run.run)
+    assert run.path.is_dir()
+
+
+def test_two_runs_in_one_second_have_two_directories(tmp_path: Path) -> None:
+    assert len({create_run(tmp_path, "turntable").path for _ in range(20)}) == 20
+
+
+def test_runs_are_found_by_any_unambiguous_end(tmp_path: Path) -> None:
+    for name in ("20260821T142530Z-turntable-0a1b2c", "20260822T142530Z-turntable-ffffff"):
+        (tmp_path / name).mkdir()
+        Journal(tmp_path / name / "journal.jsonl").close()
+    assert [run.run[-6:] for run in list_runs(tmp_path)] == ["0a1b2c", "ffffff"]
+    assert find_run(tmp_path, "0a1b2c").run.startswith("20260821")
+    assert find_run(tmp_path, "last").run.endswith("ffffff")
+    with pytest.raises(ConfigError, match="2 runs are called '202608'"):
+        find_run(tmp_path, "202608")
+    with pytest.raises(ConfigError, match="there is no run 'nope'"):
+        find_run(tmp_path, "nope")
+
+
+def test_no_directory_is_no_runs(tmp_path: Path) -> None:
+    assert list_runs(tmp_path / "none") == ()
+
+
+def test_a_place_where_nothing_can_be_kept_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="no record can be kept there"):
+        create_run(tmp_path / "file", "turntable")

@@ -1,0 +1,253 @@
+"""The executor: the only place that acts. It performs each step of a plan, writes it to the journal, and goes on.
+
+When a step fails, the failure is written down and thrown into the plan, whose `finally` clauses then bring table,
+generator and supply to rest, step by step; what was measured is kept. A person's stop ends the plan at once. Either way
+the bench's safety stack makes all safe once more, and proves it.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+from vcfbench.errors import Aborted, BenchError
+from vcfbench.procedures.actions import BenchActor
+from vcfbench.procedures.steps import Acquire, Reading, Step, StepResult, Window
+from vcfbench.record.schema import Point, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from vcfbench.procedures.actions import OpenBench
+    from vcfbench.procedures.steps import Plan
+
+__all__ = [
+    "Event",
+    "Execution",
+    "Executor",
+    "Observer",
+    "ReadingTaken",
+    "StepFailed",
+    "StepFinished",
+    "StepJournal",
+    "StepStarted",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class StepStarted:
+    """Step `number` begins at bench time `t_s` (s since the run began)."""
+
+    number: int
+    t_s: float
+    step: Step
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingTaken:
+    """The multimeter gave a reading."""
+
+    t_s: float
+    reading: Reading
+
+
+@dataclass(frozen=True, slots=True)
+class StepFinished:
+    """Step `number` is done and on the disk."""
+
+    number: int
+    t_s: float
+    step: Step
+    result: StepResult
+
+
+@dataclass(frozen=True, slots=True)
+class StepFailed:
+    """Step `number` failed; the plan now brings the bench to rest."""
+
+    number: int
+    t_s: float
+    step: Step
+    error: BenchError
+
+
+Event = StepStarted | ReadingTaken | StepFinished | StepFailed
+
+
+class Observer(Protocol):
+    """Something that is told what happens: a progress line, a page."""
+
+    def handle(self, event: Event) -> None:
+        """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""
+        ...
+
+
+class StepJournal(Protocol):
+    """Where steps are written before the next one begins."""
+
+    def step(self, values: Mapping[str, Any]) -> None:
+        """Write one performed step."""
+        ...
+
+    def error(self, values: Mapping[str, Any]) -> None:
+        """Write one failed step."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """How a plan went: status, the points kept, the first error, and times in bench seconds.
+
+    `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
+    below which no controller can come with this table and this settling.
+    """
+
+    status: Status
+    points: tuple[Point, ...]
+    error: BenchError | None
+    bench_seconds: float
+    physical_minimum_s: float
+
+
+@dataclass(slots=True)
+class Executor:
+    """Performs plans on one open bench."""
+
+    bench: OpenBench
+    journal: StepJournal
+    observers: Sequence[Observer] = ()
+    _actor: BenchActor = field(init=False)
+    _started_s: float = field(init=False)
+    _number: int = field(init=False, default=0)
+    _points: list[Point] = field(init=False, default_factory=list)
+    _physical_s: float = field(init=False, default=0.0)
+    _error: BenchError | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self._actor = BenchActor(self.bench, self._heard)
+        self._started_s = self.bench.clock.now()
+        self.observers = list(self.observers)
+
+    def execute(self, plan: Plan) -> Execution:
+        """Perform `plan` to its end or to its first error, and tell how it went.
+
+        Errors of the bench are in the result, not raised: what was measured must not be lost with them.
+        """
+        try:
+            self._walk(plan)
+        finally:
+            _abandon(plan)
+        return self.so_far()
+
+    def so_far(self) -> Execution:
+        """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
+        return Execution(
+            Status.COMPLETE if self._error is None else Status.ABORTED,
+            tuple(self._points),
+            self._error,
+            self._now(),
+            self._physical_s,
+        )
+
+    def _walk(self, plan: Plan) -> None:
+        advance: Callable[[], Step] = partial(next, plan)
+        while True:
+            try:
+                step = advance()
+            except StopIteration:
+                return
+            except BenchError as error:
+                self._keep(error)
+                return
+            advance = self._perform(plan, step)
+
+    def _perform(self, plan: Plan, step: Step) -> Callable[[], Step]:
+        """Do one step; return how the plan goes on: with the result, or with the error."""
+        self._number += 1
+        try:
+            result = self._act(step)
+        except (BenchError, KeyboardInterrupt) as problem:
+            error = self._failed(step, problem)
+            return _stop if isinstance(error, Aborted) else partial(plan.throw, error)
+        return partial(plan.send, result)
+
+    def _act(self, step: Step) -> StepResult:
+        start_s = self._now()
+        self._tell(StepStarted(self._number, start_s, step))
+        result = self._actor.perform(step)
+        self._physical_s += step.physical_s
+        self._write(step, result, start_s)
+        self._tell(StepFinished(self._number, self._now(), step, result))
+        return result
+
+    def _write(self, step: Step, result: StepResult, start_s: float) -> None:
+        line = {**self._line(step), "t_s": start_s, "end_s": self._now(), **_named("result", result)}
+        if isinstance(step, Acquire) and isinstance(result, Window):
+            point = _point(step, result)
+            line["point"] = point.as_json()
+            self._points.append(point)
+        self.journal.step(line)
+
+    def _line(self, step: Step) -> dict[str, Any]:
+        return {"n": self._number, "key": step.key, **_named("step", step)}
+
+    def _failed(self, step: Step, problem: BaseException) -> BenchError:
+        """Put the step into the error and both into the journal."""
+        error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
+        if error.step is None:
+            error.step = f"{self._number} ({step.describe()})"
+        self._keep(error)
+        partial_readings = [asdict(reading) for reading in self._actor.readings]
+        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": partial_readings}
+        with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
+            self.journal.error(line)
+        self._tell(StepFailed(self._number, self._now(), step, error))
+        return error
+
+    def _keep(self, error: BenchError) -> None:
+        """Keep the first error: what follows it while the bench comes to rest is a consequence."""
+        self._error = self._error or error
+
+    def _heard(self, reading: Reading) -> None:
+        self._tell(ReadingTaken(self._now(), reading))
+
+    def _tell(self, event: Event) -> None:
+        for observer in tuple(self.observers):
+            try:
+                observer.handle(event)
+            except OSError:
+                self.observers = [other for other in self.observers if other is not observer]
+
+    def _now(self) -> float:
+        return self.bench.clock.now() - self._started_s
+
+
+def _stop() -> Step:
+    """End the walk here: after a person's stop nothing more is done for the plan, the safety stack takes over."""
+    raise StopIteration
+
+
+def _point(step: Acquire, window: Window) -> Point:
+    return Point(step.step, step.rate_deg_s, step.v_vc_v, window.mean_v, window.std_v, len(window.readings))
+
+
+def _named(name: str, value: Step | StepResult) -> dict[str, Any]:
+    """Name the kind of a step or result beside its fields, so that a reader can make the value again."""
+    return {f"{name}_kind": type(value).__name__, name: asdict(value)}
+
+
+def _told(error: BenchError) -> dict[str, Any]:
+    return {"error_kind": type(error).__name__, "error": str(error)}
+
+
+class _Abandoned(BenchError):
+    """Thrown into a plan that nobody performs any longer."""
+
+
+def _abandon(plan: Plan) -> None:
+    """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
+    with suppress(StopIteration, BenchError):
+        while True:
+            plan.throw(_Abandoned("the run was left"))

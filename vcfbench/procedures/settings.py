@@ -1,0 +1,150 @@
+"""What a calibration procedure is told before it starts: frozen numbers, no instruments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.bench.description import BenchDescription, Node
+
+__all__ = ["PAPER_RATES_DEG_S", "CalibrationSettings", "DriveWindows", "Match", "RailSettings", "settings_of"]
+
+PAPER_RATES_DEG_S = (
+    *(200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0),
+    *(-1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0),
+)
+"""The 17 rates of the paper's Table 1 in its order, deg/s."""
+
+
+class Match(Enum):
+    """How step 2 compares the two outputs.
+
+    `ZERO` subtracts from each its own zero output, so that a difference of the zeros does not enter K_Vc. `ABSOLUTE`
+    does the paper's words literally; an offset between the two zeros then goes into K_Vc in full.
+    """
+
+    ZERO = "zero"
+    ABSOLUTE = "absolute"
+
+
+@dataclass(frozen=True, slots=True)
+class RailSettings:
+    """One rail of the PCB: its name, the supply output that feeds it, level (V) and current limit (A)."""
+
+    rail: str
+    output: str
+    voltage_v: float
+    current_limit_a: float
+
+
+@dataclass(frozen=True, slots=True)
+class DriveWindows:
+    """Where the drive signal must lie at the start-up check, each (least, most), and the channels that see it.
+
+    It counts as settled when two looks, `interval_s` apart, differ by less than `amplitude_tolerance`: 3 %, somewhat
+    above what 8 bit resolve. The drive loop's time constant is 0.13 s (gyro-metrology 1.3), so 0.5 s is four of them.
+    """
+
+    drive_channel: int
+    carrier_channel: int
+    frequency_hz: tuple[float, float]
+    amplitude_v: tuple[float, float]
+    phase_deg: tuple[float, float]
+    amplitude_tolerance: float = 0.03
+    interval_s: float = 0.5
+    deadline_s: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationSettings:
+    """All that turntable and virtual Coriolis calibration need to know.
+
+    `k_vc_guess` is the K_Vc from which step 2 starts, (deg/s)/V; `match_iterations` is the most settings of V_Vc it may
+    take. `start_up_s` is the wait after power-on, `rate_deadline_s` what a table may take beyond twice its ramp.
+    """
+
+    rails: tuple[RailSettings, ...]
+    rail_tolerance_v: float
+    drive: DriveWindows
+    meter_range_v: float
+    nplc: float
+    samples: int
+    sample_interval_s: float
+    settle_s: float
+    start_up_s: float
+    acceleration_deg_s2: float
+    rate_tolerance_deg_s: float
+    k_vc_guess: float
+    rates_deg_s: tuple[float, ...] = PAPER_RATES_DEG_S
+    match: Match = Match.ZERO
+    match_rate_deg_s: float = 10.0
+    match_iterations: int = 4
+    rate_deadline_s: float = 10.0
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> CalibrationSettings:
+        """Return the settings that were written into a record."""
+        import msgspec  # noqa: PLC0415  # only records need it
+
+        return msgspec.convert(values, cls)
+
+    @property
+    def meter_resolution_v(self) -> float:
+        """Resolution of one reading of the 34401A, V: a fraction of the range by integration time (manual p. 54-57)."""
+        fraction_of_range = {0.02: 1e-4, 0.2: 1e-5, 1.0: 3e-6, 10.0: 1e-6, 100.0: 3e-7}
+        return fraction_of_range.get(float(self.nplc), 1e-6) * self.meter_range_v
+
+
+def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> CalibrationSettings:
+    """Take the settings of both calibrations from a bench file.
+
+    Raises:
+        ConfigError: the oscilloscope does not see the drive signal or the carrier.
+    """
+    told, wiring = description.procedure, description.wiring.rails
+    limit_a = told.rail_current_limit_a
+    return CalibrationSettings(
+        rails=(
+            RailSettings("positive", wiring.positive, told.positive_rail_v, limit_a),
+            RailSettings("negative", wiring.negative, told.negative_rail_v, limit_a),
+        ),
+        rail_tolerance_v=told.rail_tolerance_v,
+        drive=_drive_windows(description),
+        meter_range_v=float(told.meter_range_v),
+        nplc=float(told.nplc),
+        samples=told.samples,
+        sample_interval_s=told.sample_interval_s,
+        settle_s=told.settle_s,
+        start_up_s=max(told.warm_up_s, told.settle_s),
+        acceleration_deg_s2=told.acceleration_deg_s2,
+        rate_tolerance_deg_s=told.rate_tolerance_deg_s,
+        k_vc_guess=told.k_vc_guess_deg_s_per_v,
+        rates_deg_s=told.rates_deg_s,
+        match=match,
+        match_rate_deg_s=told.match_rate_deg_s,
+    )
+
+
+def _drive_windows(description: BenchDescription) -> DriveWindows:
+    window = description.procedure.drive
+    return DriveWindows(
+        drive_channel=_channel(description, "drive"),
+        carrier_channel=_channel(description, "carrier"),
+        frequency_hz=window.frequency_hz,
+        amplitude_v=window.amplitude_v,
+        phase_deg=window.phase_deg,
+        deadline_s=window.start_up_s,
+    )
+
+
+def _channel(description: BenchDescription, node: Node) -> int:
+    channel = description.wiring.oscilloscope.channel_of(node)
+    if channel is None:
+        raise ConfigError(f"wiring.oscilloscope: the start-up check needs a channel that sees {node!r}, none does")
+    return channel

@@ -1,0 +1,46 @@
+"""What is made from a journal: CSV files for other programs, and the result as one JSON object."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from vcfbench.errors import BenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.record.schema import Point
+
+__all__ = ["POINT_COLUMNS", "points_csv", "write_result", "write_text"]
+
+
+POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
+"""Columns of ``points.csv``, which ``vcfbench analyze`` reads back."""
+
+
+def points_csv(points: Sequence[Point]) -> str:
+    """Return every point on a line of its own, full precision."""
+    rows = (",".join(repr(value) for value in point.as_json().values()) for point in points)
+    return "\n".join([",".join(POINT_COLUMNS), *rows, ""])
+
+
+def write_result(path: Path, values: Mapping[str, Any]) -> None:
+    """Write the result as JSON for people: indented, keys in the order given, the same bytes for the same values."""
+    write_text(path, msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a derived file, newlines as they are.
+
+    Raises:
+        BenchError: the file cannot be written; the journal is not concerned.
+    """
+    try:
+        path.write_bytes(text.encode())
+    except OSError as error:
+        raise BenchError(
+            f"{path} cannot be written: {error.strerror}", hint="the journal beside it is whole"
+        ) from error
