@@ -17,6 +17,7 @@ from vcfbench.bench.file import load_bench
 from vcfbench.cli import run as run_module
 from vcfbench.cli import runs as runs_module
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
+from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -45,10 +46,12 @@ class Station:
         bench: Any = FakeBench(Gyro(noise_v=1e-4))
         bench.description, bench.simulated = description, description.simulated
         bench.identities = {"power": bench.power.identify()}
+        bench.safe_reports = []
         self.spoil(bench)
         try:
             yield bench
         finally:
+            bench.safe_reports.append(SafeReport("power", "FAKE::5", safe=True, detail="outputs off"))
             if self.ends_with is not None:
                 raise self.ends_with
 
@@ -214,6 +217,7 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
     assert header["seed"] == 3
     assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])
     assert footer["status"] == "complete"
+    assert [report["safe"] for report in footer["safe"]] == [True]
     assert footer["bench_seconds"] <= 1.05 * footer["physical_minimum_s"]
     windows = [line for line in lines if line.get("step_kind") == "Acquire"]
     assert all(len(line["result"]["readings"]) == 10 for line in windows)

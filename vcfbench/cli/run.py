@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.interfaces import SafeReport
     from vcfbench.procedures.catalogue import Procedure
     from vcfbench.procedures.executor import Execution
     from vcfbench.procedures.rehearsal import Rehearsed
@@ -196,6 +197,8 @@ def _prepare(report: RunReport, options: RunOptions) -> tuple[Procedure, Calibra
     report.description = description
     if description.simulation is not None:
         report.seed = description.simulation.seed if options.seed is None else options.seed
+    elif options.seed is not None:
+        raise ConfigError(f"--seed {options.seed}: {description.name} is a real bench, only simulated ones have a seed")
     return procedure(report.procedure), settings_of(description, _match(options.match))
 
 
@@ -258,7 +261,7 @@ def _run(report: RunReport, options: RunOptions) -> None:
     record = Record(report, procedure, settings)
     try:
         with (
-            open_bench(description, seed=report.seed or 0, speed=options.speed) as bench,
+            open_bench(description, seed=report.seed, speed=options.speed) as bench,
             _progress(options, _estimate_s(_rehearse(procedure, settings))) as progress,
         ):
             record.perform(bench, options, progress)
@@ -294,6 +297,7 @@ class Record:
     procedure: Procedure
     settings: CalibrationSettings
     journal: Journal | None = None
+    safe_reports: Sequence[SafeReport] = ()
 
     def perform(self, bench: Bench, options: RunOptions, progress: NoProgress) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it in the report."""
@@ -304,6 +308,7 @@ class Record:
         self.report.directory = create_run(options.runs, self.procedure.name)
         self.journal = Journal(self.report.directory.journal)
         self.journal.header(self._header(bench, options))
+        self.safe_reports = bench.safe_reports  # filled when the bench is left
         executor = Executor(bench, self.journal, [progress])
         try:
             execution = executor.execute(self.procedure.plan(self.settings))
@@ -356,6 +361,7 @@ class Record:
             "points": len(report.points),
             "bench_seconds": None if execution is None else execution.bench_seconds,
             "physical_minimum_s": None if execution is None else execution.physical_minimum_s,
+            "safe": [asdict(safe) for safe in self.safe_reports],
         }
 
     def _derive(self) -> None:
