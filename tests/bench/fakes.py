@@ -5,15 +5,18 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-from vcfbench.errors import LinkLost
+from vcfbench.errors import ConnectFailed, LinkLost
 from vcfbench.interfaces import Identity, SafeReport
 
 if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.station import Station
     from vcfbench.clock import Deadline
+    from vcfbench.interfaces import Instrument
 
 
 class FakeInstrument:
-    """Has a switch that make_safe turns off; `behaviour` says how it misbehaves: fails, hangs, refuses."""
+    """Has a switch that make_safe turns off; `behaviour` says how it misbehaves: fails, hangs, refuses, lies."""
 
     def __init__(self, name: str, log: list[str], behaviour: str = "obeys") -> None:
         self.name = name
@@ -21,6 +24,7 @@ class FakeInstrument:
         self.log = log
         self.behaviour = behaviour
         self.energised = True
+        self.rate = 0.0
         self.released = threading.Event()
 
     def identify(self) -> Identity:
@@ -38,6 +42,7 @@ class FakeInstrument:
         if self.behaviour == "lies":
             return SafeReport(self.name, self.resource, safe=True, detail="off")
         self.energised = self.behaviour == "refuses"
+        self.rate = self.rate if self.behaviour == "spins" else 0.0
         detail = f"with {deadline.remaining():g} s left"
         return SafeReport(self.name, self.resource, safe=not self.energised, detail=detail)
 
@@ -50,3 +55,39 @@ class FakeInstrument:
             raise LinkLost("the cable is out", instrument=self.name)
         if self.behaviour == "hangs":
             self.released.wait(60)
+
+    def outputs_enabled(self) -> bool:
+        return self.energised
+
+    def output_enabled(self) -> bool:
+        return self.energised
+
+    def rate_deg_s(self) -> float:
+        return self.rate
+
+    def fault(self) -> str | None:
+        return None
+
+
+class FakeRack:
+    """Opens fakes in place of what the bench file names; `behaviours` by role, ``missing`` does not open.
+
+    A table that ``turns`` can be stopped, one that ``spins`` cannot.
+    """
+
+    def __init__(self, **behaviours: str) -> None:
+        self.behaviours = behaviours
+        self.log: list[str] = []
+        self.instruments: dict[str, FakeInstrument] = {}
+
+    def open_role(self, role: str, description: BenchDescription, stand: Station) -> tuple[Instrument, Identity]:
+        del stand
+        behaviour = self.behaviours.get(role, "obeys")
+        if behaviour == "missing":
+            resource = getattr(description, role).resource
+            raise ConnectFailed("nobody answers", instrument=role, resource=resource)
+        fake = FakeInstrument(role, self.log, behaviour)
+        fake.rate = 12.5 if behaviour in {"turns", "spins"} else 0.0
+        self.log.append(f"{role} opened")
+        self.instruments[role] = fake
+        return fake, fake.identify()

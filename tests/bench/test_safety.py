@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 GRACE_S = 0.05
 
 
-def action(instrument: FakeInstrument, stage: Stage = Stage.REST, deadline_s: float = 0.0) -> SafeAction:
+def action(instrument: FakeInstrument, stage: Stage = Stage.POWER, deadline_s: float = 0.0) -> SafeAction:
     return SafeAction(stage, instrument, deadline_s, instrument.verify)
 
 
@@ -74,11 +74,17 @@ def test_one_that_lies_is_found_out_by_the_read_back(log: list[str]) -> None:
     assert [(report.safe, report.detail) for report in reports] == [(False, "reported safe, but it is still on")]
 
 
+def test_one_that_only_listens_is_no_danger_when_it_does_not_answer(log: list[str]) -> None:
+    (report,) = stack_of(action(FakeInstrument("multimeter", log, "fails"), Stage.REST)).make_safe()
+    assert report.safe
+    assert "the cable is out" in report.detail
+
+
 def test_one_whose_read_back_fails_is_not_safe(log: list[str]) -> None:
     def broken() -> str | None:
         raise OSError("gone")
 
-    (report,) = stack_of(SafeAction(Stage.REST, FakeInstrument("power", log), 0.0, broken)).make_safe()
+    (report,) = stack_of(SafeAction(Stage.POWER, FakeInstrument("power", log), 0.0, broken)).make_safe()
     assert not report.safe
     assert "gone" in report.detail
 
@@ -95,7 +101,10 @@ def test_every_instrument_is_tried_once_and_reported_as_it_is(crowd: list[tuple[
     stages = [stage for stage, _ in crowd]
     reports = stack_of(*map(action, instruments, stages)).make_safe()
     assert sorted(log) == sorted(f"{instrument.name} safe" for instrument in instruments)
-    truly_safe = {instrument.name: not instrument.energised for instrument in instruments}
+    truly_safe = {
+        instrument.name: not instrument.energised or stage is Stage.REST
+        for instrument, stage in zip(instruments, stages, strict=True)
+    }
     assert {report.instrument: report.safe for report in reports} == truly_safe
 
 

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from msgspec import structs
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.description import BenchDescription, Window
+    from vcfbench.bench.description import BenchDescription, Node, Window
 
 __all__ = ["Misfit", "misfits"]
+
+DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +38,7 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
         _sampling(description),
         _windows(description),
         _resources(description),
+        _simulation(description),
     )
 
 
@@ -98,8 +103,9 @@ def _wiring(description: BenchDescription) -> Iterator[Misfit]:
         yield Misfit(
             "procedure.positive_rail_v", "at most 6.18 V from output P6V", description.procedure.positive_rail_v
         )
-    if description.wiring.oscilloscope.channel_of("drive") is None:
-        yield Misfit("wiring.oscilloscope", "a channel that sees 'drive', for the start-up check", "none")
+    for node in DRIVE_CHECK_NODES:
+        if description.wiring.oscilloscope.channel_of(node) is None:
+            yield Misfit("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)
 
 
 def _sampling(description: BenchDescription) -> Iterator[Misfit]:
@@ -135,3 +141,18 @@ def _resources(description: BenchDescription) -> Iterator[Misfit]:
         other = seen.setdefault(part.resource.upper(), role)
         if other != role:
             yield Misfit(f"{role}.resource", f"a resource of its own, not that of {other}", part.resource)
+
+
+def _simulation(description: BenchDescription) -> Iterator[Misfit]:
+    """Check names and types of single parameters and instrument errors; most bench files have none."""
+    simulation = description.simulation
+    told = {} if simulation is None else structs.asdict(simulation.errors)
+    if simulation is None or not (simulation.override or any(isinstance(errors, dict) for errors in told.values())):
+        return
+    from vcfbench.bench.overrides import override_misfits  # noqa: PLC0415
+    from vcfbench.bench.simulated import instrument_models, named_parameters  # noqa: PLC0415
+
+    yield from override_misfits(named_parameters(simulation), simulation.override, "simulation.override")
+    for role, model in instrument_models(description).items():
+        if isinstance(told[role], dict):
+            yield from override_misfits(model.errors_class().none(), told[role], f"simulation.errors.{role}")

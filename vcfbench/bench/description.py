@@ -41,7 +41,7 @@ Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 Resource = Annotated[str, Meta(min_length=1, max_length=200)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86_400.0)]
-Errors = Literal["none", "drawn", "paper"] | dict[str, Any]
+Errors = Literal["none", "drawn"] | dict[str, Any]
 
 
 class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -189,8 +189,8 @@ class ProcedureSettings(_Part, frozen=True, kw_only=True):
 class SimulationErrors(_Part, frozen=True, kw_only=True):
     """The imperfections of each simulated instrument.
 
-    Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed), ``"paper"`` (the specimen
-    chosen for the paper's figures, where there is one) or a table of individual errors by name, the others none.
+    Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed) or a table of individual errors
+    by name, the others none.
     """
 
     power: Errors = "drawn"

@@ -156,8 +156,8 @@ def _words(value: object) -> str:
     """Say what came, short and on one line."""
     if isinstance(value, dict):
         return "a table"
-    if isinstance(value, bool):
-        return str(value).lower()
+    if value is None or isinstance(value, bool):
+        return "nothing" if value is None else str(value).lower()
     text = repr(value)
     if isinstance(value, str | int | float | list):
         return text if len(text) <= 60 else f"{text[:57]}..."

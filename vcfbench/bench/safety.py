@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,10 @@ __all__ = ["LeaveNow", "SafeAction", "SafetyStack", "Stage", "not_safe"]
 
 
 class Stage(IntEnum):
-    """When an instrument is made safe: what can hurt people first, what others lean on last."""
+    """When an instrument is made safe: what can hurt people first, what others lean on last.
+
+    Instruments of `REST` drive nothing; one that does not answer is no danger.
+    """
 
     MOTION = 0
     STIMULUS = 1
@@ -85,10 +88,13 @@ class SafetyStack:
 
     def _run(self, action: SafeAction) -> SafeReport:
         """Run one action in a thread of its own, so that one that hangs does not keep the others from running."""
-        done: list[SafeReport] = []
+        done: list[SafeReport] = []  # a list, for the thread to answer in
         wall_s = action.deadline_s * self._patience + self._grace_s
         _within(wall_s, lambda: done.append(self._isolated(action)))
-        return done[0] if done else _report(action.instrument, f"still busy after {wall_s:g} s")
+        report = done[0] if done else _report(action.instrument, f"still busy after {wall_s:g} s")
+        if action.stage is Stage.REST and not report.safe:
+            return replace(report, safe=True, detail=f"it only listens, but: {report.detail}")
+        return report
 
     def close(self) -> None:
         """Close every instrument, the last opened first; one that fails or hangs keeps no other from being closed."""

@@ -38,6 +38,7 @@ class StopSignals:
         self._count = 0
         self._name = ""
         self._at_safe_point = False
+        self._delivered = False
         self._unwinding = False
         self._closing = False
         self._previous: dict[signal.Signals, object] = {}
@@ -85,7 +86,8 @@ class StopSignals:
         if self._unwinding:
             if self._count >= 3 and not self._closing:
                 raise LeaveNow
-        elif self._at_safe_point or self._count >= 2:
+        elif not self._delivered and (self._at_safe_point or self._count >= 2):
+            self._delivered = True  # once is enough: a second one could hit the very start of the unwinding
             raise self._aborted()
 
     def _aborted(self) -> Aborted:

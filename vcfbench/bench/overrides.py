@@ -1,0 +1,69 @@
+"""Single values of a dataclass by their names, as a bench file gives them: physical parameters, instrument errors."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgspec
+
+from vcfbench.bench.consistency import Misfit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["overridden", "override_misfits"]
+
+T = TypeVar("T")
+
+_KINDS = {"float": "a number", "int": "a whole number", "array": "a list", "str": "a text", "object": "a table"}
+
+
+def overridden(base: T, changes: Mapping[str, Any]) -> T:
+    """Return `base` with `changes` (nested as `base` is) in place of its values."""
+    merged = _merged(msgspec.to_builtins(base), changes)
+    return msgspec.convert(merged, type(base))
+
+
+def override_misfits(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[Misfit]:
+    """Yield what in `changes` is no value of the dataclass `base`; `path` is where the bench file has them."""
+    known = {each.name: getattr(base, each.name) for each in fields(base)}
+    for name, value in changes.items():
+        here = f"{path}.{name}"
+        if name not in known:
+            yield Misfit(here, _suggestion(name, list(known)), value)
+        elif not is_dataclass(known[name]):
+            yield from _value_misfits(base, name, value, here)
+        elif isinstance(value, dict):
+            yield from override_misfits(known[name], value, here)
+        else:
+            yield Misfit(here, f"a table with {', '.join(each.name for each in fields(known[name]))}", value)
+
+
+def _value_misfits(base: Any, name: str, value: object, path: str) -> Iterator[Misfit]:
+    try:
+        overridden(base, {name: value})
+    except (msgspec.ValidationError, ValueError) as error:
+        yield Misfit(path, _expected(str(error)), value)
+
+
+def _expected(message: str) -> str:
+    """Turn msgspec's words into the bench file's."""
+    words = message.partition(" - at `")[0].replace("`", "")
+    missing = words.partition("missing required field ")[2]
+    kind = words.partition("Expected ")[2].partition(", got")[0]
+    return f"every entry to have {missing}" if missing else _KINDS.get(kind, kind or words)
+
+
+def _suggestion(name: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"a known name ({close[0]!r}?)" if close else f"one of {', '.join(known)}"
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for name, value in changes.items():
+        below = merged.get(name)
+        merged[name] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged

@@ -1,0 +1,69 @@
+"""The roles of a bench: when each is made safe, how long that may take, and what proves it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.bench.safety import SafeAction, Stage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable
+
+__all__ = ["ROLES", "STILL_DEG_S", "Role", "filled_roles", "safe_action"]
+
+STILL_DEG_S = 0.05
+"""A read-back below this is a table at rest: above the flutter of any read-back, below any rate worth the name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """A place on the bench: its name in the bench file, when it is made safe, and what shows that it is not."""
+
+    name: str
+    stage: Stage
+    wrong: Callable[[Any], str | None]
+
+
+def filled_roles(description: BenchDescription) -> list[Role]:
+    """Return the roles that the bench fills, in the order of opening."""
+    return [role for role in ROLES if getattr(description, role.name) is not None]
+
+
+def safe_action(role: Role, instrument: Instrument, description: BenchDescription) -> SafeAction:
+    """Return how `instrument` is made safe; a table is given the time to come down from the highest rate."""
+    timeout_s = getattr(description, role.name).timeout_s
+    ramp_s = description.limits.max_rate_deg_s / description.procedure.acceleration_deg_s2
+    deadline_s = 4.0 * timeout_s + (2.0 * ramp_s if role.stage is Stage.MOTION else 0.0)
+    return SafeAction(role.stage, instrument, deadline_s, lambda: role.wrong(instrument))
+
+
+def _turns(table: RateTable) -> str | None:
+    rate = table.rate_deg_s()
+    return None if abs(rate) <= STILL_DEG_S else f"it turns at {rate:.3g} deg/s"
+
+
+def _drives(generator: FunctionGenerator) -> str | None:
+    return "its output is on" if generator.output_enabled() else None
+
+
+def _feeds(supply: PowerSupply) -> str | None:
+    return "its outputs are on" if supply.outputs_enabled() else None
+
+
+def _harmless(_instrument: Instrument) -> None:
+    """Find nothing wrong with an instrument that only listens."""
+
+
+ROLES = (
+    Role("power", Stage.POWER, _feeds),
+    Role("rate_source", Stage.STIMULUS, _drives),
+    Role("vibration_source", Stage.STIMULUS, _drives),
+    Role("multimeter", Stage.REST, _harmless),
+    Role("oscilloscope", Stage.REST, _harmless),
+    Role("rate_table", Stage.MOTION, _turns),
+)
+"""All roles in the order of opening; the table comes last, so that nothing can move before all else is there."""

@@ -1,0 +1,276 @@
+"""Builds what stands behind the resources of a simulated bench: one World, and the instruments that look at it.
+
+Every random stream comes from the seed and the name of what draws from it, so that an instrument more or less
+changes nothing for the others.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
+from itertools import chain, count
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.overrides import overridden
+from vcfbench.clock import ScaledClock
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.random import Generator, SeedSequence
+
+    from vcfbench.bench.description import BenchDescription, Simulation
+    from vcfbench.clock import Clock
+    from vcfbench.sim.device import Device
+    from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.world import Drive, World
+
+__all__ = [
+    "Model",
+    "SimulatedBench",
+    "instrument_errors",
+    "instrument_models",
+    "named_parameters",
+    "physical_parameters",
+    "resolve",
+]
+
+
+class Model(NamedTuple):
+    """Where a simulated instrument and the dataclass of its errors live."""
+
+    module: str
+    device: str
+    errors: str
+
+    def device_class(self) -> Any:
+        """Import the instrument."""
+        return getattr(import_module(f"vcfbench.sim.{self.module}"), self.device)
+
+    def errors_class(self) -> Any:
+        """Import the dataclass of its errors."""
+        return getattr(import_module(f"vcfbench.sim.{self.module}"), self.errors)
+
+
+_MODELS = {
+    "E3631A": Model("instruments.e3631a", "E3631A", "SupplyErrors"),
+    "33220A": Model("instruments.agilent33220a", "Agilent33220A", "GeneratorErrors"),
+    "34401A": Model("instruments.hp34401a", "Hp34401A", "MeterErrors"),
+    "DSO7104B": Model("instruments.dso7104b", "Dso7104B", "ScopeErrors"),
+    "acl": Model("rate_tables.acl", "AclTable", "TableErrors"),
+}
+
+_STREAMS = {
+    "world": 0,
+    "power": 1,
+    "rate_source": 2,
+    "multimeter": 3,
+    "oscilloscope": 4,
+    "rate_table": 5,
+    "vibration_source": 6,
+}
+"""Number of each random stream; numbers are never given again, so that a seed keeps its meaning."""
+
+
+def instrument_models(description: BenchDescription) -> dict[str, Model]:
+    """Return the simulated model of every role that the bench fills."""
+    models = {
+        "power": description.power.model,
+        "rate_source": description.rate_source.model,
+        "multimeter": description.multimeter.model,
+        "oscilloscope": description.oscilloscope.model,
+        "rate_table": description.rate_table.dialect,
+    }
+    if description.vibration_source is not None:
+        models["vibration_source"] = description.vibration_source.model
+    return {role: _MODELS[model] for role, model in models.items()}
+
+
+def named_parameters(simulation: Simulation) -> BenchParameters:
+    """Return the shipped parameter set that the bench file names."""
+    from vcfbench.sim.parameters import BenchParameters  # noqa: PLC0415
+
+    return BenchParameters.ideal() if simulation.parameters == "ideal" else BenchParameters.paper()
+
+
+def physical_parameters(description: BenchDescription) -> BenchParameters:
+    """Return the parameters of gyroscope, PCB and table: the named set at the bench's latitude, then the overrides."""
+    simulation = _simulation(description)
+    named = named_parameters(simulation)
+    here = replace(named, site=replace(named.site, latitude_deg=description.site.latitude_deg))
+    return overridden(here, simulation.override)
+
+
+def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:
+    """Return the imperfections of every simulated instrument, as the bench file asks for them."""
+    asked = _simulation(description).errors
+    return {
+        role: _errors(model.errors_class(), getattr(asked, role), _stream(seed, role))
+        for role, model in instrument_models(description).items()
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedBench:
+    """World and instruments of a simulated bench; `devices` by role."""
+
+    description: BenchDescription
+    world: World
+    devices: Mapping[str, Device]
+
+    @classmethod
+    def build(cls, description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        """Build the bench on `clock`; the same seed gives the same bench."""
+        from vcfbench.sim.attendance import AttendedClock  # noqa: PLC0415
+        from vcfbench.sim.world import World  # noqa: PLC0415
+
+        attended = AttendedClock(clock)
+        world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
+        devices = _devices(description, world, instrument_errors(description, seed))
+        attended.attend(*devices.values())
+        return cls(description, world, devices)
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that everything on this bench waits on."""
+        return self.world.clock
+
+    def visa_devices(self) -> dict[str, Device]:
+        """Return the devices on VISA by the resource names of the bench file."""
+        return {
+            getattr(self.description, role).resource: device
+            for role, device in self.devices.items()
+            if role != "rate_table"
+        }
+
+    @contextmanager
+    def registered(self) -> Iterator[str]:
+        """Make the instruments reachable for PyVISA and pyserial; yield the handle.
+
+        The library is ``{handle}@vcfbench``, the rate table's port ``sim://{handle}``.
+        """
+        from vcfbench.sim import serial_backend  # noqa: PLC0415
+
+        with _own_handle(self.description.name) as handle:
+            self._register(handle)
+            try:
+                yield handle
+            finally:
+                serial_backend.unregister(handle)
+                _visa_library().unregister(handle)
+
+    def _register(self, handle: str) -> None:
+        from vcfbench.sim import serial_backend  # noqa: PLC0415
+
+        try:
+            _visa_library().register(handle, self.visa_devices(), self.clock)
+        except ValueError as error:
+            raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
+        serial_backend.register(handle, self.devices["rate_table"], self.clock)
+
+
+def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
+    """Return VISA instruments and clock of the bench file `path` ("" the paper bench), running in real time.
+
+    Programs that know nothing of simulated time come this way; they wait with clocks of their own.
+
+    Raises:
+        OSError: the bench file cannot be used; PyVISA's word for a library that is not there.
+    """
+    try:
+        description = load_bench(path or None)
+        built = SimulatedBench.build(description, _simulation(description).seed, ScaledClock())
+    except ConfigError as error:
+        raise OSError(str(error)) from error
+    return built.visa_devices(), built.clock
+
+
+def _simulation(description: BenchDescription) -> Simulation:
+    if description.simulation is None:
+        raise ConfigError(
+            f"{description.name}: a simulated bench is needed, this is a real one",
+            hint="its bench file has no table [simulation]",
+        )
+    return description.simulation
+
+
+def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Device]:
+    wiring, roles = description.wiring, instrument_models(description)
+    rails = {wiring.rails.positive: "positive", wiring.rails.negative: "negative"}
+    settings: dict[str, dict[str, Any]] = {
+        "power": {"rails": rails},
+        "multimeter": {"node": wiring.multimeter, "mains_hz": float(description.site.mains_hz)},
+        "oscilloscope": {"channels": wiring.oscilloscope.channels()},
+        "rate_table": {"header": _header(description.rate_table.reply_header)},
+    }
+    return {
+        role: model.device_class()(
+            _NotWired(world) if role == "vibration_source" else world, errors=errors[role], **settings.get(role, {})
+        )
+        for role, model in roles.items()
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _NotWired:
+    """The World as seen by a generator that drives nothing of it: the gyro model has no vibration input yet."""
+
+    world: World
+
+    @property
+    def clock(self) -> Clock:
+        return self.world.clock
+
+    def drive_v_vc(self, source: Drive | None) -> None:
+        del source
+
+
+def _header(asked: str) -> str:
+    """Return what a simulated table puts before its replies: where the driver finds out by itself, nothing."""
+    return "none" if asked == "auto" else asked
+
+
+def _errors(kind: Any, asked: str | dict[str, Any], random: Generator) -> Any:
+    if isinstance(asked, dict):
+        return overridden(kind.none(), asked)
+    return kind.drawn(random) if asked == "drawn" else kind.none()
+
+
+def _sequence(seed: int, name: str) -> SeedSequence:
+    from numpy.random import SeedSequence  # noqa: PLC0415
+
+    return SeedSequence(seed, spawn_key=(_STREAMS[name],))
+
+
+def _stream(seed: int, name: str) -> Generator:
+    from numpy.random import default_rng  # noqa: PLC0415
+
+    return default_rng(_sequence(seed, name))
+
+
+def _integer(sequence: SeedSequence) -> int:
+    return int(sequence.generate_state(1)[0])
+
+
+def _visa_library() -> Any:
+    from vcfbench.sim.visa_backend import SimVisaLibrary  # noqa: PLC0415
+
+    return SimVisaLibrary
+
+
+_HANDLES: set[str] = set()  # PyVISA and pyserial find a bench by name alone, so names in use must be known here
+
+
+@contextmanager
+def _own_handle(name: str) -> Iterator[str]:
+    """Reserve `name`, or the first of ``name-2``, ``name-3``... that is free."""
+    numbered = chain([name], (f"{name}-{number}" for number in count(2)))
+    handle = next(free for free in numbered if free.lower() not in _HANDLES)
+    _HANDLES.add(handle.lower())
+    try:
+        yield handle
+    finally:
+        _HANDLES.discard(handle.lower())

@@ -1,0 +1,86 @@
+"""What a bench stands on: clock, wires, and the right to use them. Real and simulated differ here and nowhere else."""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.bench.lock import station_lock
+from vcfbench.clock import PacedClock, VirtualClock, WallClock
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
+
+    from vcfbench.bench.description import BenchDescription, Simulation
+    from vcfbench.clock import Clock
+
+__all__ = ["Station", "station"]
+
+FASTEST = "max"
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A bench before its instruments are opened.
+
+    `patience` is how many seconds of wall time a second of bench time may take; `seed` is None on a real bench.
+    """
+
+    clock: Clock
+    visa_library: str
+    rate_table: str
+    seed: int | None = None
+    patience: float = 1.0
+
+
+def station(
+    description: BenchDescription, seed: int | None, speed: str | float | None
+) -> AbstractContextManager[Station]:
+    """Return the context in which the bench's instruments can be opened.
+
+    Raises:
+        ConfigError: `speed` is no speed, or is asked of a real bench.
+        BenchError: another process has the real bench.
+    """
+    pace = _pace(speed)
+    if description.simulation is not None:
+        return _simulated(description, description.simulation, seed, pace)
+    if pace is not None:
+        raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
+    return _real(description)
+
+
+@contextmanager
+def _real(description: BenchDescription) -> Iterator[Station]:
+    with station_lock(description.name):
+        yield Station(WallClock(), description.visa_library, description.rate_table.resource)
+
+
+@contextmanager
+def _simulated(
+    description: BenchDescription, simulation: Simulation, seed: int | None, pace: float | None
+) -> Iterator[Station]:
+    from vcfbench.bench.simulated import SimulatedBench  # noqa: PLC0415
+
+    used = simulation.seed if seed is None else seed
+    bench = SimulatedBench.build(description, used, VirtualClock() if pace is None else PacedClock(pace))
+    with bench.registered() as handle:
+        patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
+        yield Station(bench.clock, f"{handle}@vcfbench", f"sim://{handle}", used, patience)
+
+
+def _pace(speed: str | float | None) -> float | None:
+    """Return how many times real time to run at, None for as fast as it goes."""
+    if speed is None or speed == FASTEST:
+        return None
+    try:
+        pace = float(speed)
+    except ValueError:
+        pace = math.nan
+    if not (math.isfinite(pace) and pace > 0.0):
+        raise ConfigError(f"--speed {speed}: expected a number above 0, or {FASTEST!r}")
+    return pace
