@@ -1,4 +1,4 @@
-"""Non-linearity by every definition in use; each result is named, since they differ by a factor of twenty.
+"""Non-linearity by every definition in use; each result is named, since they differ by a factor of ten.
 
 All are relative to the span or to the one-sided full scale, in ppm. `None` stands where the points do not allow the
 definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slope that rounds to nothing.

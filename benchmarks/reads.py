@@ -1,0 +1,73 @@
+"""Checked driver reads a second through simulated instruments in process, beside PyMeasure over PyVISA-sim."""
+
+from __future__ import annotations
+
+import importlib.util
+import tempfile
+from pathlib import Path
+
+from measure import Figure, per_second, report
+
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.file import load_bench
+
+PEER = """
+spec: "1.1"
+devices:
+  dmm:
+    eom:
+      TCPIP SOCKET: {q: "\\n", r: "\\n"}
+    error: ERROR
+    dialogues:
+      - {q: "READ?", r: "+1.23456789E+00"}
+resources:
+  TCPIP0::localhost::5025::SOCKET: {device: dmm}
+"""
+
+
+def figures() -> list[Figure]:
+    with open_bench(load_bench(None)) as bench:
+        bench.multimeter.configure_dc_voltage(10.0, 1)
+        ours = {
+            "identity": per_second(bench.multimeter.identify),
+            "supply voltage": per_second(lambda: bench.power.measure_voltage_v("P25V")),
+            "multimeter reading, physics included": per_second(bench.multimeter.read_voltage_v),
+            "table rate": per_second(bench.rate_table.rate_deg_s),
+        }
+    found = [report(Figure(f"driver read in process: {name}", rate, "1/s")) for name, rate in ours.items()]
+    peer = _peer()
+    if peer is not None:
+        found += [
+            report(Figure("PyMeasure over PyVISA-sim", peer, "1/s")),
+            report(
+                Figure(
+                    "driver read against PyMeasure over PyVISA-sim",
+                    ours["identity"] / peer,
+                    "ratio",
+                    bar=1,
+                    gross=0.2,
+                    at_least=True,
+                )
+            ),
+        ]
+    return found
+
+
+def _peer() -> float | None:
+    if any(importlib.util.find_spec(name) is None for name in ("pymeasure", "pyvisa_sim")):
+        return None
+    from pymeasure.instruments import Instrument  # noqa: PLC0415 - a peer that need not be there
+
+    class Meter(Instrument):
+        voltage = Instrument.measurement("READ?", "Read the voltage.")
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "dmm.yaml"
+        file.write_text(PEER)
+        end = {"read_termination": "\n", "write_termination": "\n"}
+        meter = Meter("TCPIP0::localhost::5025::SOCKET", "meter", visa_library=f"{file}@sim", **end)
+        return per_second(lambda: meter.voltage)
+
+
+if __name__ == "__main__":
+    figures()
