@@ -67,6 +67,7 @@ from vcfbench.sim.scpi.parameters import (
     Quantity,
     Special,
     Text,
+    Word,
     clip,
     refuse,
 )
@@ -103,6 +104,7 @@ __all__ = [
     "Special",
     "Status",
     "Text",
+    "Word",
     "bare_integer",
     "block",
     "boolean",

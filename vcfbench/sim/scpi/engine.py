@@ -18,7 +18,7 @@ from vcfbench.sim.scpi.parameters import Limits, Violation, refuse
 from vcfbench.sim.scpi.status import Register, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from vcfbench.clock import Clock
     from vcfbench.sim.scpi.table import CommandTable, Program, Step
@@ -176,8 +176,8 @@ class ScpiEngine:
         self._partial = bytearray()
         self._overflowed = False
         self._queue: deque[Program] = deque()
-        self._steps: Iterator[Step] = iter(())
-        self._head: Step | None = None
+        self._steps: Program = ()
+        self._next = 0
         self._pending: Pending | None = None
         self._pending_step: Step | None = None
         self._replies: list[str | bytes] = []
@@ -345,7 +345,8 @@ class ScpiEngine:
             self._output.clear()
             self._offset = 0
             self.report(ScpiError(-410))
-        self._steps = iter(program)
+        self._steps = program
+        self._next = 0
 
     def _advance(self) -> None:
         """Execute what can be executed now."""
@@ -353,9 +354,9 @@ class ScpiEngine:
             if self._pending is not None and not self._complete():
                 self._execute_urgent()
                 break
-            step = next(self._steps, None)
-            if step is not None:
-                self._execute(step)
+            if self._next < len(self._steps):
+                self._next += 1
+                self._execute(self._steps[self._next - 1])
                 continue
             if self._replies:
                 self._respond()
@@ -413,13 +414,21 @@ class ScpiEngine:
         """Report; a command error or a query error also ends the message, an execution error does not."""
         self.report(error)
         if not -299 <= error.number <= -200 and error.number < 0:
-            self._steps = iter(())
+            self._steps = ()
 
     def _execute_urgent(self) -> None:
-        """Let a queued trigger through to a sequence that waits for one."""
-        while self._queue and all(step.urgent for step in self._queue[0]):
-            for step in self._queue.popleft():
-                self._call(step)
+        """Let a trigger through to a sequence that waits for one."""
+        while self._pending is not None:
+            if self._next == len(self._steps) and self._queue and not self._replies:
+                if not self._queue[0] or not self._queue[0][0].urgent:
+                    return
+                self._begin(self._queue.popleft())
+            if self._next == len(self._steps) or not self._steps[self._next].urgent:
+                return
+            self._next += 1
+            self._call(self._steps[self._next - 1])
+            if self._pending.ready_at() is not None:
+                return
 
     # --- output -------------------------------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ __all__ = [
     "Special",
     "Text",
     "Violation",
+    "Word",
     "clip",
     "refuse",
 ]
@@ -154,6 +155,8 @@ class Number(Parameter):
         words: further words and the numbers they stand for, e.g. `{"INFinity": math.inf}`.
         name: what the value is called in a message about clipping.
         with_unit: hand over a :class:`Quantity` instead of a float.
+        deferred: hand over what was parsed, a number or a Special; the handler settles it with another Number
+            (when the limits depend on an earlier parameter).
     """
 
     unit: str | tuple[str, ...] = ""
@@ -162,6 +165,7 @@ class Number(Parameter):
     words: Mapping[str, float] = field(default_factory=dict)
     name: str = ""
     with_unit: bool = False
+    deferred: bool = False
     suffixes: Mapping[str, Quantity] = field(init=False, repr=False, compare=False)
     specials: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
@@ -172,7 +176,7 @@ class Number(Parameter):
             suffixes |= _suffixes(name)
         specials: dict[str, Any] = {}
         pairs: list[tuple[str, Any]] = [*self.words.items()]
-        pairs += [(special.value, special) for special in Special] if self.limits is not None else []
+        pairs += [(special.value, special) for special in Special] if self.limits is not None or self.deferred else []
         for word, meaning in pairs:
             specials |= dict.fromkeys(Mnemonic.parse(word).spellings, meaning)
         object.__setattr__(self, "suffixes", suffixes)
@@ -181,7 +185,7 @@ class Number(Parameter):
     @property
     def fixed(self) -> bool:
         """A number without limits, words or legal values needs no second look."""
-        return self.limits is None and not self.legal and not self.with_unit
+        return self.deferred or (self.limits is None and not self.legal)
 
     def parse(self, token: Token) -> Any:
         """Return a Quantity, a Special, or a float for a word."""
@@ -342,6 +346,19 @@ class Text(Parameter):
             raise self.refuse_kind(token)
         if self.limit is not None and len(token.text) > self.limit:
             raise ScpiError(-223)
+        return token.text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Word(Parameter):
+    """Any unquoted word, in upper case (security codes)."""
+
+    def parse(self, token: Token) -> str:
+        """Return the word."""
+        if token.kind is Kind.NUMBER:
+            raise _NumberNotAllowed
+        if token.kind is not Kind.WORD:
+            raise self.refuse_kind(token)
         return token.text
 
 
