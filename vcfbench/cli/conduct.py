@@ -1,0 +1,313 @@
+"""Conducts a run: from the bench file through the open bench to the record and the answer of ``vcfbench run``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.interfaces import SafeReport
+    from vcfbench.procedures.catalogue import Procedure
+    from vcfbench.procedures.executor import Execution
+    from vcfbench.procedures.rehearsal import Rehearsed
+    from vcfbench.procedures.settings import CalibrationSettings
+    from vcfbench.record.directory import RunDirectory
+    from vcfbench.record.journal import Journal
+    from vcfbench.record.schema import Point
+    from vcfbench.report.progress import NoProgress
+
+__all__ = ["Record", "RunOptions", "RunReport", "conduct"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What the command line asked for."""
+
+    bench: Path | None
+    seed: int | None
+    json: bool
+    dry_run: bool
+    runs: Path
+    speed: str
+    quiet: bool
+    match: str
+
+
+def conduct(name: str, options: RunOptions) -> None:
+    """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell."""
+    report = RunReport(name)
+    try:
+        _dry_run(name, options) if options.dry_run else _run(report, options)
+    except BenchError as error:
+        report.error = report.error or error
+    if not options.dry_run:
+        report.show(options)
+    if report.error is not None:
+        raise report.error
+
+
+@dataclass(slots=True)
+class RunReport:
+    """All that is known of a run, filled in as it comes to be known; what is not, stays empty."""
+
+    procedure: str
+    description: BenchDescription | None = None
+    seed: int | None = None
+    directory: RunDirectory | None = None
+    execution: Execution | None = None
+    results: dict[str, Any] | None = None
+    error: BenchError | None = None
+
+    @property
+    def status(self) -> str:
+        """Complete when every step was performed and the results could be computed."""
+        return "complete" if self.results is not None else "aborted"
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """The points that were measured."""
+        return () if self.execution is None else self.execution.points
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the answer of ``--json``; an aborted run has the error beside the points it kept."""
+        description, execution = self.description, self.execution
+        answer: dict[str, Any] = {
+            "run": None if self.directory is None else self.directory.run,
+            "procedure": self.procedure,
+            "status": self.status,
+            "bench": None if description is None else description.name,
+            "simulated": None if description is None else description.simulated,
+            "seed": self.seed,
+            "bench_seconds": 0.0 if execution is None else execution.bench_seconds,
+            "points": [point.as_json() for point in self.points],
+            "results": self.results or {},
+        }
+        return answer if self.error is None else {**answer, "error": str(self.error)}
+
+    def show(self, options: RunOptions) -> None:
+        """Print the answer: one JSON object, or table, fits and record."""
+        if options.json:
+            import msgspec  # noqa: PLC0415
+
+            typer.echo(msgspec.json.encode(self.as_json()).decode())
+        elif self.execution is not None:
+            self._show_text(self.execution)
+
+    def _show_text(self, execution: Execution) -> None:
+        from vcfbench.report.table import summary  # noqa: PLC0415
+
+        typer.echo(summary(self.procedure, self.points, self.results or {}))
+        typer.echo(
+            f"\n{self.status}: {execution.bench_seconds:.1f} s of bench time, "
+            f"{execution.physical_minimum_s:.1f} s of it windows, ramps and settling"
+        )
+        if self.directory is not None:
+            typer.echo(f"record: {self.directory.path}")
+
+
+def _prepare(report: RunReport, options: RunOptions) -> tuple[Procedure, CalibrationSettings]:
+    """Read the bench file and check what was asked against it; nothing is opened."""
+    from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
+    from vcfbench.procedures.settings import settings_of  # noqa: PLC0415
+
+    description = load_bench(options.bench)
+    report.description = description
+    if description.simulation is not None:
+        report.seed = description.simulation.seed if options.seed is None else options.seed
+    elif options.seed is not None:
+        raise ConfigError(f"--seed {options.seed}: {description.name} is a real bench, only simulated ones have a seed")
+    return procedure(report.procedure), settings_of(description, _match(options.match))
+
+
+def _match(name: str) -> Any:
+    from vcfbench.procedures.settings import Match  # noqa: PLC0415
+
+    try:
+        return Match(name)
+    except ValueError:
+        known = " or ".join(match.value for match in Match)
+        raise ConfigError(f"--match {name}: expected {known}") from None
+
+
+def _rehearse(procedure: Procedure, settings: CalibrationSettings) -> list[Rehearsed]:
+    from vcfbench.procedures.rehearsal import StraightGyro, rehearse  # noqa: PLC0415
+
+    return list(rehearse(procedure.plan(settings), StraightGyro(settings.k_vc_guess)))
+
+
+def _estimate_s(rehearsed: Sequence[Rehearsed]) -> float:
+    return rehearsed[-1].t_s + rehearsed[-1].step.duration_s
+
+
+def _dry_run(name: str, options: RunOptions) -> None:
+    procedure, settings = _prepare(RunReport(name), options)
+    rehearsed = _rehearse(procedure, settings)
+    minimum_s = sum(each.step.physical_s for each in rehearsed)
+    if options.json:
+        import msgspec  # noqa: PLC0415
+
+        typer.echo(msgspec.json.encode(_dry_run_json(name, rehearsed, minimum_s)).decode())
+        return
+    for each in rehearsed:
+        typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
+    typer.echo(
+        f"estimated bench time {_estimate_s(rehearsed):.0f} s, {minimum_s:.0f} s of it windows, ramps and settling"
+    )
+
+
+def _dry_run_json(name: str, rehearsed: Sequence[Rehearsed], minimum_s: float) -> dict[str, Any]:
+    return {
+        "procedure": name,
+        "dry_run": True,
+        "estimated_bench_seconds": _estimate_s(rehearsed),
+        "physical_minimum_s": minimum_s,
+        "steps": [
+            {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
+            for each in rehearsed
+        ],
+    }
+
+
+def _run(report: RunReport, options: RunOptions) -> None:
+    """Open the bench, perform the plan, make all safe, and only then close the record."""
+    from vcfbench.bench.bench import open_bench  # noqa: PLC0415
+
+    procedure, settings = _prepare(report, options)
+    description = report.description
+    assert description is not None  # noqa: S101  # _prepare filled it in
+    record = Record(report, procedure, settings)
+    try:
+        with (
+            open_bench(description, seed=report.seed, speed=options.speed) as bench,
+            _progress(options, _estimate_s(_rehearse(procedure, settings))) as progress,
+        ):
+            record.perform(bench, options, progress)
+    except BenchError as error:
+        _take_error(report, error)
+    except KeyboardInterrupt:
+        _take_error(report, Aborted("stopped by the operator"))
+    record.close()
+
+
+def _take_error(report: RunReport, error: BenchError) -> None:
+    """Keep the first error, unless something is not safe: that comes before everything."""
+    if isinstance(error, NotSafe) and report.error is not None:
+        error.hint = "; ".join(filter(None, [error.hint, f"before that: {report.error}"]))
+    if isinstance(error, NotSafe) or report.error is None:
+        report.error = error
+
+
+def _progress(options: RunOptions, estimate_s: float) -> NoProgress:
+    from vcfbench.report.progress import LineProgress, LiveProgress, NoProgress  # noqa: PLC0415
+
+    if options.quiet:
+        return NoProgress()
+    kind = LiveProgress if sys.stderr.isatty() else LineProgress
+    return kind(sys.stderr, estimate_s)
+
+
+@dataclass(slots=True)
+class Record:
+    """The record of one run: journal while it goes, results and points when it is over."""
+
+    report: RunReport
+    procedure: Procedure
+    settings: CalibrationSettings
+    journal: Journal | None = None
+    safe_reports: Sequence[SafeReport] = ()
+
+    def perform(self, bench: Bench, options: RunOptions, progress: NoProgress) -> None:
+        """Open the journal, perform the plan on `bench`, and keep what came of it in the report."""
+        from vcfbench.procedures.executor import Executor  # noqa: PLC0415
+        from vcfbench.record.directory import create_run  # noqa: PLC0415
+        from vcfbench.record.journal import Journal  # noqa: PLC0415
+
+        self.report.directory = create_run(options.runs, self.procedure.name)
+        self.journal = Journal(self.report.directory.journal)
+        self.journal.header(self._header(bench, options))
+        self.safe_reports = bench.safe_reports  # filled when the bench is left
+        executor = Executor(bench, self.journal, [progress])
+        try:
+            execution = executor.execute(self.procedure.plan(self.settings))
+        finally:
+            self.report.execution = executor.so_far()
+        self.report.error = execution.error
+
+    def _header(self, bench: Bench, options: RunOptions) -> dict[str, Any]:
+        import msgspec  # noqa: PLC0415
+
+        return {
+            "run": self.report.as_json()["run"],
+            "procedure": self.procedure.name,
+            "simulated": bench.simulated,
+            "seed": self.report.seed,
+            "versions": _versions(),
+            "identities": msgspec.to_builtins(bench.identities),
+            "options": {key: str(value) for key, value in asdict(options).items()},
+            "settings": asdict(self.settings),
+            "bench": msgspec.to_builtins(bench.description),
+        }
+
+    def close(self) -> None:
+        """Compute the results, end the journal, and write what is derived from it."""
+        report = self.report
+        if report.execution is not None and report.execution.error is None:
+            self._compute()
+        if self.journal is None:
+            return
+        try:
+            self.journal.footer(self._footer())
+            self._derive()
+        except BenchError as error:
+            _take_error(report, error)
+        finally:
+            self.journal.close()
+
+    def _compute(self) -> None:
+        try:
+            self.report.results = self.procedure.results(self.settings, self.report.points)
+        except ConfigError as error:
+            _take_error(self.report, MeasurementError(f"the points give no result: {error.what}"))
+
+    def _footer(self) -> dict[str, Any]:
+        report, execution = self.report, self.report.execution
+        error = None if report.error is None else {"kind": type(report.error).__name__, "what": str(report.error)}
+        return {
+            "status": report.status,
+            "error": error,
+            "points": len(report.points),
+            "bench_seconds": None if execution is None else execution.bench_seconds,
+            "physical_minimum_s": None if execution is None else execution.physical_minimum_s,
+            "safe": [asdict(safe) for safe in self.safe_reports],
+        }
+
+    def _derive(self) -> None:
+        from vcfbench.record.export import points_csv, write_result, write_text  # noqa: PLC0415
+
+        report = self.report
+        if report.directory is None or report.execution is None:
+            return
+        answer = report.as_json()
+        del answer["run"]  # it holds the time of day; the same seed shall give the same bytes
+        answer["physical_minimum_s"] = report.execution.physical_minimum_s
+        write_result(report.directory.path / "result.json", answer)
+        write_text(report.directory.path / "points.csv", points_csv(report.points))
+
+
+def _versions() -> Mapping[str, str]:
+    import platform  # noqa: PLC0415
+    from importlib.metadata import version  # noqa: PLC0415
+
+    packages = ("vcfbench", "numpy", "pyvisa", "pyvisa-py", "pyserial")
+    return {"python": platform.python_version(), **{package: version(package) for package in packages}}
