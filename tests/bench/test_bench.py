@@ -98,7 +98,7 @@ def test_all_that_does_not_open_is_told_and_the_rest_made_safe(
 
 def test_a_table_that_turns_is_refused_and_stopped(real: BenchDescription, rack: Callable[..., FakeRack]) -> None:
     fakes = rack(rate_table="turns")
-    with pytest.raises(InterlockError, match=r"found turning at 12\.5 deg/s") as caught, open_bench(real):
+    with pytest.raises(InterlockError, match=r"it turns at 12\.5 deg/s before") as caught, open_bench(real):
         pytest.fail("the bench opened")
     assert caught.value.exit_code == 3
     safe_and_closed(fakes)
@@ -109,7 +109,7 @@ def test_a_table_that_cannot_be_stopped_is_not_safe(real: BenchDescription, rack
     with pytest.raises(NotSafe, match=r"it turns at 12\.5 deg/s") as caught, open_bench(real):
         pytest.fail("the bench opened")
     assert isinstance(caught.value.__cause__, InterlockError)
-    assert "before that: rate_table at FAKE::rate_table: found turning" in str(caught.value)
+    assert "before that: rate_table at FAKE::rate_table: it turns" in str(caught.value)
     safe_and_closed(fakes)
 
 

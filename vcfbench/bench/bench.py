@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.limits import LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
-from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
+from vcfbench.bench.roles import filled_roles, require_still, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, not_safe
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.bench.station import station
-from vcfbench.errors import BenchError, InterlockError, NotSafe
+from vcfbench.errors import BenchError, NotSafe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -81,7 +81,7 @@ def open_bench(
         try:
             try:
                 opened = _open_all(description, stand, safety, signals)
-                _refuse_turning(opened.instruments["rate_table"])
+                require_still(opened.instruments["rate_table"])
                 yield _bench(description, ControlClock(stand.clock, signals), stand.seed, opened, reports)
             finally:
                 signals.unwind()
@@ -120,17 +120,6 @@ def _all(failures: list[BenchError]) -> BenchError:
     if len(failures) == 1:
         return failures[0]
     return BenchError(f"{len(failures)} instruments did not open: {'; '.join(map(str, failures))}")
-
-
-def _refuse_turning(table: RateTable) -> None:
-    rate = table.rate_deg_s()
-    if abs(rate) > STILL_DEG_S:
-        raise InterlockError(
-            f"found turning at {rate:.4g} deg/s before anything was asked of it",
-            instrument=table.name,
-            resource=table.resource,
-            hint="it is being stopped; find out what turned it",
-        )
 
 
 def _bench(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.safety import SafeAction, Stage
+from vcfbench.errors import InterlockError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable
 
-__all__ = ["ROLES", "STILL_DEG_S", "Role", "filled_roles", "safe_action"]
+__all__ = ["ROLES", "STILL_DEG_S", "Role", "filled_roles", "require_still", "safe_action"]
 
 STILL_DEG_S = 0.05
 """A read-back below this is a table at rest: above the flutter of any read-back, below any rate worth the name."""
@@ -39,6 +40,17 @@ def safe_action(role: Role, instrument: Instrument, description: BenchDescriptio
     ramp_s = description.limits.max_rate_deg_s / description.procedure.acceleration_deg_s2
     deadline_s = 4.0 * timeout_s + (2.0 * ramp_s if role.stage is Stage.MOTION else 0.0)
     return SafeAction(role.stage, instrument, deadline_s, lambda: role.wrong(instrument))
+
+
+def require_still(table: RateTable) -> None:
+    """Raise InterlockError when the table turns before anything was asked of it."""
+    if wrong := _turns(table):
+        raise InterlockError(
+            f"{wrong} before anything was asked of it",
+            instrument=table.name,
+            resource=table.resource,
+            hint="it is being stopped; find out what turned it",
+        )
 
 
 def _turns(table: RateTable) -> str | None:

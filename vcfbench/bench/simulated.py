@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Model",
     "SimulatedBench",
+    "chosen_seed",
     "instrument_errors",
     "instrument_models",
     "named_parameters",
@@ -73,6 +74,11 @@ _STREAMS = {
     "vibration_source": 6,
 }
 """Number of each random stream; numbers are never given again, so that a seed keeps its meaning."""
+
+
+def chosen_seed(description: BenchDescription, seed: int | None) -> int:
+    """Return `seed`, or the bench file's when there is none."""
+    return _simulation(description).seed if seed is None else seed
 
 
 def instrument_models(description: BenchDescription) -> dict[str, Model]:

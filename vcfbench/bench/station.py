@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
 
-    from vcfbench.bench.description import BenchDescription, Simulation
+    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
 
 __all__ = ["Station", "station"]
@@ -48,7 +48,7 @@ def station(
     """
     pace = _pace(speed)
     if description.simulation is not None:
-        return _simulated(description, description.simulation, seed, pace)
+        return _simulated(description, seed, pace)
     if pace is not None:
         raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
     return _real(description)
@@ -61,12 +61,10 @@ def _real(description: BenchDescription) -> Iterator[Station]:
 
 
 @contextmanager
-def _simulated(
-    description: BenchDescription, simulation: Simulation, seed: int | None, pace: float | None
-) -> Iterator[Station]:
-    from vcfbench.bench.simulated import SimulatedBench  # noqa: PLC0415
+def _simulated(description: BenchDescription, seed: int | None, pace: float | None) -> Iterator[Station]:
+    from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415
 
-    used = simulation.seed if seed is None else seed
+    used = chosen_seed(description, seed)
     bench = SimulatedBench.build(description, used, VirtualClock() if pace is None else PacedClock(pace))
     with bench.registered() as handle:
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)

@@ -1,0 +1,89 @@
+"""Tries every instrument of a bench and says what is wrong with each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+from vcfbench.bench.opening import open_role
+from vcfbench.bench.roles import filled_roles, require_still, safe_action
+from vcfbench.bench.safety import SafetyStack, Stage, not_safe
+from vcfbench.bench.signals import StopSignals
+from vcfbench.bench.station import station
+from vcfbench.errors import BenchError, InterlockError
+
+if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.roles import Role
+    from vcfbench.bench.station import Station
+    from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
+
+__all__ = ["BenchCheck", "CheckedInstrument", "check_bench"]
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedInstrument:
+    """One instrument: who answered (None: nobody), and what is wrong with it (None: nothing)."""
+
+    role: str
+    resource: str
+    identity: Identity | None
+    problem: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class BenchCheck:
+    """All instruments of a bench, and how making them safe afterwards ended."""
+
+    instruments: list[CheckedInstrument]
+    safe_reports: list[SafeReport]
+
+    def failure(self) -> BenchError | None:
+        """Return the error that the check amounts to: NotSafe before all else, None when all is well."""
+        bad = [each.role for each in self.instruments if each.problem is not None]
+        return not_safe(self.safe_reports) or (BenchError(f"not ready: {', '.join(bad)}") if bad else None)
+
+
+def check_bench(description: BenchDescription) -> BenchCheck:
+    """Open every instrument, ask who it is, read its error queue and, of a table, its faults; then make all safe.
+
+    Raises:
+        BenchError: another process has the bench.
+    """
+    with StopSignals() as signals, station(description, None, None) as stand:
+        safety = SafetyStack(stand.clock, patience=stand.patience)
+        checked: list[CheckedInstrument] = []
+        reports: list[SafeReport] = []
+        try:
+            for role in filled_roles(description):
+                signals.safe_point()
+                checked.append(_check(role, description, stand, safety))
+        finally:
+            signals.unwind()
+            reports += safety.make_safe()
+            signals.close()
+            safety.close()
+    return BenchCheck(checked, reports)
+
+
+def _check(role: Role, description: BenchDescription, stand: Station, safety: SafetyStack) -> CheckedInstrument:
+    resource = getattr(description, role.name).resource
+    try:
+        instrument, identity = open_role(role.name, description, stand)
+    except BenchError as error:
+        return CheckedInstrument(role.name, resource, None, str(error))
+    safety.register(safe_action(role, instrument, description))
+    try:
+        _examine(role, instrument)
+    except BenchError as error:
+        return CheckedInstrument(role.name, resource, identity, str(error))
+    return CheckedInstrument(role.name, resource, identity, None)
+
+
+def _examine(role: Role, instrument: Instrument) -> None:
+    instrument.check_errors()
+    if role.stage is Stage.MOTION:
+        table = cast("RateTable", instrument)
+        if fault := table.fault():
+            raise InterlockError(fault, instrument=table.name, resource=table.resource)
+        require_still(table)

@@ -1,0 +1,96 @@
+"""Every number that a simulated bench is made of, with unit, meaning and source."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from dataclasses import dataclass, fields, is_dataclass
+from itertools import pairwise
+from textwrap import dedent
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.bench.simulated import chosen_seed, instrument_errors, physical_parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.description import BenchDescription
+
+__all__ = ["Row", "inventory"]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number: `path` is its name as in the bench file's ``[simulation]``."""
+
+    path: str
+    value: Any
+    unit: str
+    meaning: str
+    source: str
+
+
+_UNITS = (
+    ("_deg_s2", "deg/s^2"),
+    ("_deg_s", "deg/s"),
+    ("_deg", "deg"),
+    ("_rad", "rad"),
+    ("_hz", "Hz"),
+    ("_ohm", "ohm"),
+    ("_f", "F"),
+    ("_v_per_a", "V/A"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_s", "s"),
+    ("_ppm", "ppm"),
+)
+"""Units by the end of a field's name, the longest first."""
+
+
+def inventory(description: BenchDescription, seed: int | None = None) -> list[Row]:
+    """Return every physical parameter and every instrument error of the bench; errors as drawn by `seed`.
+
+    Raises:
+        ConfigError: the bench is a real one.
+    """
+    physics = (
+        Row(f"override.{row.path}", row.value, row.unit, row.meaning, row.source)
+        for row in physical_parameters(description).rows()
+    )
+    errors = instrument_errors(description, chosen_seed(description, seed))
+    return [*physics, *(row for role, group in errors.items() for row in _rows(group, f"errors.{role}"))]
+
+
+def _rows(group: Any, path: str) -> Iterator[Row]:
+    meanings = _field_docstrings(type(group))
+    for each in fields(group):
+        here, value = f"{path}.{each.name}", getattr(group, each.name)
+        if is_dataclass(value):
+            yield from _rows(value, here)
+        elif isinstance(value, tuple) and value and is_dataclass(value[0]):
+            for index, entry in enumerate(value):
+                yield from _rows(entry, f"{here}[{index}]")
+        else:
+            told = meanings.get(each.name, "")
+            yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), told, "")
+
+
+def _field_docstrings(kind: type) -> dict[str, str]:
+    """Return the docstrings that follow the fields of a dataclass; Python itself forgets them."""
+    (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)  # noqa: S101  # the source of a class is one
+    return {
+        field.target.id: inspect.cleandoc(text.value.value)
+        for field, text in pairwise(definition.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
+
+
+def _unit(name: str, value: object) -> str:
+    if isinstance(value, bool):
+        return ""
+    return next((unit for end, unit in _UNITS if name.endswith(end)), "1")

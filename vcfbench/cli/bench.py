@@ -1,0 +1,127 @@
+"""``vcfbench bench``: what a bench file says, and whether the instruments answer."""
+
+from __future__ import annotations
+
+from pathlib import Path  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.check import BenchCheck, CheckedInstrument
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="Show and check a bench.")
+
+Bench_ = Annotated[
+    Path | None,
+    typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
+]
+Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+
+
+@app.command("show")
+def show(
+    bench: Bench_ = None,
+    *,
+    template: Annotated[
+        bool, typer.Option("--template", help="Print a commented bench file for a real station, to be filled in.")
+    ] = False,
+    json: Json_ = False,
+) -> None:
+    """Show the bench as resolved: every key, defaults included."""
+    from vcfbench.bench import file  # noqa: PLC0415
+
+    if template:
+        typer.echo(file.template(), nl=False)
+        return
+    import msgspec  # noqa: PLC0415
+
+    resolved = msgspec.to_builtins(file.load_bench(bench))
+    if json:
+        _print_json(resolved)
+        return
+    for line in _toml(resolved, ""):
+        typer.echo(line)
+
+
+@app.command("check")
+def check(bench: Bench_ = None, *, json: Json_ = False) -> None:
+    """Open every instrument, verify who it is, read its error queue and faults; leave everything safe."""
+    from vcfbench.bench.check import check_bench  # noqa: PLC0415
+    from vcfbench.bench.file import load_bench  # noqa: PLC0415
+
+    description = load_bench(bench)
+    done = check_bench(description)
+    if json:
+        _print_json(_check_json(description.name, done))
+    else:
+        _print_check(description.title, done)
+    if (failure := done.failure()) is not None:
+        raise failure
+
+
+def _print_json(values: dict[str, Any]) -> None:
+    import msgspec  # noqa: PLC0415
+
+    typer.echo(msgspec.json.encode(values).decode())
+
+
+def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
+    import msgspec  # noqa: PLC0415
+
+    safe = {report.instrument: report.safe for report in done.safe_reports}
+    instruments = {
+        each.role: {
+            "resource": each.resource,
+            "identity": msgspec.to_builtins(each.identity),
+            "ok": each.problem is None,
+            "problem": each.problem,
+            "safe": safe.get(each.role),
+        }
+        for each in done.instruments
+    }
+    return {"bench": bench, "ok": done.failure() is None, "instruments": instruments}
+
+
+def _print_check(title: str, done: BenchCheck) -> None:
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table("role", "resource", "who answers", "state", title=title, title_justify="left", box=SIMPLE_HEAD)
+    for each in done.instruments:
+        table.add_row(each.role, each.resource, _who(each), each.problem or "ok")
+    Console(highlight=False, markup=False).print(table)
+
+
+def _who(each: CheckedInstrument) -> str:
+    if each.identity is None:
+        return "-"
+    identity = each.identity
+    return " ".join(filter(None, (identity.maker, identity.model, identity.serial, identity.firmware)))
+
+
+def _toml(table: dict[str, Any], path: str) -> Iterator[str]:
+    """Yield a nested dict as the lines of a TOML file; what is None is left out, as in a bench file."""
+    plain = {key: value for key, value in table.items() if not isinstance(value, dict) and value is not None}
+    if path and plain:
+        yield f"\n[{path}]"
+    for key, value in plain.items():
+        yield f"{key} = {_value(value)}"
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _toml(value, f"{path}.{key}" if path else key)
+
+
+def _value(value: object) -> str:
+    from json import dumps  # noqa: PLC0415
+
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

@@ -1,0 +1,63 @@
+"""``vcfbench sim``: what the simulated bench is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from vcfbench.bench.inventory import Row
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="Look into the simulated bench.")
+
+
+@app.callback()
+def group() -> None:
+    """Look into the simulated bench."""
+
+
+@app.command("show")
+def show(
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed from which errors are drawn.")] = None,
+    *,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")] = False,
+) -> None:
+    """Show every physical parameter and every instrument error: value, unit, meaning, source."""
+    from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.bench.inventory import inventory  # noqa: PLC0415
+
+    description = load_bench(bench)
+    rows = inventory(description, seed)
+    if json:
+        import msgspec  # noqa: PLC0415
+
+        typer.echo(msgspec.json.encode({"bench": description.name, "parameters": rows}).decode())
+    else:
+        _print(description.title, rows)
+
+
+def _print(title: str, rows: list[Row]) -> None:
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    for column, justify in (("parameter", "left"), ("value", "right"), ("unit", "left"), ("meaning; source", "left")):
+        table.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    for row in rows:
+        table.add_row(row.path, _shown(row.value), row.unit, "; ".join(filter(None, (row.meaning, row.source))))
+    Console(highlight=False, markup=False).print(table)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_shown, value))
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
