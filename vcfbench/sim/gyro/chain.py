@@ -1,12 +1,15 @@
 """The sense chain between two events: linear, hence known in closed form at any time.
 
-Rate, modulator voltage and quadrature force the two sense modes (four first-order complex parts, :mod:`.modes`); the
-demodulator turns their sum into the base band u, a Butterworth filter g_k' = p_k g_k + r_k u gives the filtered signal
-v = Re sum g_k. The filter's free motions h_k = g_k - sum_i r_k c_i q_i / (s_i - p_k) and the parts q_i are the chain's
-eigenmodes, so the matrix exponential of the whole chain is one exponential an eigenmode, exact over any interval.
+Rate, modulator voltage and quadrature force the two sense modes (four first-order complex parts q_i, :mod:`.modes`).
+With V_s = Re(S e^{j th}) the product with the reference is exactly Re(u), u = d S + d* S e^{2j th}, and a Butterworth
+filter g_k' = p_k g_k + r_k u gives the filtered signal v = Re sum g_k. The filter's free motions h_k = g_k - sum_i
+r_k (d c_i / (s_i - p_k) + d* c_i e^{2j th} / (s_i + 2j w_d - p_k)) q_i and the parts q_i are the chain's eigenmodes,
+so the matrix exponential of the whole chain is one exponential an eigenmode, exact over any interval.
 
-The product with the reference also makes a 2 w_d part; behind the filter it is (f_c / 2 f_d)^order of the demodulated
-amplitude, 4.2e-8 for 100 Hz, 6978 Hz and order 4, and is left out here. :mod:`.carrier` has it.
+The second product is not only the 2 w_d ripple, which is (f_c / 2 f_d)^order = 4.2e-8 of the demodulated amplitude
+behind 100 Hz, order 4, at 6978 Hz. It also brings the conjugate of each mode's free motion down to the base band:
+0.36 % of a transient (half the split over the carrier), with a phase that depends on the carrier's at the moment of
+the step.
 """
 
 from __future__ import annotations
@@ -59,27 +62,64 @@ class Forcing:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The chain's answer to a forcing, t from the moment it began."""
+    """The chain's answer to a forcing, t from the moment it began.
 
-    eigenmodes: NDArray[np.complex128]
+    Eigenmodes move as `free exp(eigenmodes t) + constant + slope t + forced exp(exponents t)`, and the filter's
+    besides as `(turned_constant + turned_slope t + turned_forced exp(exponents t)) exp(2j w_d t)`.
+    """
+
+    chain: Chain
+    turn: complex
     free: NDArray[np.complex128]
     constant: NDArray[np.complex128]
     slope: NDArray[np.complex128]
     forced: NDArray[np.complex128]
     exponents: NDArray[np.complex128]
+    turned_constant: NDArray[np.complex128]
+    turned_slope: NDArray[np.complex128]
+    turned_forced: NDArray[np.complex128]
 
     def modal(self, time_s: float) -> NDArray[np.complex128]:
         """Return the eigenmodes' coordinates at `time_s`."""
-        moving: NDArray[np.complex128] = self.forced @ np.exp(self.exponents * time_s)
-        return self.free * np.exp(self.eigenmodes * time_s) + self.constant + self.slope * time_s + moving
+        moved = np.exp(self.exponents * time_s)
+        modal = self.free * np.exp(self.chain.eigenmodes * time_s) + self.constant + self.slope * time_s
+        modal += self.forced @ moved
+        turned = self.turned_constant + self.turned_slope * time_s + self.turned_forced @ moved
+        modal[4:] += turned * cmath.exp(2j * self.chain.drive_rad_s * time_s)
+        return np.asarray(modal)
 
-    def seen(self, weights: NDArray[np.complex128]) -> ExponentialSum:
-        """Return the signal that a weighted sum of the eigenmodes makes."""
+    def sense(self) -> ExponentialSum:
+        """Return the envelope S of V_s."""
+        weights = self.chain.to_sense
         return ExponentialSum(
             complex(weights @ self.constant),
             complex(weights @ self.slope),
             np.concatenate((weights * self.free, weights @ self.forced)),
-            np.concatenate((self.eigenmodes, self.exponents)),
+            np.concatenate((self.chain.eigenmodes, self.exponents)),
+        )
+
+    def filtered(self) -> ExponentialSum:
+        """Return the filtered signal v; its real part counts."""
+        chain, weights = self.chain, self.chain.to_filtered
+        turned, twice = self.turn * chain.turned_to_filtered, 2j * chain.drive_rad_s
+        still = turned @ self.constant[:4] + self.turned_constant.sum()
+        return ExponentialSum(
+            complex(weights @ self.constant),
+            complex(weights @ self.slope),
+            np.concatenate(
+                (
+                    weights * self.free,
+                    weights @ self.forced,
+                    turned * self.free[:4],
+                    turned @ self.forced[:4] + self.turned_forced.sum(axis=0),
+                    [still],
+                )
+            ),
+            np.concatenate(
+                (chain.eigenmodes, self.exponents, chain.eigenmodes[:4] + twice, self.exponents + twice, [twice])
+            ),
+            complex(turned @ self.slope[:4] + self.turned_slope.sum()),
+            twice,
         )
 
 
@@ -87,22 +127,29 @@ class Response:
 class Chain:
     """The sense chain with fixed parameters: eigenmodes, how each source forces them, what they show.
 
-    `to_modal`/`from_modal` turn (q1+, q1-, q2+, q2-, g_1...) into eigenmodes and back; `by_rate` is per rad/s,
-    `by_virtual` per volt at the modulator's output, `by_quadrature` the constant quadrature force; `to_filtered` and
-    `to_sense` weigh eigenmodes into the filtered signal and the envelope of V_s, V.
+    `coupling` and `turned_coupling` (times e^{2j th}) tell the filter's parts from its free motions. Sources: `rate`
+    per rad/s, `virtual` per volt at the modulator's output, `quadrature` the constant force; `turned_*` act on the
+    filter's free motions times e^{2j th}. `to_filtered` and `turned_to_filtered` (times e^{2j th}, on the modes'
+    parts) weigh eigenmodes into the filtered signal, `to_sense` into the envelope of V_s, V.
     """
 
     resonances: tuple[Resonance, Resonance]
+    drive_rad_s: float
     eigenmodes: NDArray[np.complex128]
     coupling: NDArray[np.complex128]
-    by_rate: NDArray[np.complex128]
-    by_virtual: NDArray[np.complex128]
-    by_quadrature: NDArray[np.complex128]
+    turned_coupling: NDArray[np.complex128]
+    rate: NDArray[np.complex128]
+    virtual: NDArray[np.complex128]
+    quadrature: NDArray[np.complex128]
+    turned_rate: NDArray[np.complex128]
+    turned_virtual: NDArray[np.complex128]
+    turned_quadrature: NDArray[np.complex128]
     to_filtered: NDArray[np.complex128]
+    turned_to_filtered: NDArray[np.complex128]
     to_sense: NDArray[np.complex128]
 
-    def modal(self, state: ChainState) -> NDArray[np.complex128]:
-        """Return the eigenmodes' coordinates of a state."""
+    def modal(self, state: ChainState, turn: complex) -> NDArray[np.complex128]:
+        """Return the eigenmodes' coordinates of a state; `turn` is e^{2j th}, 0 leaves the second product out."""
         parts = np.array(
             [
                 part
@@ -110,9 +157,9 @@ class Chain:
                 for part in mode.parts(complex(y), complex(dy))
             ]
         )
-        return np.concatenate((parts, state.filtered - self.coupling @ parts))
+        return np.concatenate((parts, state.filtered - (self.coupling + turn * self.turned_coupling) @ parts))
 
-    def state(self, modal: NDArray[np.complex128]) -> ChainState:
+    def state(self, modal: NDArray[np.complex128], turn: complex) -> ChainState:
         """Return the state that has these coordinates."""
         parts = modal[:4]
         pairs = [(complex(parts[2 * i]), complex(parts[2 * i + 1])) for i in range(2)]
@@ -120,26 +167,35 @@ class Chain:
         return ChainState(
             np.array([mode.displacement(pair) for mode, pair in modes]),
             np.array([mode.velocity(pair) for mode, pair in modes]),
-            modal[4:] + self.coupling @ parts,
+            modal[4:] + (self.coupling + turn * self.turned_coupling) @ parts,
         )
 
-    def respond(self, modal: NDArray[np.complex128], forcing: Forcing) -> Response:
-        """Return the response to `forcing` from coordinates `modal` on."""
-        own = self.eigenmodes
-        steady = self.by_rate * forcing.rate + self.by_virtual * forcing.virtual_v + self.by_quadrature
-        slope = self.by_rate * (-forcing.rate_slope / own)
+    def respond(self, modal: NDArray[np.complex128], forcing: Forcing, turn: complex) -> Response:
+        """Return the response to `forcing` from coordinates `modal` on; `turn` is e^{2j th} then."""
+        own, twice = self.eigenmodes, 2j * self.drive_rad_s
+        steady = self.rate * forcing.rate + self.virtual * forcing.virtual_v + self.quadrature
+        slope = self.rate * (-forcing.rate_slope / own)
         constant = (slope - steady) / own
-        terms = [*forcing.rate_terms, *forcing.virtual_terms]
-        exponents = np.array([s for _, s in terms], complex)
-        forces = np.concatenate(
-            (_spread(self.by_rate, forcing.rate_terms), _spread(self.by_virtual, forcing.virtual_terms)), axis=1
+        exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
+        forced = _spread(self.rate, self.virtual, forcing) / (exponents - own[:, None])
+        lag = 1 / (twice - own[4:])
+        turned_steady = self.turned_rate * forcing.rate + self.turned_virtual * forcing.virtual_v
+        turned_slope = turn * forcing.rate_slope * self.turned_rate * lag
+        turned_constant = turn * (turned_steady + self.turned_quadrature) * lag - turned_slope * lag
+        turned_forced = turn * _spread(self.turned_rate, self.turned_virtual, forcing)
+        turned_forced = turned_forced / (exponents + twice - own[4:, None])
+        free = modal - constant - forced.sum(axis=1)
+        free[4:] -= turned_constant + turned_forced.sum(axis=1)
+        return Response(
+            self, turn, free, constant, slope, forced, exponents, turned_constant, turned_slope, turned_forced
         )
-        forced = forces / (exponents - own[:, None])
-        return Response(own, modal - constant - forced.sum(axis=1), constant, slope, forced, exponents)
 
 
-def _spread(weights: NDArray[np.complex128], terms: list[tuple[complex, complex]]) -> NDArray[np.complex128]:
-    return np.asarray(np.multiply.outer(weights, np.array([a for a, _ in terms], complex)))
+def _spread(rate: NDArray[np.complex128], virtual: NDArray[np.complex128], forcing: Forcing) -> NDArray[np.complex128]:
+    """Return how each term of the forcing acts, one column a term."""
+    by_rate = np.multiply.outer(rate, np.array([a for a, _ in forcing.rate_terms], complex))
+    by_virtual = np.multiply.outer(virtual, np.array([a for a, _ in forcing.virtual_terms], complex))
+    return np.concatenate((by_rate, by_virtual), axis=1)
 
 
 def build_chain(
@@ -160,10 +216,13 @@ def build_chain(
     eigen = poles - 1j * drive_rad_s
     seen = _pick_off(bench, resonances)
     v_dac = bench.sense_path.reference_amplitude_v * abs(drive_displacement_m) / bench.drive_loop.amplitude_m
-    base_band = seen * _demodulator(bench, v_dac)
-    filter_poles = butterworth_poles(2 * np.pi * bench.sense_path.low_pass_hz, bench.sense_path.low_pass_order)
-    residues = np.array(butterworth_residues(filter_poles))
-    coupling = residues[:, None] * base_band / (eigen - np.array(filter_poles)[:, None])
+    demodulator = _demodulator(bench, v_dac)
+    filter_poles = np.array(
+        butterworth_poles(2 * np.pi * bench.sense_path.low_pass_hz, bench.sense_path.low_pass_order)
+    )
+    residues = np.array(butterworth_residues(list(filter_poles)))[:, None]
+    coupling = residues * demodulator * seen / (eigen - filter_poles[:, None])
+    turned = residues * demodulator.conjugate() * seen / (eigen + 2j * drive_rad_s - filter_poles[:, None])
     rate = -2 * drive_velocity_m_s * _each(bench, _share)
     nominal = 2 * np.pi * bench.drive_mode.frequency_hz
     quadrature = -2 * nominal * drive_displacement_m * _each(bench, lambda mode: mode.quadrature_rad_s)
@@ -171,19 +230,20 @@ def build_chain(
     virtual = carrier * _each(bench, lambda mode: _combs(bench, mode))
     return Chain(
         resonances,
+        drive_rad_s,
         np.concatenate((eigen, filter_poles)),
         coupling,
-        by_rate=_forced(rate, coupling),
-        by_virtual=_forced(virtual, coupling),
-        by_quadrature=_forced(quadrature, coupling),
+        turned,
+        rate=np.concatenate((rate, -coupling @ rate)),
+        virtual=np.concatenate((virtual, -coupling @ virtual)),
+        quadrature=np.concatenate((quadrature, -coupling @ quadrature)),
+        turned_rate=-turned @ rate,
+        turned_virtual=-turned @ virtual,
+        turned_quadrature=-turned @ quadrature,
         to_filtered=np.concatenate((coupling.sum(axis=0), np.ones(len(filter_poles)))),
+        turned_to_filtered=turned.sum(axis=0),
         to_sense=np.concatenate((seen, np.zeros(len(filter_poles)))),
     )
-
-
-def _forced(force: NDArray[np.complex128], coupling: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return how a force on the modes' parts acts on the eigenmodes."""
-    return np.concatenate((force, -coupling @ force))
 
 
 def _pick_off(bench: BenchParameters, resonances: tuple[Resonance, Resonance]) -> NDArray[np.complex128]:

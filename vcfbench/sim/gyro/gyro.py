@@ -16,7 +16,7 @@ from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronics import Oscillation, modulate, node_voltage, output_limits, rail_current_a
-from vcfbench.sim.gyro.noise import Flicker, Increment, NoisyChain
+from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
@@ -43,7 +43,6 @@ class Gyro:
         self._flicker = Flicker.of(bench.noise)
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
         self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0
-        self._rates = self._flicker.deviation_rad_s * self._random.standard_normal(bench.noise.flicker_processes)
         self._rails = (0.0, 0.0)
         self._running = False
         self._source: Drive | None = None
@@ -52,8 +51,10 @@ class Gyro:
         self._bands = self._warm_up.bands(bench.thermal)
         self._drive = [resting(self._drive_mode().natural_rad_s)]
         self._locked_chains: dict[tuple[int, complex], tuple[Chain, NoisyChain]] = {}
-        self._chain, self._noise = self._new_chain()
-        self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order))
+        self._chain, self._noisy_chain = self._new_chain()
+        self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
+        first = self._random.standard_normal(bench.noise.flicker_processes)
+        self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.deviation_rad_s * first)
 
     # -- commands, all at `now_s` --
 
@@ -90,22 +91,22 @@ class Gyro:
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`, as it will be without noise; changes nothing."""
-        return self._stretch(self._chain.respond(self._modal, self._forcing(rate)), stop_s, 0.0)
+        return self._stretch(self._chain.respond(self._modal, self._forcing(rate), self._turn()), stop_s, 0.0)
 
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
         duration = stop_s - self.now_s
-        response = self._chain.respond(self._modal, self._forcing(rate))
-        noise = self._draw(duration)
-        stretch = self._stretch(response, stop_s, 0.0 if noise is None else noise.integral)
-        self._modal = response.modal(duration)
-        if noise is not None:
-            self._modal = self._modal + noise.modal
-            self._rates = self._rates * np.exp(-duration / self._flicker.times_s) + noise.flicker
-        self._phase += self._drive[0].drive_rad_s * duration
+        response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
+        noise, integral = self._propagate_noise(duration)
+        stretch = self._stretch(response, stop_s, integral)
+        self._modal, self._noise = response.modal(duration), noise
+        self._phase = math.fmod(self._phase + self._drive[0].drive_rad_s * duration, 2 * math.pi)
         self.now_s = stop_s
         self._pass_events()
         return stretch
+
+    def _turn(self) -> complex:
+        return cmath.exp(2j * self._phase)
 
     def _pass_events(self) -> None:
         changed = False
@@ -122,27 +123,33 @@ class Gyro:
         """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
         if self._drive[0].locked:
             self._drive = [locked(self._amplitude_m(), self._drive_mode().natural_rad_s)]
-        state = self._chain.state(self._modal)
-        self._chain, self._noise = self._new_chain()
-        self._modal = self._chain.modal(state)
+        turn = self._turn()
+        state, noise = self._chain.state(self._modal, turn), self._chain.state(self._noise.modal, 0j)
+        self._chain, self._noisy_chain = self._new_chain()
+        self._modal = self._chain.modal(state, turn)
+        self._noise = NoiseState(self._chain.modal(noise, 0j), self._noise.rates_rad_s)
 
-    def _draw(self, duration: float) -> Increment | None:
-        """Draw the noise of a step; while the drive is not locked only the flicker goes on."""
+    def _propagate_noise(self, duration: float) -> tuple[NoiseState, float]:
+        """Return the noise after a step and its integral; while the drive is not locked only the flicker goes on."""
         if not self._noisy:
-            return None
-        if self._noise is not None:
-            return self._noise.draw(duration, self._random)
-        spread = self._flicker.deviation_rad_s * np.sqrt(-np.expm1(-2 * duration / self._flicker.times_s))
-        return Increment(np.zeros(len(self._modal), complex), spread * self._random.standard_normal(len(spread)), 0.0)
+            return self._noise, 0.0
+        if self._noisy_chain is not None:
+            return self._noisy_chain.step(self._noise, duration, self._random)
+        times, deviation = self._flicker.times_s, self._flicker.deviation_rad_s
+        spread = deviation * np.sqrt(-np.expm1(-2 * duration / times))
+        rates = self._noise.rates_rad_s * np.exp(-duration / times)
+        rates = rates + spread * self._random.standard_normal(len(spread))
+        return NoiseState(np.zeros_like(self._modal), rates), 0.0
 
     def _stretch(self, response: Response, stop_s: float, noise_integral_v_s: float) -> Stretch:
         bench = self._bench
+        noise = (self._noisy_chain, self._noise) if self._noisy and self._noisy_chain is not None else None
         return Stretch(
             bench,
             self.now_s,
             stop_s,
-            self._chain,
             response,
+            noise,
             noise_integral_v_s,
             self._drive_mode(),
             self._drive[0],
@@ -163,8 +170,6 @@ class Gyro:
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
-        if self._noisy:
-            moving += [(complex(r), complex(-1 / t)) for r, t in zip(self._rates, self._flicker.times_s, strict=True)]
         virtual = self._modulated()
         return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, real_terms(virtual.terms))
 

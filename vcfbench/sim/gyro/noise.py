@@ -4,24 +4,28 @@ White force noise (angle random walk, both quadratures of the carrier) and flick
 processes on the rate, drive the chain of :mod:`.chain`. All of it is linear, so the increments of chain, flicker and
 the running integral of the filtered signal are jointly Gaussian with a covariance known in closed form: in the
 eigenmodes each entry is (G G*)_ab (exp((l_a + l_b*) T) - 1) / (l_a + l_b*). It is factored once an interval, scaled
-to correlations first and with negative round-off cut away, and kept.
+to correlations first and with negative round-off cut away, and kept. The noise has a state of its own, added to the
+deterministic one, and passes the demodulator by its first product only: the second one would change its size by less
+than 1e-5.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vcfbench.sim.gyro.chain import Forcing
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.gyro.chain import Chain
+    from vcfbench.sim.gyro.chain import Chain, Response
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["Flicker", "Increment", "NoisyChain"]
+__all__ = ["Flicker", "NoiseState", "NoisyChain"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,26 +44,37 @@ class Flicker:
 
 
 @dataclass(frozen=True, slots=True)
-class Increment:
-    """What noise adds over an interval: to eigenmodes, to each flicker process, to the integral of v (V s)."""
+class NoiseState:
+    """What noise has made so far of the chain's eigenmodes (first product only) and of each flicker rate, rad/s."""
 
     modal: NDArray[np.complex128]
-    flicker: NDArray[np.float64]
-    integral: float
+    rates_rad_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """What an interval does to a noise state: decay, mean effect of the flicker, factor of what is added."""
+
+    decay: NDArray[np.complex128]
+    fade: NDArray[np.float64]
+    carried: NDArray[np.complex128]
+    integral: NDArray[np.complex128]
+    factor: NDArray[np.float64]
 
 
 class NoisyChain:
     """A chain with its noise sources; factors of the covariance are kept for each interval, rounded to 1 ns."""
 
     def __init__(self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float) -> None:
+        self._chain = chain
         self._n = len(chain.eigenmodes)
         slow = -1 / flicker.times_s
         self._exponents = np.concatenate((chain.eigenmodes, slow, [0.0]))
         drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
-        follow = chain.by_rate[:, None] / (slow - chain.eigenmodes[:, None])
+        follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
         self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
         self._integral = self._integral_row(chain, follow)
-        self._factors: dict[int, NDArray[np.float64]] = {}
+        self._steps: dict[int, _Step] = {}
 
     def _integral_row(self, chain: Chain, follow: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the integral of v as a sum of modes; the mode of exponent 0 gets its input here."""
@@ -79,15 +94,34 @@ class NoisyChain:
         kept = self._kept()
         return np.asarray(full[np.ix_(kept, kept)])
 
-    def draw(self, interval_s: float, random: np.random.Generator) -> Increment:
-        """Draw the increments over `interval_s`."""
+    def step(self, state: NoiseState, interval_s: float, random: np.random.Generator) -> tuple[NoiseState, float]:
+        """Return the state after `interval_s` and the integral of the filtered noise over it, V s."""
         key = round(interval_s * 1e9)
-        factor = self._factors.get(key)
-        if factor is None:
-            factor = self._factors[key] = _factor(self.covariance(key * 1e-9))
-        drawn = factor @ random.standard_normal(len(factor))
+        once = self._steps.get(key)
+        if once is None:
+            once = self._steps[key] = self._step(key * 1e-9)
+        drawn = once.factor @ random.standard_normal(len(once.factor))
         n = self._n
-        return Increment(drawn[:n] + 1j * drawn[n : 2 * n], drawn[2 * n : -1], float(drawn[-1]))
+        before = np.concatenate((state.modal, state.rates_rad_s))
+        modal = state.modal * once.decay + once.carried @ state.rates_rad_s + drawn[:n] + 1j * drawn[n : 2 * n]
+        integral = float((once.integral @ before).real) + float(drawn[-1])
+        return NoiseState(modal, state.rates_rad_s * once.fade + drawn[2 * n : -1]), integral
+
+    def _step(self, interval_s: float) -> _Step:
+        moving, n = self._exponents[:-1], self._n
+        grown = np.exp(moving * interval_s)
+        follow = self._output[:n, n:-1]
+        carried = follow * (grown[n:] - grown[:n, None])
+        weights = self._integral[:-1] * np.expm1(moving * interval_s)
+        weights[n:] -= weights[:n] @ follow
+        return _Step(grown[:n], grown[n:].real, carried, weights, _factor(self.covariance(interval_s)))
+
+    def response(self, state: NoiseState) -> Response:
+        """Return how a noise state goes on by itself, nothing being added."""
+        slow = self._exponents[self._n : -1]
+        terms = [(complex(rate), complex(s)) for rate, s in zip(state.rates_rad_s, slow, strict=True)]
+        still = replace(self._chain, quadrature=np.zeros_like(self._chain.quadrature))
+        return still.respond(state.modal, Forcing(0j, 0j, terms, 0j, []), 0j)
 
     def _gathered(self, interval_s: float, other: np.ufunc | _AsArray) -> NDArray[np.complex128]:
         total = np.add.outer(self._exponents, other(self._exponents))
@@ -109,7 +143,7 @@ def _noise_maps(
     inputs = np.zeros((n + k + 1, k + 2), complex)
     inputs[:n, :k] = -follow * drift
     inputs[n : n + k, :k] = np.diag(drift)
-    inputs[:n, k], inputs[:n, k + 1] = white * chain.by_rate, 1j * white * chain.by_rate
+    inputs[:n, k], inputs[:n, k + 1] = white * chain.rate, 1j * white * chain.rate
     outputs = np.eye(n + k, n + k + 1, dtype=complex)
     outputs[:n, n : n + k] = follow
     return inputs, outputs

@@ -1,4 +1,4 @@
-"""Signals in closed form: a constant, a ramp and a sum of complex exponentials."""
+"""Signals in closed form: a constant, a ramp, a sum of complex exponentials and one ramped exponential."""
 
 from __future__ import annotations
 
@@ -15,27 +15,35 @@ __all__ = ["ExponentialSum", "real_terms"]
 
 @dataclass(frozen=True, slots=True)
 class ExponentialSum:
-    """The signal `constant + slope t + sum amplitudes exp(exponents t)`, complex; t in s from its own origin."""
+    """The signal `constant + slope t + sum amplitudes exp(exponents t) + turning t exp(turn t)`, complex.
+
+    t is in s from the signal's own origin; no exponent is 0.
+    """
 
     constant: complex
     slope: complex
     amplitudes: NDArray[np.complex128]
     exponents: NDArray[np.complex128]
+    turning: complex = 0j
+    turn: complex = 1j
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the signal at an array of times."""
         turned: NDArray[np.complex128] = np.exp(np.multiply.outer(times_s, self.exponents)) @ self.amplitudes
-        return turned + (self.constant + self.slope * times_s)
+        ramped = self.turning * times_s * np.exp(self.turn * times_s) if self.turning else 0.0
+        return np.asarray(turned + (self.constant + self.slope * times_s) + ramped)
 
     def value(self, time_s: float) -> complex:
         """Return the signal at one time."""
-        return complex(self.amplitudes @ np.exp(self.exponents * time_s)) + self.constant + self.slope * time_s
+        return complex(self.at(np.array([time_s]))[0])
 
     def integral(self, duration_s: float) -> complex:
-        """Return the integral from 0 to `duration_s`; no exponent may be 0."""
+        """Return the integral from 0 to `duration_s`."""
         grown = np.expm1(self.exponents * duration_s) / self.exponents
         ramp = self.constant * duration_s + 0.5 * self.slope * duration_s**2
-        return complex(self.amplitudes @ grown) + ramp
+        end, turn = duration_s, self.turn
+        ramped = self.turning * (end * np.exp(turn * end) - np.expm1(turn * end) / turn) / turn if self.turning else 0j
+        return complex(self.amplitudes @ grown) + ramp + complex(ramped)
 
     def swing(self) -> float:
         """Return a bound of how far the exponentials can move the signal, all of them decaying or turning."""

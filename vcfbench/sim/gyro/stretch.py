@@ -14,10 +14,11 @@ from vcfbench.sim.gyro.electronics import amplify
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.gyro.chain import Chain, Response
+    from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
     from vcfbench.sim.gyro.electronics import Oscillation
     from vcfbench.sim.gyro.modes import Resonance
+    from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
     from vcfbench.sim.parameters import BenchParameters
 
 __all__ = ["Stretch"]
@@ -32,14 +33,14 @@ class Stretch:
     """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
     `noise_integral_v_s` is the noise's part of the integral of the filtered signal; waveforms within a stretch show the
-    noise only through the state at its start.
+    noise of its start going on by itself.
     """
 
     bench: BenchParameters
     start_s: float
     stop_s: float
-    chain: Chain
     response: Response
+    noise: tuple[NoisyChain, NoiseState] | None
     noise_integral_v_s: float
     drive_mode: Resonance
     drive: DriveSegment
@@ -67,7 +68,7 @@ class Stretch:
         than 1e-11 V. Otherwise 16 nodes each 0.1 s integrate what is left after the tangent is taken off. Noise
         enters by its mean over the stretch; its own variance times the curvature, below 1e-12 V, is left out.
         """
-        filtered = self.response.seen(self.chain.to_filtered)
+        filtered = self.response.filtered()
         mean = (filtered.integral(duration).real + self.noise_integral_v_s) / duration
         middle = float(self._amplified(np.array([mean]))[0])
         moved = abs(self.bench.output_stage.gain) * (filtered.swing() + abs(filtered.slope) * duration)
@@ -98,14 +99,15 @@ class Stretch:
         if not self.alive:
             return np.zeros_like(elapsed)
         if node == "output":
-            return self._amplified(self.response.seen(self.chain.to_filtered).at(elapsed).real)
+            return self._amplified(np.sum([each.filtered().at(elapsed).real for each in self._responses()], axis=0))
         return self._carrier_level(node, times_s)
 
     def _carrier_level(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         elapsed = times_s - self.start_s
         phase = self.phase_rad + self.drive.drive_rad_s * elapsed
         if node == "sense":
-            return np.asarray((self.response.seen(self.chain.to_sense).at(elapsed) * np.exp(1j * phase)).real)
+            envelope = sum(each.sense().at(elapsed) for each in self._responses())
+            return np.asarray((envelope * np.exp(1j * phase)).real)
         loop = self.bench.drive_loop
         if node == "carrier":
             v_dac = self.bench.sense_path.reference_amplitude_v * abs(self.drive.displacement_m) / loop.amplitude_m
@@ -113,6 +115,12 @@ class Stretch:
         if node == "drive":
             return loop.pick_off_v_per_m * self._drive_displacement(times_s, phase)
         raise ValueError(f"the PCB has no node {node!r}")
+
+    def _responses(self) -> list[Response]:
+        if self.noise is None:
+            return [self.response]
+        noisy_chain, state = self.noise
+        return [self.response, noisy_chain.response(state)]
 
     def _drive_displacement(self, times_s: NDArray[np.float64], phase_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         if not self.drive.motions:
