@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.bench.fakes import FakeRack
+from vcfbench.bench import check as check_module
+from vcfbench.bench.file import EMBEDDED, load_bench, parse_bench, template
+from vcfbench.cli.main import app
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from typer.testing import Result
+
+
+@pytest.fixture(autouse=True)
+def _state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", str(tmp_path))
+
+
+@pytest.fixture
+def bench_file(tmp_path: Path) -> str:
+    path = tmp_path / "lab.toml"
+    path.write_text(template(), "utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def rack(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeRack]:
+    def make(**behaviours: str) -> FakeRack:
+        fakes = FakeRack(**behaviours)
+        monkeypatch.setattr(check_module, "open_role", fakes.open_role)
+        return fakes
+
+    return make
+
+
+def vcfbench(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_the_template_is_printed_as_it_is() -> None:
+    assert vcfbench("bench", "show", "--template").stdout == template()
+
+
+@pytest.mark.parametrize("name", EMBEDDED)
+def test_what_show_prints_is_a_bench_file_of_the_same_bench(name: str) -> None:
+    shown = vcfbench("bench", "show", "--bench", name)
+    assert shown.exit_code == 0
+    assert parse_bench(shown.stdout, "shown") == load_bench(name)
+
+
+def test_show_without_a_file_is_the_paper_bench_with_its_defaults() -> None:
+    shown = json.loads(vcfbench("bench", "show", "--json").stdout)
+    assert shown["name"] == "paper"
+    assert shown["procedure"]["samples"] == 10
+    assert shown["wiring"]["oscilloscope"]["channel_1"] == "drive"
+
+
+def test_check_reports_every_instrument(rack: Callable[..., FakeRack], bench_file: str) -> None:
+    fakes = rack()
+    done = vcfbench("bench", "check", "--bench", bench_file)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert all(role in done.stdout for role in fakes.instruments)
+    assert all(not instrument.energised for instrument in fakes.instruments.values())
+    assert all(f"{role} errors" in fakes.log for role in fakes.instruments)
+
+
+def test_check_goes_on_past_what_fails(rack: Callable[..., FakeRack], bench_file: str) -> None:
+    fakes = rack(rate_source="missing", rate_table="turns")
+    done = vcfbench("bench", "check", "--bench", bench_file, "--json")
+    assert done.exit_code == 3
+    assert done.stderr == "vcfbench: not ready: rate_source, rate_table\n"
+    answer = json.loads(done.stdout)
+    assert not answer["ok"]
+    told = {role: each["ok"] for role, each in answer["instruments"].items()}
+    assert told == {
+        "power": True,
+        "rate_source": False,
+        "multimeter": True,
+        "oscilloscope": True,
+        "rate_table": False,
+    }
+    assert "nobody answers" in answer["instruments"]["rate_source"]["problem"]
+    assert "it turns at 12.5 deg/s" in answer["instruments"]["rate_table"]["problem"]
+    assert {role for role, each in answer["instruments"].items() if each["safe"]} == set(fakes.instruments)
+
+
+def test_check_says_what_it_could_not_make_safe(rack: Callable[..., FakeRack], bench_file: str) -> None:
+    rack(power="lies")
+    done = vcfbench("bench", "check", "--bench", bench_file)
+    assert done.exit_code == 5
+    assert "NOT SAFE: power at FAKE::power: reported safe, but its outputs are on" in done.stderr

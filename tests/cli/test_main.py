@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING, NoReturn
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from vcfbench import __version__
+from vcfbench.cli import main
+from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEAVY = ("numpy", "scipy", "pyvisa", "serial", "rich", "msgspec")
+
+
+def vcfbench(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from vcfbench.cli.main import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+
+
+def failing(error: BaseException) -> typer.Typer:
+    """The root with a command that fails with `error`."""
+    app = typer.Typer(cls=main.Commands, pretty_exceptions_enable=False)
+
+    def fail() -> NoReturn:
+        raise error
+
+    app.command("fail")(fail)
+    app.callback()(lambda: None)
+    return app
+
+
+def test_the_version() -> None:
+    done = vcfbench("--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"vcfbench {__version__}\n", "")
+
+
+def test_help_lists_the_commands_and_the_exit_codes() -> None:
+    done = vcfbench("--help")
+    assert done.returncode == 0
+    assert all(f"  {command} " in done.stdout for command in ("run", "analyze", "runs", "bench", "sim"))
+    assert "5 NOT safe" in done.stdout
+
+
+def test_nothing_heavy_is_imported_before_a_command_runs() -> None:
+    code = f"import sys; from vcfbench.cli import main; print([m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ConfigError("the file is not one"), 2),
+        (BenchError("the bench is busy"), 3),
+        (LimitError("too fast", instrument="rate_table", resource="COM3"), 3),
+        (Aborted("stopped by SIGINT, bench made safe"), 4),
+        (NotSafe("NOT SAFE: rate_table turns"), 5),
+    ],
+)
+def test_an_error_is_one_sentence_and_its_exit_code(error: BenchError, code: int) -> None:
+    done = CliRunner().invoke(failing(error), ["fail"])
+    assert (done.exit_code, done.stdout, done.stderr) == (code, "", f"vcfbench: {error}\n")
+
+
+def test_a_keyboard_interrupt_is_an_abort() -> None:
+    done = CliRunner().invoke(failing(KeyboardInterrupt()), ["fail"])
+    assert done.exit_code == 4
+    assert done.stderr == "vcfbench: stopped by the keyboard\n"
+
+
+def test_a_mistake_of_ours_is_not_hidden() -> None:
+    done = CliRunner().invoke(failing(ZeroDivisionError("ours")), ["fail"])
+    assert isinstance(done.exception, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("arguments", [["run", "sing"], ["run", "sing", "--json"]])
+def test_an_unknown_procedure_is_answered_with_the_known_ones(arguments: list[str]) -> None:
+    done = CliRunner().invoke(main.app, arguments)
+    assert done.exit_code == 2
+    (line,) = done.stderr.splitlines()
+    assert "'sing'" in line
+    assert "turntable" in line
+    assert "virtual-coriolis" in line
+
+
+@pytest.mark.parametrize("arguments", [["sing"], ["--sing"], ["bench", "sing"], ["bench", "show", "--sing"]])
+def test_usage_errors_have_exit_code_two_and_no_traceback(arguments: list[str]) -> None:
+    done = CliRunner().invoke(main.app, arguments)
+    assert done.exit_code == 2
+    assert "sing" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
+def test_a_reader_that_leaves_is_left_in_peace() -> None:
+    """A pipe without a reader: nothing is said, not even by the interpreter when it ends."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    code = "from vcfbench.cli.main import main; main()"
+    with os.fdopen(writer, "wb") as pipe:
+        command = [sys.executable, "-c", code, "bench", "show", "--template"]
+        done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, check=False)  # noqa: S603
+    assert (done.returncode, done.stderr) == (4, b"")
+
+
+@pytest.mark.parametrize("command", [["bench", "show"], ["bench", "check"], ["sim", "show"], ["run", "turntable"]])
+def test_a_bench_file_that_is_not_there_is_one_line_and_code_two(command: list[str], tmp_path: Path) -> None:
+    done = CliRunner().invoke(main.app, [*command, "--bench", str(tmp_path / "none.toml")])
+    assert done.exit_code == 2
+    assert done.stderr == f"vcfbench: {tmp_path / 'none.toml'}: expected a bench file, there is no such file\n"
+    assert "Traceback" not in done.output
