@@ -45,19 +45,14 @@ def show(
 
 
 def _print(title: str, rows: list[Row]) -> None:
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
-    for column, justify in (("parameter", "left"), ("value", "right"), ("unit", "left"), ("meaning; source", "left")):
-        table.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    typer.echo(title)
     for row in rows:
-        table.add_row(row.path, _shown(row.value), row.unit, "; ".join(filter(None, (row.meaning, row.source))))
-    Console(highlight=False, markup=False).print(table)
+        unit = "" if row.unit == "1" else f" {row.unit}"
+        typer.echo(f"\n{row.path} = {_shown(row.value)}{unit}")
+        typer.echo(f"    {row.meaning}{f' ({row.source})' if row.source else ''}")
 
 
 def _shown(value: Any) -> str:
     if isinstance(value, list | tuple):
-        return ", ".join(map(_shown, value))
+        return f"[{', '.join(map(_shown, value))}]"
     return f"{value:.10g}" if isinstance(value, float) else str(value)

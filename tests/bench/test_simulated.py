@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+import pyvisa
+import serial
+
+from vcfbench.bench.file import embedded_text, load_bench, parse_bench
+from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical_parameters, resolve
+from vcfbench.clock import VirtualClock
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PAPER = embedded_text("paper")
+
+
+def paper_bench(more: str = "") -> SimulatedBench:
+    return SimulatedBench.build(parse_bench(PAPER + more, "paper"), 0, VirtualClock())
+
+
+def test_pyvisa_and_pyserial_reach_every_instrument_by_the_names_of_the_bench_file() -> None:
+    bench = paper_bench()
+    with bench.registered() as handle:
+        manager = pyvisa.ResourceManager(f"{handle}@vcfbench")
+        answers = {
+            role: manager.open_resource(getattr(bench.description, role).resource).query("*IDN?")  # type: ignore[attr-defined]
+            for role in ("power", "rate_source", "multimeter", "oscilloscope")
+        }
+        for role, answer in answers.items():
+            assert getattr(bench.description, role).model in answer
+        with serial.serial_for_url(f"sim://{handle}", timeout=1.0) as port:
+            port.write(b"*IDN?\r\n")
+            assert b"Acutrol" in port.readline()
+        manager.close()
+
+
+def test_benches_of_one_name_do_not_meet() -> None:
+    first, second = paper_bench(), paper_bench()
+    with first.registered() as one, second.registered() as other:
+        assert (one, other) == ("paper", "paper-2")
+        manager = pyvisa.ResourceManager(f"{other}@vcfbench")
+        manager.open_resource("GPIB0::22::INSTR").query("READ?")  # type: ignore[attr-defined]
+        assert second.clock.now() > 0.3  # 10 PLC with autozero take 0.4 s
+        assert first.clock.now() == 0.0
+        manager.close()
+    with first.registered() as again:
+        assert again == "paper"
+
+
+def test_a_resource_that_is_no_visa_name_is_a_mistake_of_the_bench_file() -> None:
+    description = parse_bench(PAPER.replace("GPIB0::22::INSTR", "the meter"), "paper")
+    bench = SimulatedBench.build(description, 0, VirtualClock())
+    with pytest.raises(ConfigError, match="no VISA resource name"):
+        bench.registered().__enter__()
+    with paper_bench().registered() as handle:
+        assert handle == "paper"
+
+
+def test_any_program_opens_the_bench_by_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(PAPER.replace("GPIB0::22", "GPIB0::17"), "utf-8")
+    manager = pyvisa.ResourceManager(f"{path}@vcfbench")
+    assert "GPIB0::17::INSTR" in manager.list_resources()
+    assert "34401A" in manager.open_resource("GPIB0::17::INSTR").query("*IDN?")  # type: ignore[attr-defined]
+    manager.close()
+
+
+def test_without_a_file_it_is_the_paper_bench() -> None:
+    devices, _ = resolve("")
+    assert list(devices) == list(SimulatedBench.build(load_bench(None), 0, VirtualClock()).visa_devices())
+
+
+def test_a_file_that_is_no_simulated_bench_is_no_library(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="there is no such file"):
+        resolve(str(tmp_path / "none.toml"))
+    real = tmp_path / "real.toml"
+    real.write_text(embedded_text("station"), "utf-8")
+    with pytest.raises(OSError, match="a simulated bench is needed"):
+        resolve(str(real))
+
+
+def test_errors_are_none_drawn_or_told() -> None:
+    told = PAPER.replace(
+        "[simulation.errors.rate_source]", '[simulation.errors]\npower = "none"\n[simulation.errors.rate_source]'
+    )
+    description = parse_bench(told.replace("dac_bits = 14", "dac_bits = 12"), "paper")
+    drawn, other = instrument_errors(description, 1), instrument_errors(description, 2)
+    assert drawn["power"] == type(drawn["power"]).none()
+    assert drawn["rate_source"] == other["rate_source"]
+    assert drawn["rate_source"].dac_bits == 12
+    assert drawn["multimeter"] != other["multimeter"]
+    assert drawn["multimeter"] == instrument_errors(description, 1)["multimeter"]
+
+
+def test_single_parameters_are_overridden_and_nothing_else() -> None:
+    plain = physical_parameters(load_bench(None)).rows()
+    more = "[simulation.override]\noutput_stage.offset_v = 0.5\nsense_path.low_pass_order = 3\n"
+    changed = physical_parameters(parse_bench(PAPER + more, "paper")).rows()
+    different = {after.path: after.value for before, after in zip(plain, changed, strict=True) if before != after}
+    assert different == {"output_stage.offset_v": 0.5, "sense_path.low_pass_order": 3}
+
+
+def test_ideal_and_paper_differ() -> None:
+    assert physical_parameters(load_bench("ideal")).rows() != physical_parameters(load_bench("paper")).rows()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("output_stage.offset_vv = 1", "override.output_stage.offset_vv: expected a known name ('offset_v'?), came 1"),
+        ("output_stage.offset_v = 'a'", "override.output_stage.offset_v: expected a number, came 'a'"),
+        ("output_stage = 3", "override.output_stage: expected a table with gain, offset_v, "),
+        ("xyzzy = 3", "override.xyzzy: expected one of drive_mode, "),
+        ("table.ripple_arcsec = 3", "override.table.ripple_arcsec: expected a list, came 3"),
+        ("sense_path.low_pass_order = 3.5", "override.sense_path.low_pass_order: expected a whole number, came 3.5"),
+    ],
+)
+def test_a_parameter_that_is_none_is_refused(more: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(f"{PAPER}\n[simulation.override]\n{more}\n", "lab.toml")
+    assert str(caught.value).startswith(f"lab.toml: simulation.{said}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("dac_bits = 14", "dac_bitts = 14", "dac_bitts: expected a known name ('dac_bits'?), came 14"),
+        ("dac_bits = 14", 'dac_bits = "a"', "dac_bits: expected a whole number, came 'a'"),
+        ("gain_error", "gain", "ranges: expected every entry to have gain_error, came ["),
+    ],
+)
+def test_an_instrument_error_that_is_none_is_refused(old: str, new: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(PAPER.replace(old, new), "lab.toml")
+    assert str(caught.value).startswith(f"lab.toml: simulation.errors.rate_source.{said}")
