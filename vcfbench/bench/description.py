@@ -98,6 +98,7 @@ class RateTableRole(_Part, frozen=True, kw_only=True):
     resource: Resource
     timeout_s: Seconds = 2.0
     axis: Annotated[int, Meta(ge=1, le=6)] = 1
+    axis_sign: Literal[1, -1] = 1
     baud_rate: Annotated[int, Meta(ge=300, le=921_600)] = 9600
     reply_header: Literal["auto", "none", "u32le2", "u32be2"] = "auto"
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
-from vcfbench.errors import BenchError, WrongInstrument
+from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
@@ -24,25 +24,11 @@ def open_role(role: str, description: BenchDescription, stand: Station) -> tuple
         ConnectFailed: nobody answers.
         WrongInstrument: another model or another specimen answers.
     """
-    instrument = _open(role, description, stand)
-    try:
-        identity = instrument.identify()
-        _require_specimen(role, description, identity, instrument)
-    except BenchError:
-        with suppress(BenchError):  # the first error tells more than that the connection did not close either
-            instrument.close()
-        raise
-    return instrument, identity
-
-
-def _open(role: str, description: BenchDescription, stand: Station) -> Instrument:
     from vcfbench.drivers.registry import open_instrument  # noqa: PLC0415
 
-    part = getattr(description, role)
-    settings = structs.asdict(part)
-    model = settings.pop("model", None) or settings.pop("dialect")
-    resource = settings.pop("resource")
-    return open_instrument(
+    settings = _settings(role, description)
+    model, resource = settings.pop("model"), settings.pop("resource")
+    instrument = open_instrument(
         role,
         model,
         stand.rate_table if role == "rate_table" else resource,
@@ -50,13 +36,25 @@ def _open(role: str, description: BenchDescription, stand: Station) -> Instrumen
         clock=stand.clock,
         settings=settings,
     )
+    try:
+        return instrument, instrument.identify()
+    except BenchError:
+        with suppress(BenchError):  # the first error tells more than that the connection did not close either
+            instrument.close()
+        raise
 
 
-def _require_specimen(role: str, description: BenchDescription, identity: Identity, instrument: Instrument) -> None:
-    wanted = getattr(getattr(description, role), "serial_number", None)
-    if wanted is not None and identity.serial != wanted:
-        raise WrongInstrument(
-            f"expected the {identity.model} with serial number {wanted}, number {identity.serial} answers",
-            instrument=instrument.name,
-            resource=instrument.resource,
-        )
+def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
+    """Return what the bench file says of `role`, and what the driver needs to know of the station besides."""
+    told = structs.asdict(getattr(description, role))
+    if role == "multimeter":
+        return {**told, "mains_hz": float(description.site.mains_hz)}
+    if role == "rate_table":
+        limits, model = description.limits, told.pop("dialect")
+        return {
+            **told,
+            "model": model,
+            "max_rate_deg_s": limits.max_rate_deg_s,
+            "max_acceleration_deg_s2": limits.max_acceleration_deg_s2,
+        }
+    return told

@@ -92,10 +92,15 @@ def _print_check(title: str, done: BenchCheck) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table("role", "resource", "who answers", "state", title=title, title_justify="left", box=SIMPLE_HEAD)
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    for heading in ("role", "resource", "who answers", "state"):
+        table.add_column(heading, overflow="fold")
     for each in done.instruments:
-        table.add_row(each.role, each.resource, _who(each), each.problem or "ok")
+        table.add_row(each.role, each.resource, _who(each), "ok" if each.problem is None else "FAILED")
     Console(highlight=False, markup=False).print(table)
+    for each in done.instruments:
+        if each.problem is not None:
+            typer.echo(f"{each.role}: {each.problem}")
 
 
 def _who(each: CheckedInstrument) -> str:
