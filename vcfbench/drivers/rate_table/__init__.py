@@ -1,1 +1,1 @@
-"""The rate-table driver and its dialects."""
+"""Single-axis rate tables on a serial line: one driver, one file a dialect."""

@@ -1,0 +1,138 @@
+"""Agilent (Keysight) 33220A function generator.
+
+The user's guide (33220-90002) was at hand only as quoted by others; what it leaves open is marked.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.drivers import replies
+from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.errors import InstrumentError, PlanError
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.session import Session
+    from vcfbench.interfaces import SafeReport
+
+__all__ = ["Agilent33220A"]
+
+_MAX_V = 10.0
+"""Into an open circuit |offset| + amplitude / 2 may be 10 V (guide p. 60)."""
+
+
+class Agilent33220A(ScpiInstrument):
+    """The generator speaks of voltages into its load; the load is a high impedance here (``OUTP:LOAD INF``)."""
+
+    model: ClassVar[str] = "33220A"
+
+    def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
+        super().__init__(session, serial_number=serial_number)
+        self._configured = False
+
+    def _take_remote(self, deadline: Deadline) -> None:
+        # On LAN nothing goes remote by itself, and the front panel would stay alive during a calibration. On USB and
+        # GPIB the bus does it.
+        if self._session.interface in ("socket", "instr"):
+            self._session.send("SYST:COMM:RLST REM", deadline=deadline)
+
+    def configure_dc(self, voltage_v: float) -> float:
+        """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
+        self._require_voltage(voltage_v)
+        self._select_open_circuit()
+        self._session.write("FUNC DC", f"VOLT:OFFS {decimal(voltage_v)}")
+        self._configured = True
+        return self._offset_v(voltage_v)
+
+    def set_dc(self, voltage_v: float) -> float:
+        """Change the DC level; return the setting read back, V."""
+        self._require_voltage(voltage_v)
+        self._require_configured("no DC level was configured")
+        self._session.write(f"VOLT:OFFS {decimal(voltage_v)}")
+        return self._offset_v(voltage_v)
+
+    def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
+        """Select a sine into an open circuit, output switch unchanged."""
+        require_within(self, "frequency", frequency_hz, (1e-6, 20e6), "Hz")
+        require_within(self, "amplitude", amplitude_vpp, (20e-3, 20.0), "Vpp")
+        require_within(self, "peak voltage", abs(offset_v) + amplitude_vpp / 2.0, (0.0, _MAX_V), "V")
+        self._select_open_circuit()
+        # Offset to zero first: an amplitude that does not fit beside it would move it, and be reported as -221.
+        self._session.write(
+            "VOLT:OFFS 0",
+            "FUNC SIN",
+            "VOLT:UNIT VPP",
+            f"FREQ {decimal(frequency_hz)}",
+            f"VOLT {decimal(amplitude_vpp)}",
+            f"VOLT:OFFS {decimal(offset_v)}",
+        )
+        self._read_back("FREQ?", frequency_hz, 1e-6 + frequency_hz * 1e-9, "Hz")
+        self._read_back("VOLT?", amplitude_vpp, _step(amplitude_vpp), "Vpp")
+        self._offset_v(offset_v)
+        self._configured = True
+
+    def _require_voltage(self, voltage_v: float) -> None:
+        require_within(self, "DC voltage", voltage_v, (-_MAX_V, _MAX_V), "V")
+
+    def _require_configured(self, what: str) -> None:
+        if not self._configured:
+            raise PlanError(f"{what}, nothing was sent", instrument=self.name, resource=self.resource)
+
+    def _select_open_circuit(self) -> None:
+        self._session.write("OUTP:LOAD INF")
+        load_ohm = self._session.query_number("OUTP:LOAD?")  # infinity is answered as 9.9E+37
+        if load_ohm < replies.OVERLOAD:
+            raise self._disagreement("OUTP:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
+
+    def _offset_v(self, wanted_v: float) -> float:
+        return self._read_back("VOLT:OFFS?", wanted_v, _step(wanted_v), "V")
+
+    def _read_back(self, query: str, wanted: float, tolerance: float, unit: str) -> float:
+        found = self._session.query_number(query)
+        if not abs(found - wanted) <= tolerance:
+            raise self._disagreement(query, f"{wanted:g} {unit}", f"{found:g} {unit}")
+        return found
+
+    def _disagreement(self, query: str, wanted: str, found: str) -> InstrumentError:
+        return InstrumentError(
+            f"was set to {wanted} but reads back {found}",
+            instrument=self.name,
+            resource=self.resource,
+            command=query,
+        )
+
+    def enable_output(self) -> None:
+        """Close the output relay."""
+        self._require_configured("no function was configured")
+        self._session.write("OUTP ON")
+        if not self.output_enabled():
+            raise self._disagreement("OUTP?", "on", "off")
+
+    def disable_output(self) -> None:
+        """Open the output relay."""
+        self._session.write("OUTP OFF")
+        if self.output_enabled():
+            raise self._disagreement("OUTP?", "off", "on")
+
+    def output_enabled(self) -> bool:
+        """Tell whether the output relay is closed."""
+        return self._session.query_bool("OUTP?")
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Open the output relay and read it back."""
+        return safely(self, self._prove_off, deadline)
+
+    def _prove_off(self, deadline: Deadline) -> str:
+        self._session.revive(deadline)
+        self._session.write("OUTP OFF", deadline=deadline)
+        if self._session.query_bool("OUTP?", deadline):
+            raise self._disagreement("OUTP?", "off", "on")
+        return "output relay open"
+
+
+def _step(value: float) -> float:
+    """Return one unit of the fourth digit of `value`: settings hold four digits (1 mV floor, unverified)."""
+    magnitude = max(abs(value), 1.0)
+    return float(10.0 ** (math.floor(math.log10(magnitude)) - 3)) * (1.0 + 1e-9)

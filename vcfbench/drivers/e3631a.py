@@ -1,0 +1,174 @@
+"""Keysight (Agilent, HP) E3631A triple DC supply, after its user's guide E3631-90002."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from vcfbench.clock import sleep
+from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError
+from vcfbench.interfaces import Regulation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.session import Session
+    from vcfbench.interfaces import SafeReport
+
+__all__ = ["E3631A", "OUTPUTS", "Output"]
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One of the three outputs: its number and what can be programmed, V and A (guide p. 91)."""
+
+    number: int
+    low_v: float
+    high_v: float
+    high_a: float
+    tolerance_v: float
+    tolerance_a: float
+
+
+OUTPUTS: Final[Mapping[str, Output]] = MappingProxyType(
+    {
+        # Tolerances of the settings' read-back: two steps of the programming resolution (guide p. 186).
+        "P6V": Output(1, 0.0, 6.18, 5.15, 1.0e-3, 1.0e-3),
+        "P25V": Output(2, 0.0, 25.75, 1.03, 3.0e-3, 2.0e-4),
+        "N25V": Output(3, -25.75, 0.0, 1.03, 3.0e-3, 2.0e-4),
+    }
+)
+
+_SAFE_V = 0.5
+"""Switched off, an output may keep up to 0.6 V of reverse voltage when something drives it (guide p. 90)."""
+
+_POLL_S = 0.1
+_REGULATION = MappingProxyType(
+    # ISUM<n>:COND? (guide p. 118): 0 is "output off", which the switch decides, or "unregulated".
+    {0: Regulation.FAULT, 1: Regulation.CONSTANT_CURRENT, 2: Regulation.CONSTANT_VOLTAGE, 3: Regulation.FAULT}
+)
+
+
+class E3631A(ScpiInstrument):
+    """The three outputs ``P6V``, ``P25V``, ``N25V`` share one switch; N25V takes negative voltages."""
+
+    model: ClassVar[str] = "E3631A"
+
+    def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
+        super().__init__(session, serial_number=serial_number)
+        self._configured: set[str] = set()
+
+    def _take_remote(self, deadline: Deadline) -> None:
+        if self._session.interface == "asrl":
+            self._session.send("SYST:REM", deadline=deadline)
+
+    def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
+        """Set level and current limit of `output`; the limit first, and both are read back."""
+        ratings = self._ratings(output)
+        require_within(self, f"voltage of {output}", voltage_v, (ratings.low_v, ratings.high_v), "V")
+        require_within(self, f"current limit of {output}", current_limit_a, (0.0, ratings.high_a), "A")
+        # One message: the selected output persists, and nothing must come between selecting and setting.
+        self._session.write(
+            f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {decimal(current_limit_a)};:VOLT {decimal(voltage_v)}"
+        )
+        self._verify_setting(output, "VOLT?", voltage_v, ratings.tolerance_v, "V")
+        self._verify_setting(output, "CURR?", current_limit_a, ratings.tolerance_a, "A")
+        self._configured.add(output)
+
+    def _ratings(self, output: str) -> Output:
+        try:
+            return OUTPUTS[output]
+        except KeyError:
+            raise LimitError(
+                f"there is no output {output!r}, only {', '.join(OUTPUTS)}",
+                instrument=self.name,
+                resource=self.resource,
+            ) from None
+
+    def _verify_setting(self, output: str, query: str, wanted: float, tolerance: float, unit: str) -> None:
+        found = self._session.query_reading(query)
+        if abs(found - wanted) > tolerance:
+            raise InstrumentError(
+                f"{output} was set to {wanted:g} {unit} but reads back {found:g} {unit}",
+                instrument=self.name,
+                resource=self.resource,
+                command=query,
+            )
+
+    def enable_outputs(self) -> None:
+        """Switch all outputs on; those that were not configured are first set to 0 V."""
+        if not self._configured:
+            raise PlanError(
+                "no output has a voltage and a current limit yet, nothing was switched on",
+                instrument=self.name,
+                resource=self.resource,
+            )
+        for output in OUTPUTS:
+            if output not in self._configured:
+                self._session.write(f"INST:SEL {output};:VOLT 0")
+        self._session.write("OUTP ON")
+        self._verify_switch("on")
+
+    def disable_outputs(self) -> None:
+        """Switch all outputs off."""
+        self._session.write("OUTP OFF")
+        self._verify_switch("off")
+
+    def _verify_switch(self, wanted: str) -> None:
+        if self.outputs_enabled() is not (wanted == "on"):
+            raise InstrumentError(
+                f"the outputs were switched {wanted} but do not read back so",
+                instrument=self.name,
+                resource=self.resource,
+                command="OUTP?",
+            )
+
+    def outputs_enabled(self) -> bool:
+        """Tell whether the outputs are on."""
+        return self._session.query_bool("OUTP?")
+
+    def measure_voltage_v(self, output: str) -> float:
+        """Read back the voltage at the terminals, V."""
+        self._ratings(output)
+        return self._session.query_reading(f"MEAS:VOLT? {output}")
+
+    def measure_current_a(self, output: str) -> float:
+        """Read back the current, A."""
+        self._ratings(output)
+        return self._session.query_reading(f"MEAS:CURR? {output}")
+
+    def regulation(self, output: str) -> Regulation:
+        """Tell how `output` is regulated now."""
+        condition = self._session.query_int(f"STAT:QUES:INST:ISUM{self._ratings(output).number}:COND?") & 3
+        if condition == 0 and not self.outputs_enabled():
+            return Regulation.OFF
+        return _REGULATION[condition]
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Switch the outputs off and wait until each measures near 0 V."""
+        return safely(self, self._prove_off, deadline)
+
+    def _prove_off(self, deadline: Deadline) -> str:
+        self._session.revive(deadline)
+        self._session.write("OUTP OFF", deadline=deadline)
+        if self._session.query_bool("OUTP?", deadline):
+            raise InstrumentError("the outputs stay on", instrument=self.name, resource=self.resource, command="OUTP?")
+        highest_v = self._wait_for_discharge(deadline)
+        return f"outputs off, no more than {highest_v:.3g} V at the terminals"
+
+    def _wait_for_discharge(self, deadline: Deadline) -> float:
+        while True:
+            voltages = {output: self._session.query_reading(f"MEAS:VOLT? {output}", deadline) for output in OUTPUTS}
+            worst = max(voltages, key=lambda output: abs(voltages[output]))
+            if abs(voltages[worst]) < _SAFE_V:
+                return abs(voltages[worst])
+            if deadline.remaining() <= _POLL_S:
+                raise MeasurementError(
+                    f"outputs are off but {worst} still measures {voltages[worst]:.3g} V",
+                    instrument=self.name,
+                    resource=self.resource,
+                )
+            sleep(self.clock, _POLL_S)

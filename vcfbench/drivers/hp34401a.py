@@ -1,0 +1,90 @@
+"""HP (Agilent, Keysight) 34401A multimeter, after its user's guide 34401-90004."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, safely
+from vcfbench.errors import InstrumentError, LimitError
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.session import Session
+    from vcfbench.interfaces import SafeReport
+
+__all__ = ["Hp34401A"]
+
+_RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
+_NPLC = (0.02, 0.2, 1.0, 10.0, 100.0)
+_OVERHEAD_S = 0.05
+"""Settling delay 1.5 ms (guide p. 81), about 20 ms into wait-for-trigger, and a 9600-baud line's 17 ms."""
+
+
+class Hp34401A(ScpiInstrument):
+    """A voltmeter on a fixed range with a fixed integration time."""
+
+    model: ClassVar[str] = "34401A"
+
+    def __init__(self, session: Session, *, mains_hz: float = 50.0, serial_number: str | None = None) -> None:
+        super().__init__(session, serial_number=serial_number)
+        self._mains_hz = mains_hz
+        self._nplc = 10.0
+
+    def _take_remote(self, deadline: Deadline) -> None:
+        if self._session.interface == "asrl":  # in local READ? is refused with 550
+            self._session.send("SYST:REM", deadline=deadline)
+
+    @property
+    def reading_time_s(self) -> float:
+        """How long one reading takes, s: with autozero the meter integrates twice (guide p. 217)."""
+        return 2.0 * self._nplc / self._mains_hz + _OVERHEAD_S
+
+    def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
+        """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
+        self._require_one_of("range", range_v, _RANGES_V)
+        self._require_one_of("integration time in power-line cycles", nplc, _NPLC)
+        # CONFigure presets one sample, one trigger, source immediate, 10 Mohm; autozero it takes from the NPLC.
+        self._session.write(
+            f"CONF:VOLT:DC {decimal(range_v)}",
+            f"VOLT:DC:NPLC {decimal(nplc)}",
+            "ZERO:AUTO ON",
+            "TRIG:SOUR IMM",
+            deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
+        )
+        self._verify_setting("VOLT:DC:RANG?", range_v)
+        self._verify_setting("VOLT:DC:NPLC?", nplc)
+        self._nplc = nplc
+
+    def _require_one_of(self, what: str, value: float, allowed: tuple[float, ...]) -> None:
+        if value not in allowed:
+            raise LimitError(
+                f"{what} {value:g} is not one of {', '.join(f'{a:g}' for a in allowed)}, nothing was sent",
+                instrument=self.name,
+                resource=self.resource,
+            )
+
+    def _verify_setting(self, query: str, wanted: float) -> None:
+        found = self._session.query_reading(query)
+        if abs(found - wanted) > 1e-6 * wanted:
+            raise InstrumentError(
+                f"was set to {wanted:g} but reads back {found:g}",
+                instrument=self.name,
+                resource=self.resource,
+                command=query,
+            )
+
+    def read_voltage_v(self) -> float:
+        """Trigger one reading and return it, V; raises MeasurementError on overload."""
+        return self._session.query_reading(
+            "READ?", self._session.deadline(self._session.timeout_s + self.reading_time_s)
+        )
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Abort what the meter is doing; it drives nothing. Its answer shows that it is idle: when busy it has none."""
+        return safely(self, self._prove_idle, deadline)
+
+    def _prove_idle(self, deadline: Deadline) -> str:
+        self._session.revive(deadline)
+        self._session.clear(deadline)
+        self._session.query_int("*OPC?", deadline)
+        return "idle"

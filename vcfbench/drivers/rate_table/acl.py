@@ -1,0 +1,310 @@
+"""The Acutronic control language (ACL) of the ACUTROL3000 and Act2000 controllers.
+
+After the ACL manual TM-8004-C. There is no native serial port: a serial-to-TCP converter carries the byte stream of
+the TCP interface. What the manual leaves open about that stream's framing is inferred from independent clients and
+says so here. Full words are sent throughout, for ACL's short forms are not unique by prefix.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from vcfbench.drivers import replies
+from vcfbench.errors import FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.interfaces import Identity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.line import TableLine
+
+__all__ = ["AclDialect", "Header", "detect_header"]
+
+Header = Literal["none", "u32le2", "u32be2", "auto"]
+"""What precedes a reply on a byte stream: nothing, or error code and length as two 32-bit words.
+
+On every interface except GPIB each command is answered, error code and length before the data (ACL manual section
+2). That they are two 32-bit words is inferred from the reflective-memory layout and from a client that drops eight
+bytes; their byte order is unknown.
+"""
+
+_HEADER_BYTES = 8
+_FORMATS: Mapping[str, struct.Struct] = MappingProxyType(
+    {"u32le2": struct.Struct("<II"), "u32be2": struct.Struct(">II")}
+)
+_LONGEST_MESSAGE = 32_768
+_ACKNOWLEDGEMENTS = (b"", b"OK")
+"""A command's answer without data: nothing, an empty line (release notes) or ``OK`` (a client's comparison)."""
+
+_TRIP_MARGIN = 1.1
+"""The over-rate trip shuts the axis down; a tenth above the highest rate leaves room for overshoot."""
+
+_SERVOED = 1 << 4
+_ABORTS = MappingProxyType({6: "software abort", 7: "hardware abort"})
+_SOFTWARE_FAULTS = MappingProxyType(
+    {
+        1: "over-rate trip",
+        2: "tracking error",
+        3: "frame time exceeded",
+        7: "transducer lost",
+        8: "transducer lost",
+        9: "self-test failed",
+    }
+)
+_INTERLOCKS = MappingProxyType(
+    {
+        6: "power amplifier not acknowledged",
+        7: "interlock input 1",
+        8: "interlock input 2",
+        9: "master interlock (disabled at the front panel)",
+        **dict.fromkeys(range(10, 16), "internal watchdog"),
+    }
+)
+_ERRORS_QUEUED = 1 << 7
+_DEEPEST_QUEUE = 32
+
+
+def detect_header(first: bytes) -> Header:
+    """Tell from the first eight bytes of the first reply what precedes replies.
+
+    A length above 32 768 cannot be: the other byte order is meant, or the bytes are text.
+    """
+    for header, layout in _FORMATS.items():
+        error, length = layout.unpack(first)
+        if 0 < length < _LONGEST_MESSAGE and error < _LONGEST_MESSAGE:
+            return header  # type: ignore[return-value]
+    return "none"
+
+
+@dataclass(slots=True)
+class AclDialect:
+    """One axis of an ACL controller; the header is learnt at the first reply when it is ``auto``."""
+
+    axis: int = 1
+    header: Header = "auto"
+    rate_quantum_deg_s: ClassVar[float] = 1e-5
+    _identity: bytes = b""
+
+    # Identity and synchronisation
+
+    def identify(self, line: TableLine, deadline: Deadline) -> Identity:
+        """Ask ``*IDN?``; its answer serves to find the place again after a failed exchange."""
+        answer = self._ask(line, "*IDN?", deadline)
+        identity = Identity(*replies.identity_fields(answer))
+        self._identity = answer.encode("ascii")
+        return identity
+
+    def resync(self, line: TableLine, deadline: Deadline) -> None:
+        """Drop what came late up to the known answer of ``*IDN?``, then up to a number.
+
+        The second question is there because the one that failed may itself have been ``*IDN?``.
+        """
+        try:
+            if not self._identity:
+                raise FramingError("no answer is known yet")
+            line.take_unasked()
+            line.send(b"*IDN?\n", deadline)
+            line.take_through(self._identity, deadline)
+            line.send(b":Status:STB?\n", deadline)
+            while self._body(line, deadline).encode("ascii") == self._identity:
+                pass
+        except LinkLost as error:
+            raise line.locate(error, "*IDN?", deadline)  # noqa: B904 - the same error, now knowing where
+        except TransportError as error:
+            lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
+            raise line.locate(lost, "*IDN?", deadline) from error
+        line.dirty = False
+
+    # Commands
+
+    def claim(self, line: TableLine, deadline: Deadline) -> None:
+        """Bar the controller's other interfaces."""
+        self._command(line, ":Utility:Lockout ON", deadline)
+
+    def release(self, line: TableLine, deadline: Deadline) -> None:
+        """Let the controller's other interfaces in again; a byte stream has no other way back to local (inferred)."""
+        self._command(line, ":Utility:Lockout OFF", deadline)
+
+    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+        """Set the limits of rate mode (``R``) and the trip on the measured rate."""
+        settings: list[str] = []
+        if math.isfinite(limits.max_rate_deg_s):
+            trip_deg_s = limits.max_rate_deg_s * _TRIP_MARGIN
+            settings.append(f"Rate R,{self.axis},{_decimal(limits.max_rate_deg_s)}")
+            settings.append(f"Vtrip R,{self.axis},{_decimal(trip_deg_s)}")
+        if math.isfinite(limits.max_acceleration_deg_s2):
+            settings.append(f"Acceleration R,{self.axis},{_decimal(limits.max_acceleration_deg_s2)}")
+        if settings:
+            self._command(line, f":Limit:{';'.join(settings)}", deadline)
+
+    def close_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Zero the demand before the mode is selected: a stale demand would be executed as fast as possible."""
+        self._command(line, f":Demand:Rate {self.axis},0;:Mode:Rate {self.axis}", deadline)
+        self._command(line, f":Interlock:Close {self.axis}", deadline)
+
+    def hold(self, line: TableLine, deadline: Deadline) -> None:
+        """Select mode OFF: closed-loop zero rate that no demand affects."""
+        self._command(line, f":Mode:Off {self.axis}", deadline)
+
+    def open_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Open the interlock: an orderly shutdown along the ABORT profile."""
+        self._command(line, f":Interlock:Open {self.axis}", deadline)
+
+    def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        """Set the acceleration limit of rate mode and the demand, in one message: on the same control frame."""
+        demand = f":Demand:Rate {self.axis},{_decimal(rate_deg_s)}"
+        if math.isfinite(acceleration_deg_s2):
+            demand = f":Limit:Acceleration R,{self.axis},{_decimal(acceleration_deg_s2)};{demand}"
+        self._command(line, demand, deadline)
+
+    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
+        """Clear the latched faults of all axes; a servoed axis is not affected."""
+        self._command(line, ":Interlock:Reset", deadline)
+
+    # Questions
+
+    def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
+        """Read bit 4 of the axis' state word."""
+        return bool(self._word(line, "STATE", deadline) & _SERVOED)
+
+    def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
+        """Read bit 9 of the dynamic word, Rate Profile Complete."""
+        return replies.boolean(self._ask(line, f":Status:CSR? A{self.axis}DYN,9", deadline))
+
+    def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the measured rate."""
+        return self._number(line, f":Read:Rate? {self.axis}", deadline)
+
+    def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the measured position."""
+        return self._number(line, f":Read:Position? {self.axis}", deadline)
+
+    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
+        """Name what has latched; None when the interlock has not."""
+        interlock = self._ask(line, f":Interlock? {self.axis}", deadline)
+        aborts = _names(self._word(line, "STATE", deadline), _ABORTS)
+        if not interlock.upper().startswith("F") and not aborts:
+            return None
+        causes = _names(self._word(line, "SWFLT", deadline), _SOFTWARE_FAULTS)
+        causes += _names(self._word(line, "INTLK", deadline), _INTERLOCKS)
+        return ", ".join(causes + aborts) or "interlock fault of unnamed cause"
+
+    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
+        """Read the words of what was refused, as long as the status byte says that there are some.
+
+        ``:Status:STB?`` leaves the byte as it is, ``*STB?`` would clear it.
+        """
+        refused: list[str] = []
+        while len(refused) < _DEEPEST_QUEUE and self._status_byte(line, deadline) & _ERRORS_QUEUED:
+            refused.append(self._ask(line, ":Status:MSG? QERROR", deadline))
+        if refused:
+            raise InstrumentError(
+                f"refused with {'; then '.join(refused)}",
+                words=refused[0],
+                instrument=line.name,
+                resource=line.resource,
+            )
+
+    def _status_byte(self, line: TableLine, deadline: Deadline) -> int:
+        return replies.integer(self._ask(line, ":Status:STB?", deadline))
+
+    def _word(self, line: TableLine, word: str, deadline: Deadline) -> int:
+        return replies.integer(self._ask(line, f":Status:CSR? A{self.axis}{word}", deadline))
+
+    def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
+        return replies.number(self._ask(line, question, deadline))
+
+    # Exchanges
+
+    def _ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
+        with line.exclusive():
+            try:
+                self._say(line, question, deadline)
+                answer = self._body(line, deadline)
+            except TransportError as error:
+                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+            line.dirty = False
+        return answer
+
+    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        with line.exclusive():
+            try:
+                self._say(line, command, deadline)
+                if self.header != "none":
+                    self._require_acknowledged(line, deadline)
+            except (TransportError, InstrumentError) as error:
+                error.command = command
+                raise line.locate(error, command, deadline) if isinstance(error, TransportError) else error  # noqa: B904
+            line.dirty = False
+            self._check_command(line, command, deadline)
+
+    def _check_command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        try:
+            self.check_errors(line, deadline)
+        except InstrumentError as error:
+            error.command = command
+            raise
+
+    def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
+        unasked = line.take_unasked().replace(b"\r", b"\n").split(b"\n")
+        if line.dirty or any(part not in _ACKNOWLEDGEMENTS for part in unasked):
+            self.resync(line, deadline)
+        line.dirty = True  # until the exchange is whole, whatever ends it
+        line.send(message.encode("ascii") + b"\n", deadline)
+
+    def _body(self, line: TableLine, deadline: Deadline) -> str:
+        """Return the data of the next reply that has any, or that a header says to have none."""
+        if self.header == "auto":
+            self._learn_header(line, deadline)
+        body = b""
+        while body in _ACKNOWLEDGEMENTS:
+            body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
+        if body.startswith(b"#"):
+            raise FramingError("the table answers in binary, set its reply format to floating point")
+        return replies.text(body)
+
+    def _require_acknowledged(self, line: TableLine, deadline: Deadline) -> None:
+        if self.header == "auto":
+            raise FramingError("identify the table before commanding it")
+        body = self._counted(line, deadline)
+        if body not in _ACKNOWLEDGEMENTS:
+            raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
+
+    def _learn_header(self, line: TableLine, deadline: Deadline) -> None:
+        first = line.take(_HEADER_BYTES, deadline)
+        line.put_back(first)
+        self.header = detect_header(first)
+
+    def _counted(self, line: TableLine, deadline: Deadline) -> bytes:
+        """Return a reply that its header counts, without line end; what is left of an uncounted one is skipped."""
+        layout = _FORMATS[self.header]
+        error, length = layout.unpack(line.take(_HEADER_BYTES, deadline))
+        while length >= _LONGEST_MESSAGE:
+            rest = layout.pack(error, length)
+            if rest[:1] not in (b"\r", b"\n"):
+                raise FramingError(f"{length} is no length of a reply")
+            error, length = layout.unpack(rest[1:] + line.take(1, deadline))
+        body = line.take(length, deadline).rstrip(b"\r\n\0")
+        if error:
+            line.dirty = False  # a whole reply, though a refusal
+            raise InstrumentError(
+                f"refused with {error}" + (f" {body.decode('ascii', 'replace')!r}" if body else ""),
+                number=error,
+                instrument=line.name,
+                resource=line.resource,
+            )
+        return body
+
+
+def _decimal(value: float) -> str:
+    return f"{value + 0.0:.6f}".rstrip("0").rstrip(".")
+
+
+def _names(word: int, meanings: Mapping[int, str]) -> list[str]:
+    return list(dict.fromkeys(meaning for bit, meaning in meanings.items() if word >> bit & 1))

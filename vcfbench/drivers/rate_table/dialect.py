@@ -1,0 +1,98 @@
+"""The seam between the rate-table driver and the languages that tables speak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.rate_table.line import TableLine
+    from vcfbench.interfaces import Identity
+
+__all__ = ["TableDialect", "TableLimits"]
+
+
+@dataclass(frozen=True, slots=True)
+class TableLimits:
+    """What the table may be asked for, deg/s and deg/s2, magnitudes; infinite means that the table's own limit stands."""
+
+    max_rate_deg_s: float
+    max_acceleration_deg_s2: float
+
+
+class TableDialect(Protocol):
+    """One axis of one kind of table, in that table's own sign convention, deg, deg/s, deg/s2.
+
+    Commands (nothing returned) are sent once. Questions may be asked again by the driver. Every method raises a
+    TransportError when the line fails and an InstrumentError when the table refuses.
+    """
+
+    @property
+    def rate_quantum_deg_s(self) -> float:
+        """Step of the commanded rate."""
+        ...
+
+    def identify(self, line: TableLine, deadline: Deadline) -> Identity:
+        """Ask who answers; also learns what of the framing is not configured."""
+        ...
+
+    def resync(self, line: TableLine, deadline: Deadline) -> None:
+        """Get answers and questions into step again after a failed exchange, or raise OutOfSync."""
+        ...
+
+    def claim(self, line: TableLine, deadline: Deadline) -> None:
+        """Take remote control for this program alone."""
+        ...
+
+    def release(self, line: TableLine, deadline: Deadline) -> None:
+        """Give remote control back."""
+        ...
+
+    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+        """Tell the table its limits and its over-rate trip."""
+        ...
+
+    def close_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Zero the demand, select rate mode, close the servo."""
+        ...
+
+    def hold(self, line: TableLine, deadline: Deadline) -> None:
+        """Leave rate mode: zero rate whatever is demanded."""
+        ...
+
+    def open_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Open the servo in the table's own orderly way."""
+        ...
+
+    def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        """Ramp to a rate; an infinite acceleration leaves the table's as it is. Asking for rate 0 may be repeated."""
+        ...
+
+    def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell whether the servo holds the axis."""
+        ...
+
+    def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell whether the demanded rate is reached."""
+        ...
+
+    def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the rate."""
+        ...
+
+    def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the angle."""
+        ...
+
+    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
+        """Return the latched fault in words."""
+        ...
+
+    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
+        """Clear a latched fault."""
+        ...
+
+    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
+        """Raise InstrumentError with what the table has refused since last asked."""
+        ...

@@ -1,0 +1,265 @@
+"""The rate-table driver: limits, sign, proof of rest, and the order of things; the words are the dialect's."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.scpi_instrument import safely
+from vcfbench.errors import (
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    InterlockError,
+    LimitError,
+    MeasurementError,
+    TransportError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.clock import Clock
+    from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
+    from vcfbench.drivers.rate_table.line import TableLine
+    from vcfbench.interfaces import Identity, SafeReport
+
+__all__ = ["RateTableDriver"]
+
+_T = TypeVar("_T")
+
+_POLL_S = 0.1
+_POLLS_AT_REST = 3
+"""At rest means: so many readings in a row below the tolerance."""
+
+_SERVO_S = 10.0
+"""What closing or opening the servo may take."""
+
+_STOP_ATTEMPTS = 3
+
+
+class RateTableDriver:
+    """One axis of a rate table.
+
+    Rates and angles are counter-clockwise positive seen from above, if `axis_sign` is chosen so: it is -1 for a table
+    whose own sign is the other. A table goes on turning when nobody speaks to it, so an independent hard-wired
+    emergency stop is part of every bench.
+    """
+
+    def __init__(
+        self,
+        line: TableLine,
+        dialect: TableDialect,
+        *,
+        limits: TableLimits,
+        axis_sign: Literal[1, -1] = 1,
+        rest_tolerance_deg_s: float = 0.05,
+    ) -> None:
+        self._line = line
+        self._dialect = dialect
+        self._limits = limits
+        self._sign = axis_sign
+        self._rest_tolerance_deg_s = rest_tolerance_deg_s
+        self._enabled = False
+        self._claimed = False
+        self._stop_acceleration_deg_s2 = limits.max_acceleration_deg_s2
+        self._ask(dialect.identify)
+
+    @property
+    def name(self) -> str:
+        """The role on this bench."""
+        return self._line.name
+
+    @property
+    def resource(self) -> str:
+        """The port it was opened with."""
+        return self._line.resource
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that the line waits on."""
+        return self._line.clock
+
+    def identify(self) -> Identity:
+        """Ask who answers."""
+        return self._ask(self._dialect.identify)
+
+    def check_errors(self) -> None:
+        """Raise InstrumentError with what the table has refused since last asked."""
+        self._ask(self._dialect.check_errors)
+
+    def enable(self) -> None:
+        """Zero the demand, then close the servo; raises InterlockError when a fault forbids it or the table turns."""
+        self._command(self._dialect.claim)
+        self._claimed = True
+        self._require_no_fault()
+        self._require_rest("it was found turning at {rate:g} deg/s, somebody else may be commanding it")
+        self._dialect.set_limits(self._line, self._limits, self._line.deadline())
+        self._command(self._dialect.close_servo)
+        if not self._wait_for_servo(self._line.deadline(_SERVO_S), "closed"):
+            raise self._interlock(self.fault() or "the servo did not close")
+        self._enabled = True
+
+    def disable(self) -> None:
+        """Open the servo; refuses (InterlockError) while the table turns."""
+        self._require_rest("it still turns at {rate:g} deg/s, stop it before it is disabled")
+        self._enabled = False
+        self._command(self._dialect.hold)
+        self._command(self._dialect.open_servo)
+        if not self._wait_for_servo(self._line.deadline(_SERVO_S), "open"):
+            raise self._interlock("the servo did not open")
+
+    def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; returns at once."""
+        self._require_limits(rate_deg_s, acceleration_deg_s2)
+        if not self._enabled:  # a demand now would be waiting for the servo, and be executed when it closes
+            raise self._interlock("the servo is open, nothing was sent")
+        self._stop_acceleration_deg_s2 = acceleration_deg_s2
+        self._demand(rate_deg_s, acceleration_deg_s2, self._line.deadline())
+
+    def _require_limits(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        if not abs(rate_deg_s) <= self._limits.max_rate_deg_s:
+            raise self._limit(f"a rate of {rate_deg_s:g} deg/s", self._limits.max_rate_deg_s, "deg/s")
+        highest = self._limits.max_acceleration_deg_s2
+        # A table whose acceleration limit is zero could not be stopped any more.
+        if not 0.0 < acceleration_deg_s2 <= highest or not math.isfinite(acceleration_deg_s2):
+            raise self._limit(f"an acceleration of {acceleration_deg_s2:g} deg/s2", highest, "deg/s2")
+
+    def _limit(self, what: str, highest: float, unit: str) -> LimitError:
+        return LimitError(
+            f"{what} is not within its limit of {highest:g} {unit}, nothing was sent",
+            instrument=self.name,
+            resource=self.resource,
+        )
+
+    def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        self._dialect.demand_rate(self._line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
+
+    def at_rate(self) -> bool:
+        """Tell whether the table says that the demanded rate is reached."""
+        return self._ask(self._dialect.at_rate)
+
+    def rate_deg_s(self) -> float:
+        """Read back the rate."""
+        return self._sign * self._ask(self._dialect.rate_deg_s) + 0.0
+
+    def angle_deg(self) -> float:
+        """Read back the angle."""
+        return self._sign * self._ask(self._dialect.angle_deg) + 0.0
+
+    def fault(self) -> str | None:
+        """Return the latched fault or interlock in words, None when there is none."""
+        return self._ask(self._dialect.fault)
+
+    def clear_fault(self) -> None:
+        """Clear a latched fault; only when a person has seen to its cause."""
+        self._command(self._dialect.clear_fault)
+
+    def stop(self, acceleration_deg_s2: float) -> None:
+        """Ramp to rest, servo kept. Repeated until the table has taken it, for rate 0 may be asked for twice."""
+        self._require_limits(0.0, acceleration_deg_s2)
+        self._stop_within(acceleration_deg_s2, self._line.deadline(_STOP_ATTEMPTS * self._line.timeout_s))
+
+    def _stop_within(self, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        for left in range(_STOP_ATTEMPTS, 0, -1):
+            try:
+                self._demand(0.0, acceleration_deg_s2, Deadline.after(self.clock, deadline.remaining() / left))
+            except (DeadlineExceeded, FramingError, InstrumentError):
+                if left == 1:
+                    raise
+            else:
+                return
+
+    def close(self) -> None:
+        """Give remote control and the connection back."""
+        if self._claimed and not self._line.closed:
+            self._claimed = False
+            with suppress(TransportError, InstrumentError):  # a lockout that stays is taken off at the panel
+                self._command(self._dialect.release)
+        self._line.close()
+
+    # Safe state
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Rate 0, wait for rest by read-back, then servo open and remote control given back."""
+        self._enabled = False
+        return safely(self, self._prove_at_rest, deadline, attempts=2)
+
+    def _prove_at_rest(self, deadline: Deadline) -> str:
+        self._line.revive(deadline)
+        with suppress(DeadlineExceeded, FramingError, InstrumentError):  # it counts what is read back next
+            self._stop_within(self._stop_acceleration_deg_s2, self._share(deadline, 0.2))
+        if not self._wait_for_rest(self._share(deadline, 0.8)):
+            self._abort(deadline)
+        return self._release_at_rest(deadline)
+
+    def _share(self, deadline: Deadline, part: float) -> Deadline:
+        return Deadline.after(self.clock, deadline.remaining() * part)
+
+    def _abort(self, deadline: Deadline) -> None:
+        """End with the table's own orderly shutdown, when it does not obey: still not to be called safe."""
+        self._dialect.open_servo(self._line, deadline)
+        raise MeasurementError(
+            f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
+            instrument=self.name,
+            resource=self.resource,
+            hint="use the hard-wired emergency stop",
+        )
+
+    def _release_at_rest(self, deadline: Deadline) -> str:
+        self._dialect.hold(self._line, deadline)
+        self._dialect.open_servo(self._line, deadline)
+        if not self._wait_for_servo(deadline, "open"):
+            raise InstrumentError("at rest, but the servo did not open", instrument=self.name, resource=self.resource)
+        self._dialect.release(self._line, deadline)
+        self._claimed = False
+        return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
+
+    def _wait_for_rest(self, deadline: Deadline) -> bool:
+        quiet = 0
+        while quiet < _POLLS_AT_REST:
+            if deadline.expired():
+                return False
+            quiet = quiet + 1 if abs(self._ask(self._dialect.rate_deg_s, deadline)) < self._rest_tolerance_deg_s else 0
+            sleep(self.clock, _POLL_S)
+        return True
+
+    def _wait_for_servo(self, deadline: Deadline, wanted: Literal["closed", "open"]) -> bool:
+        while self._ask(self._dialect.servo_closed, deadline) is not (wanted == "closed"):
+            if deadline.remaining() <= _POLL_S:
+                return False
+            sleep(self.clock, _POLL_S)
+        return True
+
+    # Exchanges
+
+    def _require_no_fault(self) -> None:
+        fault = self.fault()
+        if fault is not None:
+            raise self._interlock(fault, "see to the cause, then clear the fault")
+
+    def _require_rest(self, words: str) -> None:
+        for _ in range(_POLLS_AT_REST):
+            rate_deg_s = self.rate_deg_s()
+            if not abs(rate_deg_s) < self._rest_tolerance_deg_s:
+                raise self._interlock(words.format(rate=rate_deg_s))
+
+    def _interlock(self, what: str, hint: str | None = None) -> InterlockError:
+        return InterlockError(what, instrument=self.name, resource=self.resource, hint=hint)
+
+    def _command(self, command: Callable[[TableLine, Deadline], None]) -> None:
+        """Give a command once: whether a lost acknowledgement means a lost command cannot be known."""
+        command(self._line, self._line.deadline())
+
+    def _ask(self, question: Callable[[TableLine, Deadline], _T], within: Deadline | None = None) -> _T:
+        """Ask, and once more if the answer was late or garbled."""
+        try:
+            return question(self._line, self._limit_of_exchange(within))
+        except (DeadlineExceeded, FramingError):
+            return question(self._line, self._limit_of_exchange(within))
+
+    def _limit_of_exchange(self, within: Deadline | None) -> Deadline:
+        left = math.inf if within is None else within.remaining()
+        return self._line.deadline(min(left, self._line.timeout_s))

@@ -1,0 +1,223 @@
+"""The line to a rate table: whatever pyserial opens by URL, with deadlines."""
+
+from __future__ import annotations
+
+import re
+import threading
+from typing import TYPE_CHECKING
+
+from vcfbench.clock import Deadline
+from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    import serial
+
+    from vcfbench.clock import Clock
+    from vcfbench.drivers.wire import Interface, Wire
+
+__all__ = ["SerialWire", "TableLine", "open_line"]
+
+_LINE_END = re.compile(rb"\r\n|\r|\n")
+_LONGEST_LINE = 32_768
+"""The longest message of any table's language known so far (ACL manual, section 2)."""
+
+
+def open_line(url: str, *, clock: Clock, name: str, timeout_s: float, baud_rate: int = 9600) -> TableLine:
+    """Open a serial port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``), 8N1.
+
+    Raises:
+        ConnectFailed: there is no such port, it is in use, or nobody answers there.
+    """
+
+    def connect(_: Deadline) -> Wire:
+        return SerialWire(_open_port(url, baud_rate, timeout_s))
+
+    try:
+        wire = connect(Deadline.after(clock, timeout_s))
+    except TransportError as error:
+        error.instrument, error.resource = name, url
+        raise
+    return TableLine(wire, name=name, resource=url, clock=clock, timeout_s=timeout_s, reconnect=connect)
+
+
+def _open_port(url: str, baud_rate: int, timeout_s: float) -> serial.Serial:
+    import serial  # noqa: PLC0415 - loaded when first needed
+
+    try:
+        port = serial.serial_for_url(url, do_not_open=True, timeout=timeout_s, write_timeout=timeout_s)
+        port.baudrate = baud_rate
+        if isinstance(port, serial.Serial):
+            port.exclusive = True  # one owner a connection; only real ports know how
+        port.open()
+    except (OSError, ValueError) as error:
+        raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
+    return port
+
+
+class SerialWire:
+    """A wire over an open pyserial port."""
+
+    interface: Interface = "serial"
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Write all of `data`."""
+        import serial  # noqa: PLC0415
+
+        try:
+            self._port.write_timeout = _left(deadline)
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise DeadlineExceeded("the table does not take the command") from error
+        except OSError as error:
+            raise _lost(error) from error
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        """Return what has come, waiting for the first byte."""
+        try:
+            self._port.timeout = _left(deadline)
+            first = self._port.read(1)
+            data = first + self._port.read(self._port.in_waiting) if first else first
+        except OSError as error:
+            raise _lost(error) from error
+        if not data:
+            raise DeadlineExceeded("no answer")
+        return data, False
+
+    def pending(self) -> bytes:
+        """Take what has come unasked."""
+        try:
+            waiting = self._port.in_waiting
+            return self._port.read(waiting) if waiting else b""
+        except OSError as error:
+            raise _lost(error) from error
+
+    def clear(self, deadline: Deadline) -> None:
+        """Forget what has come; tables know no device clear."""
+        while not deadline.expired() and self.pending():
+            pass
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+
+def _left(deadline: Deadline) -> float:
+    left = deadline.remaining()
+    if left <= 0.0:
+        raise DeadlineExceeded("the time is up")
+    return left
+
+
+def _lost(error: OSError) -> LinkLost:
+    return LinkLost(f"the connection broke ({' '.join(str(error).split()) or type(error).__name__})")
+
+
+class TableLine:
+    """What dialects build their exchanges on: bytes, lines and counted replies, each before a deadline."""
+
+    def __init__(
+        self,
+        wire: Wire,
+        *,
+        name: str,
+        resource: str,
+        clock: Clock,
+        timeout_s: float,
+        reconnect: Callable[[Deadline], Wire] | None = None,
+    ) -> None:
+        self.name = name
+        self.resource = resource
+        self.clock = clock
+        self.timeout_s = timeout_s
+        self._wire = wire
+        self._reconnect = reconnect
+        self._received = b""
+        self._lock = threading.RLock()
+        self._closed = False
+        self.dirty = False
+        """Whether an exchange broke off: the dialect must find its place again before it asks anything."""
+
+    @property
+    def closed(self) -> bool:
+        """Tell whether the connection has been given back or given up."""
+        return self._closed
+
+    def exclusive(self) -> AbstractContextManager[bool]:
+        """Keep other threads out for the length of an exchange."""
+        return self._lock
+
+    def deadline(self, seconds: float | None = None) -> Deadline:
+        """Return a deadline `seconds` from now, by default the line's time-out."""
+        return Deadline.after(self.clock, self.timeout_s if seconds is None else seconds)
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Send all of `data`."""
+        if self._closed:
+            raise LinkLost("the connection is closed", instrument=self.name, resource=self.resource)
+        self._wire.send(data, deadline)
+
+    def take_line(self, deadline: Deadline) -> bytes:
+        """Return what comes up to the next line end (CR, LF or both), without it; empty lines are lines."""
+        while (found := _LINE_END.search(self._received)) is None:
+            self._fill(deadline)
+        line, self._received = self._received[: found.start()], self._received[found.end() :]
+        return line
+
+    def take(self, count: int, deadline: Deadline) -> bytes:
+        """Return exactly `count` bytes."""
+        while len(self._received) < count:
+            self._fill(deadline)
+        data, self._received = self._received[:count], self._received[count:]
+        return data
+
+    def put_back(self, data: bytes) -> None:
+        """Let `data` be the next that is taken."""
+        self._received = data + self._received
+
+    def take_through(self, known: bytes, deadline: Deadline) -> None:
+        """Drop everything up to and including `known`."""
+        while (found := self._received.find(known)) < 0:
+            self._fill(deadline)
+        self._received = self._received[found + len(known) :]
+
+    def locate(self, error: TransportError, command: str, deadline: Deadline) -> TransportError:
+        """Tell `error` where it happened; a lost connection is closed."""
+        error.instrument = error.instrument or self.name
+        error.resource = error.resource or self.resource
+        error.command = error.command or command
+        error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
+        if isinstance(error, (LinkLost, OutOfSync)):
+            self.give_up()
+        return error
+
+    def take_unasked(self) -> bytes:
+        """Return what came without being waited for, and forget it."""
+        data, self._received = self._received + self._wire.pending(), b""
+        return data
+
+    def _fill(self, deadline: Deadline) -> None:
+        if len(self._received) > _LONGEST_LINE:
+            raise FramingError(f"{len(self._received)} bytes came without an end")
+        self._received += self._wire.receive(deadline)[0]
+
+    def revive(self, deadline: Deadline) -> None:
+        """Connect anew if the connection is closed."""
+        if self._closed and self._reconnect is not None:
+            self._wire = self._reconnect(deadline)
+            self._received = b""
+            self._closed = False
+            self.dirty = True
+
+    def give_up(self) -> None:
+        """Close the connection; `revive` may make another."""
+        if not self._closed:
+            self._closed = True
+            self._wire.close()
+
+    close = give_up

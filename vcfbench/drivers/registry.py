@@ -1,0 +1,200 @@
+"""Which driver speaks for which model, and the one way to open an instrument."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+
+from vcfbench.drivers.agilent33220a import Agilent33220A
+from vcfbench.drivers.dso7104b import Dso7104B
+from vcfbench.drivers.e3631a import E3631A
+from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.rate_table.acl import AclDialect, Header
+from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.rate_table.line import open_line
+from vcfbench.drivers.session import Session, open_session
+from vcfbench.errors import BenchError, ConfigError
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Clock
+    from vcfbench.drivers.visa_wire import SerialParameters
+    from vcfbench.interfaces import Instrument
+
+__all__ = [
+    "DRIVERS",
+    "Driver",
+    "Registry",
+    "TableSettings",
+    "VisaSettings",
+    "open_instrument",
+    "open_table",
+]
+
+_S = TypeVar("_S")
+
+_SERIAL_PAUSE_S = 0.5
+"""On RS-232 an E3631A loses what comes within 0.3 to 0.5 s of a command that changes its state (seen by users)."""
+
+
+@dataclass(frozen=True, slots=True)
+class VisaSettings:
+    """What an instrument on VISA may be told besides its resource."""
+
+    timeout_s: float = 5.0
+    serial: SerialParameters | None = None
+    serial_number: str | None = None
+    mains_hz: float = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class TableSettings:
+    """What a rate table may be told besides its port; without limits here its own stay as they are."""
+
+    max_rate_deg_s: float = math.inf
+    max_acceleration_deg_s2: float = math.inf
+    timeout_s: float = 2.0
+    axis: int = 1
+    axis_sign: Literal[1, -1] = 1
+    baud_rate: int = 9600
+    reply_header: Header = "auto"
+    rest_tolerance_deg_s: float = 0.05
+
+
+Opener = Callable[[str, str, str, "Clock", Mapping[str, Any]], "Instrument"]
+"""Called with role, resource, VISA library, clock and settings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """A registered driver: the model's or dialect's name, its class and how it is opened."""
+
+    model: str
+    driver_class: type
+    opener: Opener
+
+    def __post_init__(self) -> None:
+        for method in ("make_safe", "identify", "check_errors", "close"):
+            if not inspect.isfunction(getattr(self.driver_class, method, None)):
+                raise TypeError(f"{self.driver_class.__name__} has no {method}() and cannot be registered")
+
+
+@dataclass(frozen=True, slots=True)
+class Registry:
+    """The drivers that a bench can name."""
+
+    drivers: Mapping[str, Driver] = field(default_factory=lambda: MappingProxyType({}))
+
+    def having(self, *drivers: Driver) -> Registry:
+        """Return a registry that knows `drivers` too."""
+        return Registry(MappingProxyType({**self.drivers, **{driver.model: driver for driver in drivers}}))
+
+    def find(self, model: str) -> Driver:
+        """Return the driver of `model`; raises ConfigError naming those there are."""
+        try:
+            return self.drivers[model]
+        except KeyError:
+            known = ", ".join(sorted(self.drivers))
+            raise ConfigError(f"no driver for {model!r}; there are {known}") from None
+
+
+def open_table(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
+    """Open a rate table that speaks ACL; `library` is not needed, pyserial does it."""
+    del library
+    told = _settings(TableSettings, role, settings)
+    line = open_line(resource, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate)
+    try:
+        return RateTableDriver(
+            line,
+            AclDialect(told.axis, told.reply_header),
+            limits=TableLimits(told.max_rate_deg_s, told.max_acceleration_deg_s2),
+            axis_sign=told.axis_sign,
+            rest_tolerance_deg_s=told.rest_tolerance_deg_s,
+        )
+    except BaseException:
+        line.close()
+        raise
+
+
+def _visa(model: str, driver_class: type, make: Callable[[Session, VisaSettings], Instrument]) -> Driver:
+    slow_s: float = driver_class.first_answer_s  # type: ignore[attr-defined]
+
+    def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
+        told = _settings(VisaSettings, role, settings)
+        session = open_session(
+            resource,
+            library=library,
+            clock=clock,
+            name=role,
+            timeout_s=told.timeout_s,
+            open_timeout_s=max(told.timeout_s, slow_s),
+            serial=told.serial,
+            write_pause_s=_SERIAL_PAUSE_S if resource.upper().startswith("ASRL") else 0.0,
+        )
+        try:
+            return make(session, told)
+        except BaseException:
+            session.close()
+            raise
+
+    return Driver(model, driver_class, opener)
+
+
+def _settings(kind: Callable[..., _S], role: str, settings: Mapping[str, Any]) -> _S:
+    try:
+        return kind(**settings)
+    except TypeError as error:  # a setting too many or too few; the words name it
+        words = str(error).removeprefix("VisaSettings.__init__() ").removeprefix("TableSettings.__init__() ")
+        raise ConfigError(f"the settings of {role} do not fit: {words}") from error
+
+
+DRIVERS: Final = Registry().having(
+    _visa("E3631A", E3631A, lambda session, told: E3631A(session, serial_number=told.serial_number)),
+    _visa("33220A", Agilent33220A, lambda session, told: Agilent33220A(session, serial_number=told.serial_number)),
+    _visa(
+        "34401A",
+        Hp34401A,
+        lambda session, told: Hp34401A(session, mains_hz=told.mains_hz, serial_number=told.serial_number),
+    ),
+    _visa("DSO7104B", Dso7104B, lambda session, told: Dso7104B(session, serial_number=told.serial_number)),
+    Driver("acl", RateTableDriver, open_table),
+)
+"""The drivers that come with the project."""
+
+
+def open_instrument(
+    role: str,
+    model: str,
+    resource: str,
+    *,
+    library: str,
+    clock: Clock,
+    settings: Mapping[str, Any],
+    registry: Registry = DRIVERS,
+) -> Instrument:
+    """Open the instrument of `role` and prove that it is a `model`.
+
+    Args:
+        role: its name on the bench, for messages: ``multimeter``.
+        model: ``E3631A``, ``33220A``, ``34401A``, ``DSO7104B``, or the dialect of a rate table, ``acl``.
+        resource: a VISA resource string, or for tables the name or URL of a serial port.
+        library: the VISA library.
+        clock: the bench's.
+        settings: the fields of :class:`VisaSettings` or :class:`TableSettings`.
+        registry: where to look for the driver.
+
+    Raises:
+        ConfigError: there is no such model, or a setting that it does not have.
+        ConnectFailed: nobody answers there.
+        WrongInstrument: something else does.
+    """
+    try:
+        return registry.find(model).opener(role, resource, library, clock, settings)
+    except BenchError as error:
+        error.instrument = error.instrument or role
+        error.resource = error.resource or resource
+        raise

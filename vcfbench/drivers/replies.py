@@ -1,0 +1,131 @@
+"""What instruments answer, as values: strict readers that never guess.
+
+Each raises :class:`~vcfbench.errors.FramingError` for anything that is not of its form.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import FramingError, MeasurementError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = [
+    "OVERLOAD",
+    "block_length",
+    "boolean",
+    "error_entry",
+    "identity_fields",
+    "integer",
+    "number",
+    "numbers",
+    "quoted",
+    "reading",
+    "text",
+]
+
+OVERLOAD = 9.9e37
+"""From this magnitude on a number means "no value" (SCPI-99 vol. 1, 7.2.1.4: 9.9E37 infinity, 9.91E37 not a number)."""
+
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_INTEGER = re.compile(r"[+-]?[0-9]+")
+_ERROR = re.compile(r'([+-]?[0-9]+),"((?:[^"]|"")*)"')
+_SHOWN = 60
+
+
+def _refuse(expected: str, came: str | bytes) -> FramingError:
+    shown = repr(came[:_SHOWN]) + ("..." if len(came) > _SHOWN else "")
+    return FramingError(f"expected {expected}, came {shown}")
+
+
+def text(reply: bytes) -> str:
+    """Return a reply line as text; anything but printable ASCII is noise on the line."""
+    line = reply.removesuffix(b"\n").removesuffix(b"\r")
+    if not line.isascii():
+        raise _refuse("ASCII text", reply)
+    words = line.decode("ascii")
+    if not words.isprintable():
+        raise _refuse("printable text", reply)
+    return words
+
+
+def number(reply: str) -> float:
+    """Return a decimal number (NR1, NR2 or NR3), whatever its magnitude."""
+    if _NUMBER.fullmatch(reply) is None:
+        raise _refuse("a number", reply)
+    return float(reply)
+
+
+def reading(reply: str) -> float:
+    """Return a measured number; raises MeasurementError for 9.9E37, which means overload or nothing to measure."""
+    value = number(reply)
+    if not -OVERLOAD < value < OVERLOAD:
+        raise MeasurementError(f"overload or not measurable (the instrument answers {reply})")
+    return value
+
+
+def numbers(reply: str) -> tuple[float, ...]:
+    """Return comma-separated numbers."""
+    return tuple(number(field.strip()) for field in reply.split(","))
+
+
+def integer(reply: str) -> int:
+    """Return a whole number, with or without sign."""
+    if _INTEGER.fullmatch(reply) is None:
+        raise _refuse("a whole number", reply)
+    return int(reply)
+
+
+def boolean(reply: str) -> bool:
+    """Return a switch: ``0`` or ``1``, and nothing else."""
+    if reply not in ("0", "1"):
+        raise _refuse("0 or 1", reply)
+    return reply == "1"
+
+
+def quoted(reply: str) -> str:
+    """Return the content of a quoted string."""
+    if len(reply) < 2 or reply[0] != '"' or reply[-1] != '"':
+        raise _refuse("a quoted string", reply)
+    return reply[1:-1].replace('""', '"')
+
+
+def error_entry(reply: str) -> tuple[int, str]:
+    """Return number and words of one entry of the error queue, ``-222,"Data out of range"``."""
+    found = _ERROR.fullmatch(reply)
+    if found is None:
+        raise _refuse("an entry of the error queue", reply)
+    return int(found[1]), found[2].replace('""', '"')
+
+
+def identity_fields(reply: str) -> tuple[str, str, str, str]:
+    """Return the four fields of ``*IDN?``; the last may hold commas."""
+    fields = [field.strip() for field in reply.split(",", 3)]
+    if len(fields) != 4:
+        raise _refuse("maker,model,serial,firmware", reply)
+    return fields[0], fields[1], fields[2], fields[3]
+
+
+def block_length(head: Sequence[int] | bytes) -> tuple[int, int] | None:
+    """Return header length and data length of the definite-length block that begins with `head`.
+
+    ``#800001000...`` gives ``(10, 1000)``. None when `head` is still too short to tell (IEEE 488.2, 8.7.9).
+    """
+    begin = bytes(head[:11])
+    if not begin:
+        return None
+    if begin[:1] != b"#" or not (begin[1:2] == b"" or begin[1:2] in b"123456789"):
+        raise _refuse("a definite-length block", begin)
+    if len(begin) < 2:
+        return None
+    return _counted(begin, 2 + int(begin[1:2]))
+
+
+def _counted(begin: bytes, header: int) -> tuple[int, int] | None:
+    digits = begin[2:header]
+    if digits and not digits.isdigit():
+        raise _refuse("the length of a block", begin)
+    return (header, int(digits)) if len(begin) >= header else None

@@ -1,0 +1,135 @@
+"""What the SCPI drivers have in common: identity, errors, and the frame of making safe."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from vcfbench.clock import Deadline
+from vcfbench.errors import BenchError, LimitError, WrongInstrument
+from vcfbench.interfaces import Identity, SafeReport
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.clock import Clock
+    from vcfbench.drivers.session import Session
+
+__all__ = ["ScpiInstrument", "decimal", "require_within", "safely"]
+
+_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
+"""The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
+
+
+class ScpiInstrument:
+    """An instrument on a session. A driver adds its commands and its `make_safe`: there is no default for that."""
+
+    model: ClassVar[str]
+    first_answer_s: ClassVar[float] = 0.0
+    """How long the first answer after connecting may take beyond the session's time-out."""
+
+    def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
+        self._session = session
+        self._serial_number = serial_number
+        self._open()
+
+    @property
+    def name(self) -> str:
+        """The role on this bench."""
+        return self._session.name
+
+    @property
+    def resource(self) -> str:
+        """The resource string it was opened with."""
+        return self._session.resource
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that the session waits on."""
+        return self._session.clock
+
+    def _open(self) -> None:
+        """Take over the instrument as it stands: end what an earlier program left, check who it is, drop old errors."""
+        deadline = self._session.deadline(max(self._session.timeout_s, self.first_answer_s))
+        self._session.clear(deadline)
+        self._take_remote(deadline)
+        self._verify(self._identity(deadline))
+        self._session.send("*CLS", deadline=deadline)
+
+    def _take_remote(self, deadline: Deadline) -> None:
+        """Send what the interface needs before the instrument may be spoken to."""
+
+    def _identity(self, deadline: Deadline | None) -> Identity:
+        return Identity(*self._session.identify(deadline))
+
+    def _verify(self, identity: Identity) -> None:
+        expected_serial = self._serial_number or identity.serial
+        right_model = identity.model.upper() == self.model and identity.maker.upper().startswith(_MAKERS)
+        if right_model and identity.serial == expected_serial:
+            return
+        wanted = self.model if self._serial_number is None else f"{self.model} with serial number {self._serial_number}"
+        found = f"{identity.maker} {identity.model}, serial number {identity.serial}"
+        self._session.close()
+        raise WrongInstrument(
+            f"expected a {wanted}, found {found}",
+            instrument=self.name,
+            resource=self.resource,
+            hint="check the resource in the bench file",
+        )
+
+    def identify(self) -> Identity:
+        """Ask who answers."""
+        return self._identity(None)
+
+    def check_errors(self) -> None:
+        """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
+        self._session.check_errors()
+
+    def reset(self) -> None:
+        """Bring every setting to its ``*RST`` value (outputs off)."""
+        self._session.write("*RST")
+
+    def close(self) -> None:
+        """Give the connection back."""
+        self._session.close()
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def resource(self) -> str: ...
+
+
+def safely(instrument: _Named, prove: Callable[[Deadline], str], deadline: Deadline, attempts: int = 3) -> SafeReport:
+    """Run `prove`, again if it fails and time is left; it returns what it has proved in words.
+
+    Each attempt gets its share of what is left, so that one which hangs leaves time for another.
+    """
+    failure = "there was no time left to make it safe"
+    for left in range(attempts, 0, -1):
+        if deadline.expired():
+            break
+        try:
+            detail = prove(Deadline.after(deadline.clock, deadline.remaining() / left))
+        except BenchError as error:
+            failure = str(error)
+        else:
+            return SafeReport(instrument.name, instrument.resource, safe=True, detail=detail)
+    return SafeReport(instrument.name, instrument.resource, safe=False, detail=failure)
+
+
+def decimal(value: float) -> str:
+    """Return `value` as instruments read it: nine digits, shortest form (NRf)."""
+    return f"{value + 0.0:.9g}"
+
+
+def require_within(instrument: _Named, what: str, value: float, limits: tuple[float, float], unit: str) -> None:
+    """Raise LimitError unless ``low <= value <= high``; not-a-number is never within."""
+    low, high = limits
+    if not low <= value <= high:
+        raise LimitError(
+            f"{what} of {value:g} {unit} is outside {low:g} ... {high:g} {unit}, nothing was sent",
+            instrument=instrument.name,
+            resource=instrument.resource,
+        )

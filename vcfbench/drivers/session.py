@@ -1,0 +1,489 @@
+"""The client side of SCPI: one instrument, one connection, one question at a time.
+
+A deadline covers every exchange. After an exchange that failed the session is *dirty*: before anything else is
+asked it is cleared, drained and proved to be in step by queries whose answers are known; when that fails it is
+closed. A late answer is thus never taken for the answer to the next question.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers import replies
+from vcfbench.errors import (
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    LinkLost,
+    MeasurementError,
+    OutOfSync,
+    TransportError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+    from types import TracebackType
+    from typing import Self
+
+    from vcfbench.clock import Clock
+    from vcfbench.drivers.visa_wire import SerialParameters
+    from vcfbench.drivers.wire import Interface, Wire
+
+__all__ = ["SerialLine", "Session", "open_session"]
+
+_T = TypeVar("_T")
+
+_LONGEST_LINE = 4_194_304
+_DEEPEST_QUEUE = 64
+"""More entries than any of the instruments' error queues hold (20 or 30)."""
+
+_QUERY_ERRORS = range(-499, -399)
+"""-410, -420, -430, -440: what an interrupted exchange leaves in the queue; the session has dealt with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SerialLine:
+    """The line of an instrument on a serial port; the E3631A's as shipped (guide p. 66)."""
+
+    baud_rate: int = 9600
+    data_bits: int = 8
+    parity: str = "none"
+    stop_bits: int = 2
+    flow_control: str = "dtr_dsr"
+
+
+def open_session(
+    resource: str,
+    *,
+    library: str,
+    clock: Clock,
+    name: str,
+    timeout_s: float,
+    open_timeout_s: float | None = None,
+    serial: SerialParameters | None = None,
+    write_pause_s: float = 0.0,
+) -> Session:
+    """Open `resource` through the VISA `library`.
+
+    Args:
+        resource: any VISA resource string.
+        library: what PyVISA calls it, ``"@py"`` or a path.
+        clock: the bench's.
+        name: the role on the bench, for messages.
+        timeout_s: what one exchange may take unless its caller says otherwise.
+        open_timeout_s: what connecting may take; `timeout_s` if not given.
+        serial: the line of an ASRL resource.
+        write_pause_s: pause after commands, on serial lines of instruments that lose what comes too soon.
+
+    Raises:
+        ConnectFailed: nobody answers there, or the library cannot open it.
+    """
+
+    def connect(deadline: Deadline) -> Wire:
+        from vcfbench.drivers.visa_wire import open_wire  # noqa: PLC0415 - PyVISA is loaded when first needed
+
+        return open_wire(resource, library, deadline, serial)
+
+    allowed_s = timeout_s if open_timeout_s is None else open_timeout_s
+    try:
+        wire = connect(Deadline.after(clock, allowed_s))
+    except TransportError as error:
+        error.instrument, error.resource = name, resource
+        raise
+    return Session(
+        wire,
+        name=name,
+        resource=resource,
+        clock=clock,
+        timeout_s=timeout_s,
+        write_pause_s=write_pause_s,
+        reconnect=connect,
+    )
+
+
+class Session:
+    """A conversation with one SCPI instrument.
+
+    Every method raises a :class:`~vcfbench.errors.TransportError` that names instrument, resource and command when
+    the wire fails, and none returns an answer to anything but its own question.
+    """
+
+    def __init__(
+        self,
+        wire: Wire,
+        *,
+        name: str,
+        resource: str,
+        clock: Clock,
+        timeout_s: float,
+        write_pause_s: float = 0.0,
+        reconnect: Callable[[Deadline], Wire] | None = None,
+    ) -> None:
+        self.name = name
+        self.resource = resource
+        self.clock = clock
+        self.timeout_s = timeout_s
+        self._write_pause_s = write_pause_s
+        self._wire = wire
+        self._reconnect = reconnect
+        self._lock = threading.RLock()
+        self._received = b""
+        self._identity: str | None = None
+        self._dirty = False
+        self._closed_because: str | None = None
+        self._put_off: list[tuple[int, str]] = []
+
+    @property
+    def interface(self) -> Interface:
+        """What kind of connection it is."""
+        return self._wire.interface
+
+    @property
+    def dirty(self) -> bool:
+        """Tell whether the last exchange failed and the next one must resynchronise first."""
+        return self._dirty
+
+    @property
+    def closed(self) -> bool:
+        """Tell whether the connection has been given back or given up."""
+        return self._closed_because is not None
+
+    def exclusive(self) -> AbstractContextManager[bool]:
+        """Keep other threads out for several exchanges."""
+        return self._lock
+
+    def deadline(self, seconds: float | None = None) -> Deadline:
+        """Return a deadline `seconds` from now, by default the session's time-out."""
+        return Deadline.after(self.clock, self.timeout_s if seconds is None else seconds)
+
+    # Questions
+
+    def query(self, command: str, deadline: Deadline | None = None) -> str:
+        """Ask `command` and return the answer, without its terminator."""
+        return self._exchange(command, replies.text, deadline)
+
+    def query_reading(self, command: str, deadline: Deadline | None = None) -> float:
+        """Ask for a measured value; raises MeasurementError for 9.9E37."""
+        return self._exchange(command, _reading, deadline)
+
+    query_float = query_reading
+
+    def query_number(self, command: str, deadline: Deadline | None = None) -> float:
+        """Ask for a number that may be 9.9E37, which then means infinity."""
+        return self._exchange(command, lambda line: replies.number(replies.text(line)), deadline)
+
+    def query_numbers(self, command: str, deadline: Deadline | None = None) -> tuple[float, ...]:
+        """Ask for comma-separated numbers."""
+        return self._exchange(command, lambda line: replies.numbers(replies.text(line)), deadline)
+
+    def query_int(self, command: str, deadline: Deadline | None = None) -> int:
+        """Ask for a whole number."""
+        return self._exchange(command, lambda line: replies.integer(replies.text(line)), deadline)
+
+    def query_bool(self, command: str, deadline: Deadline | None = None) -> bool:
+        """Ask for a switch, ``0`` or ``1``."""
+        return self._exchange(command, lambda line: replies.boolean(replies.text(line)), deadline)
+
+    def query_string(self, command: str, deadline: Deadline | None = None) -> str:
+        """Ask for a quoted string and return its content."""
+        return self._exchange(command, lambda line: replies.quoted(replies.text(line)), deadline)
+
+    def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
+        """Ask for a definite-length block and return its data."""
+        limit = deadline or self.deadline()
+        with self._lock:
+            self._in_step(limit)
+            self._dirty = True
+            try:
+                self._say(command, limit)
+                data = self._read_block(limit)
+            except TransportError as error:
+                raise self._failed(error, command, limit)  # noqa: B904 - the same error, now knowing where
+            self._dirty = False
+            return data
+
+    # Commands
+
+    def write(self, *commands: str, deadline: Deadline | None = None) -> None:
+        """Send `commands`, then read the error queue; raises InstrumentError with what was refused."""
+        limit = deadline or self.deadline()
+        with self._lock:
+            self.send(*commands, deadline=limit)
+            self._raise_errors(limit, "; ".join(commands))
+
+    def send(self, *commands: str, deadline: Deadline | None = None) -> None:
+        """Send `commands` without asking how they were received; for what comes before the error queue can be read."""
+        limit = deadline or self.deadline()
+        with self._lock:
+            self._in_step(limit)
+            for command in commands:
+                self._send_one(command, limit)
+
+    def _send_one(self, command: str, deadline: Deadline) -> None:
+        self._dirty = True
+        try:
+            self._say(command, deadline)
+        except TransportError as error:
+            raise self._failed(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+        self._dirty = False
+        if self._write_pause_s:
+            sleep(self.clock, min(self._write_pause_s, deadline.remaining()))
+
+    def check_errors(self, deadline: Deadline | None = None) -> None:
+        """Read the error queue to its end; raises InstrumentError with the first entry, naming the others."""
+        with self._lock:
+            self._raise_errors(deadline or self.deadline(), None)
+
+    def _raise_errors(self, deadline: Deadline, command: str | None) -> None:
+        entries = self._take_errors(deadline)
+        if not entries:
+            return
+        (number, words), others = entries[0], entries[1:]
+        also = "".join(f', then {n} "{w}"' for n, w in others)
+        raise InstrumentError(
+            f'refused with {number} "{words}"{also}',
+            number=number,
+            words=words,
+            instrument=self.name,
+            resource=self.resource,
+            command=command,
+        )
+
+    def _take_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
+        entries = self._read_errors(deadline)
+        entries, self._put_off = self._put_off + entries, []
+        return entries
+
+    def _read_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
+        entries: list[tuple[int, str]] = []
+        while len(entries) < _DEEPEST_QUEUE:
+            entry = self._exchange("SYST:ERR?", _error_entry, deadline)
+            if entry[0] == 0:
+                break
+            entries.append(entry)
+        return entries
+
+    # Identity, synchronisation, life and death
+
+    def identify(self, deadline: Deadline | None = None) -> tuple[str, str, str, str]:
+        """Ask who answers: maker, model, serial number, firmware. The answer also serves to resynchronise."""
+        answer = self.query("*IDN?", deadline)
+        fields = replies.identity_fields(answer)
+        self._identity = answer
+        return fields
+
+    def clear(self, deadline: Deadline | None = None) -> None:
+        """Do a device clear: what the instrument is doing is aborted, what it was to say is forgotten."""
+        limit = deadline or self.deadline()
+        with self._lock:
+            self._require_open()
+            self._received = b""
+            try:
+                self._wire.clear(limit)
+            except TransportError as error:
+                raise self._failed(error, "device clear", limit)  # noqa: B904 - the same error, now knowing where
+
+    def resync(self, deadline: Deadline | None = None) -> None:
+        """Get into step again, or close.
+
+        Whatever came late is read and dropped up to the answer of a ``*IDN?``, which is known; then ``*OPC?`` must
+        be answered by 1, for the failed question may itself have been ``*IDN?``.
+
+        Raises:
+            OutOfSync: no known answer came in time; the session is closed.
+            LinkLost: the connection is gone.
+        """
+        limit = deadline or self.deadline()
+        with self._lock:
+            self._require_open()
+            try:
+                self._find_the_place(limit)
+            except LinkLost as error:
+                raise self._failed(error, "*IDN?", limit)  # noqa: B904 - the same error, now knowing where
+            except TransportError as error:
+                raise self._given_up(limit) from error
+
+    def _find_the_place(self, deadline: Deadline) -> None:
+        if self._identity is None:
+            raise FramingError("no answer is known yet")
+        self._received = b""
+        self._wire.clear(deadline)
+        self._seek("*IDN?", self._identity.encode(), deadline)
+        self._seek("*OPC?", b"1", deadline)
+        self._dirty = False
+        self._put_off += [entry for entry in self._read_errors(deadline) if entry[0] not in _QUERY_ERRORS]
+
+    def _seek(self, command: str, known: bytes, deadline: Deadline) -> None:
+        self._wire.send(command.encode("ascii") + b"\n", deadline)
+        # The end of the line suffices: what is left of a message that broke off may stand before it.
+        while not self._read_line(deadline).rstrip(b"\r\n").endswith(known):
+            pass
+
+    def _given_up(self, deadline: Deadline) -> OutOfSync:
+        self._give_up("answers no longer belonged to their questions")
+        return OutOfSync(
+            "the answers no longer belong to the questions, the connection was closed",
+            instrument=self.name,
+            resource=self.resource,
+            elapsed_s=deadline.elapsed(),
+            hint="check the cable and the interface, then start again",
+        )
+
+    def revive(self, deadline: Deadline | None = None) -> None:
+        """Make the session usable again for making safe: resynchronise it, or connect anew to the same instrument."""
+        limit = deadline or self.deadline()
+        with self._lock:
+            if self.closed:
+                self._connect_anew(limit)
+            elif self._dirty:
+                try:
+                    self.resync(_half(limit))
+                except TransportError:
+                    self._connect_anew(limit)
+
+    def _connect_anew(self, deadline: Deadline) -> None:
+        if self._reconnect is None:
+            self._require_open()
+        else:
+            self._give_up("a new connection was made")
+            try:
+                self._wire = self._reconnect(deadline)
+            except TransportError as error:
+                raise self._located(error, None, deadline)  # noqa: B904 - the same error, now knowing where
+        self._closed_because = None
+        self._received = b""
+        self.resync(deadline)
+
+    def close(self) -> None:
+        """Give the connection back."""
+        with self._lock:
+            self._give_up("the session is closed")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # One exchange
+
+    def _exchange(self, command: str, read: Callable[[bytes], _T], deadline: Deadline | None) -> _T:
+        limit = deadline or Deadline.after(self.clock, self.timeout_s)
+        with self._lock:
+            self._in_step(limit)
+            self._dirty = True  # until the exchange is whole, whatever ends it: an error, a signal, an interrupt
+            try:
+                self._say(command, limit)
+                value = read(self._read_line(limit))
+            except TransportError as error:
+                raise self._failed(error, command, limit)  # noqa: B904 - the same error, now knowing where
+            except MeasurementError as error:  # a whole answer, though no value
+                self._dirty = False
+                error.instrument, error.resource, error.command = self.name, self.resource, command
+                raise
+            self._dirty = False
+            return value
+
+    def _in_step(self, deadline: Deadline) -> None:
+        """Resynchronise if the last exchange failed, or if something has been said that nobody asked for."""
+        if self._closed_because is not None:
+            self._require_open()
+        if not self._dirty:
+            try:
+                self._dirty = bool(self._received or self._wire.pending())
+            except TransportError as error:
+                raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
+        if self._dirty:
+            if deadline.expired():  # no time to find the place in is no reason to give the connection up
+                raise self._located(DeadlineExceeded("the time was up before anything was sent"), None, deadline)
+            self.resync(deadline)
+
+    def _say(self, command: str, deadline: Deadline) -> None:
+        if deadline.remaining() <= 0.0:
+            raise DeadlineExceeded("the time was up before anything was sent")
+        self._wire.send(command.encode("ascii") + b"\n", deadline)
+
+    def _read_line(self, deadline: Deadline) -> bytes:
+        received, end = self._received, False
+        while not end and b"\n" not in received:
+            if received:
+                _require_time(deadline, len(received))
+            more, end = self._wire.receive(deadline)
+            received = received + more if received else more
+        cut = received.find(b"\n") + 1 or len(received)
+        self._received = received[cut:]
+        return received[:cut]
+
+    def _read_block(self, deadline: Deadline) -> bytes:
+        received = bytearray(self._received)
+        self._received = b""
+        while (lengths := replies.block_length(received)) is None:
+            received += self._wire.receive(deadline)[0]
+        header, count = lengths
+        whole = header + count
+        while len(received) <= whole:  # the newline after the data belongs to the message
+            more, end = self._wire.receive(deadline)
+            received += more
+            if end and len(received) == whole:
+                break
+        self._received = _after_terminator(bytes(received[whole:]))
+        return bytes(received[header:whole])
+
+    # Failure
+
+    def _require_open(self) -> None:
+        if self._closed_because is not None:
+            raise LinkLost(
+                f"the connection is closed ({self._closed_because})", instrument=self.name, resource=self.resource
+            )
+
+    def _failed(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
+        self._dirty = True
+        self._received = b""
+        if isinstance(error, LinkLost):
+            self._give_up(error.what)
+        return self._located(error, command, deadline)
+
+    def _located(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
+        error.instrument = error.instrument or self.name
+        error.resource = error.resource or self.resource
+        error.command = error.command or command
+        error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
+        return error
+
+    def _give_up(self, because: str) -> None:
+        if self._closed_because is None:
+            self._closed_because = because
+            self._dirty = True
+            self._wire.close()
+
+
+def _reading(line: bytes) -> float:
+    return replies.reading(replies.text(line))
+
+
+def _error_entry(line: bytes) -> tuple[int, str]:
+    return replies.error_entry(replies.text(line))
+
+
+def _half(deadline: Deadline) -> Deadline:
+    return Deadline.after(deadline.clock, deadline.remaining() / 2.0)
+
+
+def _require_time(deadline: Deadline, so_far: int) -> None:
+    if deadline.expired():
+        raise DeadlineExceeded("the answer does not end")
+    if so_far > _LONGEST_LINE:
+        raise FramingError(f"{so_far} bytes came without an end of line")
+
+
+def _after_terminator(rest: bytes) -> bytes:
+    if rest[:1] not in (b"", b"\n", b"\r"):
+        raise FramingError(f"a block is longer than it says, {rest[:20]!r} follows it")
+    return rest.lstrip(b"\r").removeprefix(b"\n")

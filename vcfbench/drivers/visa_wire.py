@@ -1,0 +1,317 @@
+"""Wires that PyVISA opens: any resource string, any VISA library.
+
+PyVISA-py's raw socket is driven directly: its own reading spins on a peer's EOF until the time-out, its writing
+to a peer that does not read never ends, and opening a closed port succeeds (seen with 0.8.1). Every other library
+and interface goes through viWrite and viRead.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import warnings
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Protocol
+
+import pyvisa
+from pyvisa.constants import (
+    BufferOperation,
+    ControlFlow,
+    InterfaceType,
+    Parity,
+    ResourceAttribute,
+    StatusCode,
+    StopBits,
+)
+from pyvisa.errors import VisaIOError
+
+from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, LinkLost
+
+if TYPE_CHECKING:
+    from pyvisa.resources import MessageBasedResource
+
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.wire import Interface, Wire
+
+__all__ = ["SerialParameters", "SocketWire", "VisaWire", "open_wire"]
+
+_CHUNK = 65_536
+_SLACK_S = 0.010
+"""A VISA time-out this much longer than what is left of a deadline is good enough: setting one costs more."""
+
+_TIMED_OUT = frozenset({StatusCode.error_timeout})
+_INTERFACES: dict[InterfaceType, Interface] = {
+    InterfaceType.gpib: "gpib",
+    InterfaceType.usb: "usb",
+    InterfaceType.asrl: "asrl",
+}
+_PARITIES = {"none": Parity.none, "even": Parity.even, "odd": Parity.odd}
+_STOP_BITS = {1: StopBits.one, 2: StopBits.two}
+_FLOWS = {
+    "none": ControlFlow.none,
+    "dtr_dsr": ControlFlow.dtr_dsr,
+    "rts_cts": ControlFlow.rts_cts,
+    "xon_xoff": ControlFlow.xon_xoff,
+}
+
+
+class SerialParameters(Protocol):
+    """The line of an ASRL resource."""
+
+    @property
+    def baud_rate(self) -> int:
+        """Baud rate."""
+        ...
+
+    @property
+    def data_bits(self) -> int:
+        """7 or 8."""
+        ...
+
+    @property
+    def parity(self) -> str:
+        """``none``, ``even`` or ``odd``."""
+        ...
+
+    @property
+    def stop_bits(self) -> int:
+        """1 or 2."""
+        ...
+
+    @property
+    def flow_control(self) -> str:
+        """``none``, ``dtr_dsr``, ``rts_cts`` or ``xon_xoff``."""
+        ...
+
+
+def open_wire(resource: str, library: str, deadline: Deadline, serial: SerialParameters | None) -> Wire:
+    """Open `resource` through the VISA `library` (``"@py"``, a path, ...); raises ConnectFailed."""
+    opened = _open_resource(resource, library, deadline)
+    try:
+        return _dress(opened, serial)
+    except BaseException:
+        opened.close()
+        raise
+
+
+def _open_resource(resource: str, library: str, deadline: Deadline) -> MessageBasedResource:
+    milliseconds = max(1, int(deadline.remaining() * 1000))
+    try:
+        # The manager is shared by everyone who names the same library, so it is never closed from here.
+        manager = pyvisa.ResourceManager(library)
+        opened: Any = manager.open_resource(resource, open_timeout=milliseconds)
+    except Exception as error:  # a VISA library is anyone's code; PyVISA-py itself raises a bare Exception here
+        raise ConnectFailed(_words(error), elapsed_s=deadline.elapsed()) from error
+    return opened  # type: ignore[no-any-return]
+
+
+def _words(error: BaseException) -> str:
+    return f"cannot be opened ({' '.join(str(error).split()) or type(error).__name__})"
+
+
+def _dress(opened: MessageBasedResource, serial: SerialParameters | None) -> Wire:
+    interface = _interface_of(opened)
+    beneath = _socket_beneath(opened) if interface == "socket" else None
+    if beneath is not None:
+        _require_connected(beneath)
+        return SocketWire(opened, beneath)
+    try:
+        if interface == "asrl":
+            _set_line(opened, serial)
+        if interface in ("asrl", "socket"):  # a byte stream knows no END: the newline is the only end there is
+            opened.set_visa_attribute(ResourceAttribute.termchar, ord("\n"))
+            opened.set_visa_attribute(ResourceAttribute.termchar_enabled, True)  # noqa: FBT003 - PyVISA's signature
+    except (pyvisa.errors.Error, OSError, ValueError) as error:
+        raise ConnectFailed(_words(error)) from error
+    return VisaWire(opened, interface)
+
+
+def _interface_of(opened: MessageBasedResource) -> Interface:
+    if opened.resource_class == "SOCKET":
+        return "socket"
+    return _INTERFACES.get(opened.interface_type, "instr")
+
+
+def _set_line(opened: Any, serial: SerialParameters | None) -> None:
+    if serial is None:
+        return
+    opened.baud_rate = serial.baud_rate
+    opened.data_bits = serial.data_bits
+    opened.parity = _PARITIES[serial.parity]
+    opened.stop_bits = _STOP_BITS[serial.stop_bits]
+    opened.flow_control = _FLOWS[serial.flow_control]
+
+
+def _socket_beneath(opened: MessageBasedResource) -> socket.socket | None:
+    """Return PyVISA-py's own socket, None under every other library (or when a later PyVISA-py hides it)."""
+    sessions = getattr(opened.visalib, "sessions", None)
+    entry = sessions.get(opened.session) if isinstance(sessions, dict) else None
+    beneath = getattr(entry, "interface", None)
+    return beneath if isinstance(beneath, socket.socket) else None
+
+
+def _require_connected(beneath: socket.socket) -> None:
+    code = beneath.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+    if code:
+        raise ConnectFailed(f"nobody answers there ({os.strerror(code)})")
+    try:
+        beneath.getpeername()
+    except OSError as error:
+        raise ConnectFailed(f"nobody answers there ({error.strerror})") from error
+
+
+class SocketWire:
+    """A raw TCP socket.
+
+    Its waiting is wall time whatever the session's clock, for that is what a peer's answer takes; the seconds left
+    of the session's deadline are granted as wall seconds.
+    """
+
+    interface: Interface = "socket"
+
+    def __init__(self, opened: MessageBasedResource, beneath: socket.socket) -> None:
+        self._opened = opened
+        self._socket = beneath
+        beneath.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Send all of `data`; a peer that does not read is a DeadlineExceeded, not a hang."""
+        try:
+            self._socket.settimeout(_left(deadline))
+            self._socket.sendall(data)
+        except TimeoutError as error:
+            raise DeadlineExceeded("the instrument does not take the command") from error
+        except OSError as error:
+            raise LinkLost(f"the connection broke ({_reason(error)})") from error
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        """Return what has come, waiting for the first byte."""
+        try:
+            self._socket.settimeout(_left(deadline))
+            data = self._socket.recv(_CHUNK)
+        except TimeoutError as error:
+            raise DeadlineExceeded("no answer") from error
+        except OSError as error:
+            raise LinkLost(f"the connection broke ({_reason(error)})") from error
+        if not data:
+            raise LinkLost("the instrument closed the connection")
+        return data, False
+
+    def pending(self) -> bytes:
+        """Take what has come unasked."""
+        try:
+            self._socket.settimeout(0.0)
+            data = self._socket.recv(_CHUNK)
+        except (BlockingIOError, InterruptedError):
+            return b""
+        except OSError as error:
+            raise LinkLost(f"the connection broke ({_reason(error)})") from error
+        if not data:
+            raise LinkLost("the instrument closed the connection")
+        return data
+
+    def clear(self, deadline: Deadline) -> None:
+        """Forget what has come; a raw socket has no device clear."""
+        while not deadline.expired() and self.pending():
+            pass
+
+    def close(self) -> None:
+        """Close the socket and PyVISA's resource."""
+        _close(self._opened)
+
+
+def _left(deadline: Deadline) -> float:
+    left = deadline.remaining()
+    if left <= 0.0:
+        raise TimeoutError
+    return left
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error) or type(error).__name__
+
+
+class VisaWire:
+    """Any VISA resource, through viWrite and viRead.
+
+    The library is called directly: PyVISA's `read` and `write` spend more time on terminators and logging than a
+    simulated instrument spends on its answer.
+    """
+
+    def __init__(self, opened: MessageBasedResource, interface: Interface) -> None:
+        self.interface: Interface = interface
+        self._opened = opened
+        self._session = opened.session
+        self._viread = opened.visalib.read
+        self._viwrite = opened.visalib.write
+        self._timeout_s = -1.0
+        self._knows_end = interface not in ("asrl", "socket")
+        # A full chunk is no reason for a warning: `receive` is called until the message has ended.
+        self._quiet = opened.ignore_warning(StatusCode.success_max_count_read, StatusCode.success_device_not_present)
+        self._quiet.__enter__()
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Write all of `data`."""
+        try:
+            self._grant(deadline)
+            count, _ = self._viwrite(self._session, data)
+        except Exception as error:  # whatever anyone's VISA library raises, the wire has failed
+            raise _failure(error, "the instrument does not take the command") from error
+        if count != len(data):
+            raise LinkLost(f"only {count} of {len(data)} bytes were taken")
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        """Read one chunk."""
+        try:
+            self._grant(deadline)
+            data, status = self._viread(self._session, _CHUNK)
+        except Exception as error:  # as above: bare OSError, RPCError, EOFError, struct.error were seen
+            raise _failure(error, "no answer") from error
+        return bytes(data), self._knows_end and status != StatusCode.success_max_count_read
+
+    def pending(self) -> bytes:
+        """Return nothing: VISA cannot tell without waiting."""
+        return b""
+
+    def clear(self, deadline: Deadline) -> None:
+        """Do a device clear; on a serial line that is Ctrl-C (E3631A guide p. 68; 34401A guide p. 160)."""
+        if self.interface == "asrl":
+            self.send(b"\x03", deadline)
+        self._grant(deadline)
+        with suppress(pyvisa.errors.Error, NotImplementedError, OSError):  # not every library has it; resync decides
+            self._clear()
+
+    def _clear(self) -> None:
+        if self.interface == "asrl":
+            self._opened.flush(BufferOperation.discard_read_buffer)
+        else:
+            self._opened.clear()
+
+    def close(self) -> None:
+        """Close PyVISA's resource."""
+        self._quiet.__exit__(None, None, None)
+        _close(self._opened)
+
+    def _grant(self, deadline: Deadline) -> None:
+        left = deadline.remaining()
+        if left <= 0.0:
+            raise DeadlineExceeded("the time is up")
+        if not 0.0 <= self._timeout_s - left <= _SLACK_S:
+            # Rounded up: a VISA time-out of 0 ms would mean "do not wait at all".
+            self._opened.timeout = milliseconds = int(left * 1000.0) + 1
+            self._timeout_s = milliseconds / 1000.0
+
+
+def _failure(error: Exception, when_late: str) -> BenchError:
+    if isinstance(error, BenchError):  # ours, or one that a signal handler raised amid the library's waiting
+        return error
+    if isinstance(error, VisaIOError) and error.error_code in _TIMED_OUT:
+        return DeadlineExceeded(when_late)
+    return LinkLost(f"the connection broke ({' '.join(str(error).split()) or type(error).__name__})")
+
+
+def _close(opened: MessageBasedResource) -> None:
+    # A connection that broke may refuse to be closed; there is nothing left to be done about it.
+    with suppress(pyvisa.errors.Error, OSError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        opened.close()

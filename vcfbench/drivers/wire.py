@@ -1,0 +1,45 @@
+"""How bytes move: the seam below sessions and rate-table lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Protocol
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Deadline
+
+__all__ = ["Interface", "Wire"]
+
+Interface = Literal["gpib", "usb", "instr", "socket", "asrl", "serial"]
+
+
+class Wire(Protocol):
+    """An open connection to one instrument.
+
+    Every method raises a :class:`~vcfbench.errors.TransportError`: `DeadlineExceeded` when the time is up,
+    `LinkLost` when the connection broke. The callers add who and where.
+    """
+
+    @property
+    def interface(self) -> Interface:
+        """What kind of connection it is (``instr``: VXI-11 or HiSLIP)."""
+        ...
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Send all of `data`."""
+        ...
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
+        ...
+
+    def pending(self) -> bytes:
+        """Take what has come unasked, without waiting; empty where the interface cannot tell."""
+        ...
+
+    def clear(self, deadline: Deadline) -> None:
+        """Do a device clear where the interface has one, and forget what has come."""
+        ...
+
+    def close(self) -> None:
+        """Give the connection back."""
+        ...
