@@ -430,7 +430,7 @@ class Dso7104B(ScpiInstrument):
 
     def points(self) -> int:
         """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
-        wanted: int = self.state["WAV:POIN"]
+        wanted = self.state["WAV:POIN"]
         if self.state["WAV:MODE"] == "NORM" or self._run_state == "run":
             return max(each for each in (100, 250, 500, 1000) if each <= max(100, wanted))
         # RAW and MAX read the memory, which only a stopped acquisition of NORM, AVER or HRES type holds
@@ -472,10 +472,15 @@ class Dso7104B(ScpiInstrument):
         self.restore(self._stored.get(place, _defaults()))
 
 
+_RECORD_LENGTHS = (
+    *(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000),
+    *(1_000_000, 2_000_000, 5_000_000, 8_000_000),
+)
+
+
 def _listed(wanted: float) -> int:
     """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 8000000 that is not above `wanted`."""
-    steps = [100, 250, 500, *(step * 10**power for power in range(3, 7) for step in (1, 2, 5))]
-    return max(each for each in [*(step for step in steps if step <= 8_000_000), 8_000_000] if each <= max(100, wanted))
+    return max(each for each in _RECORD_LENGTHS if each <= max(100, wanted))
 
 
 def _nice(value: float) -> float:
