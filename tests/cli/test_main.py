@@ -60,13 +60,18 @@ def test_nothing_heavy_is_imported_before_a_command_runs() -> None:
         (ConfigError("the file is not one"), 2),
         (BenchError("the bench is busy"), 3),
         (LimitError("too fast", instrument="rate_table", resource="COM3"), 3),
-        (Aborted("stopped by SIGINT, bench made safe"), 4),
         (NotSafe("NOT SAFE: rate_table turns"), 5),
     ],
 )
 def test_an_error_is_one_sentence_and_its_exit_code(error: BenchError, code: int) -> None:
     done = CliRunner().invoke(failing(error), ["fail"])
     assert (done.exit_code, done.stdout, done.stderr) == (code, "", f"vcfbench: {error}\n")
+
+
+def test_an_abort_that_was_not_followed_by_something_unsafe_says_that_all_is_safe() -> None:
+    done = CliRunner().invoke(failing(Aborted("stopped by SIGINT")), ["fail"])
+    assert done.exit_code == 4
+    assert done.stderr == "vcfbench: stopped by SIGINT; the bench was made safe\n"
 
 
 def test_a_keyboard_interrupt_is_an_abort() -> None:

@@ -91,7 +91,7 @@ class StopSignals:
             raise self._aborted()
 
     def _aborted(self) -> Aborted:
-        return Aborted(f"stopped by {self._name}, bench made safe")
+        return Aborted(f"stopped by {self._name}")
 
 
 class ControlClock:

@@ -100,7 +100,7 @@ def _print_check(title: str, done: BenchCheck) -> None:
     Console(highlight=False, markup=False).print(table)
     for each in done.instruments:
         if each.problem is not None:
-            typer.echo(f"{each.role}: {each.problem}")
+            typer.echo(each.problem)
 
 
 def _who(each: CheckedInstrument) -> str:

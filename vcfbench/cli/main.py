@@ -30,7 +30,7 @@ class Commands(TyperGroup):
             result = super().invoke(ctx)
             sys.stdout.flush()
         except BenchError as error:
-            _tell(error)
+            _tell(f"{error}; the bench was made safe" if isinstance(error, Aborted) else error)
             raise typer.Exit(error.exit_code) from None
         except KeyboardInterrupt:
             _tell("stopped by the keyboard")
