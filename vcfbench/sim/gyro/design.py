@@ -176,7 +176,7 @@ def _perfect() -> BenchParameters:
         ),
         supply=Supply(nominal_v=10.0, start_v=8.0, brown_out_v=7.0, dead_v=4.0, quiescent_a=0.028, start_up_a=0.012),
         noise=NoiseSources(
-            angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0, flicker_shortest_s=0.5, flicker_processes=8
+            angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0, flicker_shortest_s=0.125, flicker_processes=9
         ),
         thermal=Thermal(
             ambient_c=20.0,

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from tests.sim.gyro.bench import locked_chain
+from tests.sim.gyro.plain import combs, output_v, share, steady_output_v
+from vcfbench.sim.gyro.chain import Chain, ChainState, Forcing
+from vcfbench.sim.parameters import BenchParameters
+
+IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
+
+
+def still(rate_rad_s: float = 0.0, virtual_v: float = 0.0) -> Forcing:
+    return Forcing(rate_rad_s, 0j, [], virtual_v, [])
+
+
+def settled_v(chain: Chain, forcing: Forcing) -> float:
+    start = chain.modal(ChainState.at_rest(4), 1)
+    return chain.respond(start, forcing, 1).filtered().constant.real
+
+
+@pytest.mark.parametrize("bench", [IDEAL, PAPER])
+@pytest.mark.parametrize(("rate", "virtual"), [(1.0, 0.0), (-3.4, 0.0), (0.0, 2.0), (0.7, -5.0), (0.0, 0.0)])
+def test_steady_demodulated_gain_meets_the_closed_form_within_1e_9(
+    bench: BenchParameters, rate: float, virtual: float
+) -> None:
+    wanted = steady_output_v(bench, rate, virtual)
+    scale = abs(steady_output_v(IDEAL, 1.0))
+    assert settled_v(locked_chain(bench), still(rate, virtual)) == pytest.approx(wanted, rel=1e-9, abs=1e-9 * scale)
+
+
+@pytest.mark.parametrize("phase_deg", [0.0, 30.0, 90.0, 180.0, -75.0])
+def test_the_closed_form_holds_at_any_demodulator_phase(phase_deg: float) -> None:
+    bench = replace(IDEAL, sense_path=replace(IDEAL.sense_path, demodulator_phase_rad=math.radians(phase_deg)))
+    wanted = steady_output_v(bench, 2.0)
+    assert settled_v(locked_chain(bench), still(2.0)) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("v_vc", [0.5, -5.0])
+def test_equation_16_substitutes_v_vc_for_the_rate_on_ideal_within_1e_9(v_vc: float) -> None:
+    """Equation (16): Omega = K_FBY V_dac / (2 A_x w_d m_y) V_Vc, rad/s; at carrier phase pi it has no other sign."""
+    path, loop = IDEAL.virtual_path, IDEAL.drive_loop
+    omega = 2 * math.pi * IDEAL.drive_mode.frequency_hz
+    k_vc = (
+        path.left_comb_n_per_v2 * IDEAL.sense_path.reference_amplitude_v / (2 * loop.amplitude_m * omega * path.mass_kg)
+    )
+    chain = locked_chain(IDEAL)
+    assert settled_v(chain, still(0.0, v_vc)) == pytest.approx(settled_v(chain, still(k_vc * v_vc)), rel=1e-9)
+    assert math.degrees(k_vc) == pytest.approx(40.0, rel=1e-12)
+
+
+def test_unequal_combs_mix_the_modes_otherwise_than_a_rate_does() -> None:
+    """The paper's Error 1: K_Vc lies between what each mode alone would give, so it depends on split and Q after all."""
+    chain, start = locked_chain(PAPER), ChainState.at_rest(4)
+    no_quadrature = replace(chain, quadrature=chain.quadrature * 0, turned_quadrature=chain.turned_quadrature * 0)
+    by_rate = no_quadrature.respond(no_quadrature.modal(start, 1), still(1.0), 1).sense().constant
+    by_virtual = no_quadrature.respond(no_quadrature.modal(start, 1), still(0.0, 1.0), 1).sense().constant
+    ratios = [combs(PAPER, m) / share(m) for m in (PAPER.sense_in_phase, PAPER.sense_anti_phase)]
+    omega = 2 * math.pi * PAPER.drive_mode.frequency_hz
+    per_volt = PAPER.sense_path.reference_amplitude_v / (2 * PAPER.drive_loop.amplitude_m * omega)
+    mixed = abs(by_virtual / by_rate) * PAPER.virtual_path.mass_kg / per_volt
+    assert ratios[0] > 1.005 * ratios[1]
+    # The in-phase mode carries about a seventh of the signal.
+    assert (mixed - ratios[1]) / (ratios[0] - ratios[1]) == pytest.approx(1 / 7, abs=0.01)
+
+
+def response_gain(chain: Chain, frequency_hz: float) -> float:
+    """Gain from V_Vc to the filtered signal at a frequency, relative to direct voltage: part seen at +-f together."""
+    s = 2j * math.pi * frequency_hz
+    forcing = Forcing(0j, 0j, [], 0j, [(0.5 + 0j, s), (0.5 + 0j, -s)])
+    signal = chain.respond(chain.modal(ChainState.at_rest(4), 1), forcing, 1).filtered()
+    plus, minus = (signal.amplitudes[8 + i] for i in range(2))  # after the eight eigenmodes
+    return float(abs(plus + minus.conjugate()) / abs(settled_v(chain, still(0.0, 1.0))))
+
+
+SINGLE = replace(IDEAL, sense_in_phase=replace(IDEAL.sense_in_phase, left_participation=0.0, right_participation=0.0))
+OPPOSITE = replace(
+    IDEAL, sense_in_phase=replace(IDEAL.sense_in_phase, left_participation=-0.8, right_participation=-0.2)
+)
+
+
+@pytest.mark.parametrize(
+    ("bench", "up_hz", "down_hz"), [(SINGLE, 13.49, 38.6), (IDEAL, 14.24, 35.0), (OPPOSITE, 12.60, 46.9)]
+)
+def test_frequency_response_from_v_vc_rises_3_db_peaks_at_the_split_and_falls_3_db(
+    bench: BenchParameters, up_hz: float, down_hz: float
+) -> None:
+    chain, root_2 = locked_chain(bench), math.sqrt(2)
+    up = brentq(lambda f: response_gain(chain, f) - root_2, 5.0, 20.0)
+    down = brentq(lambda f: response_gain(chain, f) - 1 / root_2, 28.0, 60.0)
+    assert up == pytest.approx(up_hz, abs=0.011)
+    assert down == pytest.approx(down_hz, abs=0.11)
+    grid = np.linspace(24.0, 25.5, 601)
+    peak = grid[int(np.argmax([response_gain(chain, f) for f in grid]))]
+    assert peak == pytest.approx(24.8, abs=0.1)  # damping and the in-phase mode pull it by some 0.05 Hz
+
+
+def test_peak_of_the_single_mode_is_8_8_at_24_76_hz() -> None:
+    chain = locked_chain(SINGLE)
+    grid = np.linspace(24.0, 25.5, 601)
+    gains = [response_gain(chain, f) for f in grid]
+    assert max(gains) == pytest.approx(8.8, abs=0.06)
+    assert grid[int(np.argmax(gains))] == pytest.approx(24.76, abs=0.03)
+
+
+def test_the_response_at_0_54_times_the_split_is_a_rise_of_3_db() -> None:
+    """|H| = df^2/(df^2 - f^2) for a single mode of high quality: +3 dB at 0.5412 df, as the paper's bandwidth."""
+    assert 20 * math.log10(response_gain(locked_chain(SINGLE), 0.5412 * 24.8)) == pytest.approx(3.0, abs=0.1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-3.5, 3.5), st.floats(-50, 50), st.floats(0.01, 2.0), st.floats(0.05, 0.95))
+def test_two_intervals_are_one_interval(rate: float, slope: float, duration: float, part: float) -> None:
+    chain = locked_chain(PAPER)
+    terms = [(0.3 + 0j, -125.0 + 90j), (0.3 + 0j, -125.0 - 90j)]
+    start = chain.modal(ChainState.at_rest(4), 1)
+    once = chain.respond(start, Forcing(rate, slope, terms, 1.0, []), 1).modal(duration)
+    first = duration * part
+    middle = chain.respond(start, Forcing(rate, slope, terms, 1.0, []), 1).modal(first)
+    later = [(a * np.exp(s * first), s) for a, s in terms]
+    turn = complex(np.exp(2j * chain.drive_rad_s * first))
+    forcing = Forcing(rate + slope * first, slope, later, 1.0, [])
+    twice = chain.respond(middle, forcing, turn).modal(duration - first)
+    assert np.max(np.abs(once - twice)) < 1e-11 * np.max(np.abs(once))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-3.5, 3.5), st.floats(-5.0, 5.0), st.floats(0.001, 1.0))
+def test_reversed_inputs_give_the_reversed_signal_on_ideal(rate: float, virtual: float, at: float) -> None:
+    chain = locked_chain(IDEAL)
+    start = chain.modal(ChainState.at_rest(4), 1)
+    seen = chain.respond(start, still(rate, virtual), 1).filtered().value(at)
+    mirrored = chain.respond(start, still(-rate, -virtual), 1).filtered().value(at)
+    assert mirrored == pytest.approx(-seen, rel=1e-12, abs=1e-18)
+
+
+def test_the_output_of_paper_is_the_polynomial_it_was_designed_for() -> None:
+    """Turntable column's structure: c2 = -1.06e-7, c3 = 3.3e-10 V/(deg/s)^n, slope and intercept of its line."""
+    rates = np.array([200, 100, 50, 20, 10, 5, 2, 1, 0, -1, -2, -5, -10, -20, -50, -100, -200], float)
+    earth = math.radians(15.041067 / 3600 * math.sin(math.radians(38.0)))
+    volts = [output_v(PAPER, steady_output_v(PAPER, math.radians(r) + earth)) for r in rates]
+    c3, c2, _, _ = np.polyfit(rates, volts, 3)
+    slope, intercept = np.polyfit(rates, volts, 1)
+    assert (c2, c3) == (pytest.approx(-1.06e-7, rel=1e-6), pytest.approx(3.3e-10, rel=1e-6))
+    assert slope == pytest.approx(-12.542052e-3, rel=1e-6)
+    assert intercept == pytest.approx(-42.041e-3, abs=2e-7)

@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from tests.sim.gyro.bench import locked_chain, mean_v, powered
+from tests.sim.gyro.plain import noise_matrices
+from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.parameters import BenchParameters
+
+PAPER = BenchParameters.paper()
+WHITE = math.radians(PAPER.noise.angle_random_walk_deg_sqrt_s)
+COUNT = PAPER.noise.flicker_processes
+
+
+def noisy() -> NoisyChain:
+    return NoisyChain(locked_chain(PAPER), Flicker.of(PAPER.noise), WHITE)
+
+
+def van_loan(interval_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition and covariance over an interval of the plainly written system, by doubling short Van Loan steps."""
+    a, q = noise_matrices(PAPER)
+    n, doublings = len(a), 20
+    step = interval_s / 2**doublings
+    block = expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * step)
+    transition = block[n:, n:].T
+    covariance = transition @ block[:n, n:]
+    for _ in range(doublings):
+        covariance = transition @ covariance @ transition.T + covariance
+        transition = transition @ transition
+    return transition, covariance
+
+
+@pytest.mark.parametrize(("interval_s", "tolerance"), [(0.001, 1e-4), (0.02, 1e-6), (0.2, 1e-6), (10.0, 1e-6)])
+def test_covariance_meets_van_loan_of_the_plainly_written_system(interval_s: float, tolerance: float) -> None:
+    """Within 1 ms nothing has passed the filter yet: a remainder of cancelled terms, 1e-5 of a meter's noise."""
+    chain = locked_chain(PAPER)
+    covariance = noisy().covariance(interval_s)
+    n = len(chain.eigenmodes)
+    # What both can show: filtered signal (Re of a weighted sum), flicker, integral.
+    weights = chain.to_filtered
+    rows = np.zeros((1 + COUNT + 1, len(covariance)))
+    rows[0, :n], rows[0, n : 2 * n] = weights.real, -weights.imag
+    rows[1:, 2 * n :] = np.eye(COUNT + 1)
+    seen = rows @ covariance @ rows.T
+    _, wanted = van_loan(interval_s)
+    shown = np.array([10, *range(12, 12 + COUNT), 12 + COUNT])
+    wanted = wanted[np.ix_(shown, shown)]
+    scale = np.sqrt(np.diag(wanted))
+    assert np.max(np.abs(seen - wanted) / np.outer(scale, scale)) < tolerance
+
+
+def test_one_interval_has_the_distribution_of_a_thousand() -> None:
+    """Propagated covariance: Phi Q Phi' + Q, a thousand times 1 ms against 1 s, for chain and flicker."""
+    noise = noisy()
+    n, k = 8, COUNT
+    basis = [NoiseState(np.eye(n, dtype=complex)[i], np.zeros(k)) for i in range(n)]
+    basis += [NoiseState(1j * np.eye(n)[i], np.zeros(k)) for i in range(n)]
+    basis += [NoiseState(np.zeros(n, complex), np.eye(k)[i]) for i in range(k)]
+
+    def transition(interval_s: float) -> np.ndarray:
+        columns = []
+        for state in basis:
+            response = noise.response(state)
+            modal = response.modal(interval_s)
+            rates = state.rates_rad_s * np.exp(-interval_s / Flicker.of(PAPER.noise).times_s)
+            columns.append(np.concatenate((modal.real, modal.imag, rates)))
+        return np.array(columns).T
+
+    once, short = noise.covariance(1.0)[:-1, :-1], noise.covariance(0.001)[:-1, :-1]
+    step, gathered = transition(0.001), np.zeros_like(short)
+    for _ in range(1000):
+        gathered = step @ gathered @ step.T + short
+    scale = np.sqrt(np.diag(once))
+    assert np.max(np.abs(gathered - once) / np.outer(scale, scale)) < 1e-9
+
+
+def test_drawn_steps_have_the_covariance_they_claim() -> None:
+    noise, random = noisy(), np.random.default_rng(7)
+    rest = NoiseState(np.zeros(8, complex), np.zeros(COUNT))
+    drawn = [noise.step(rest, 0.2, random) for _ in range(4000)]
+    claimed = noise.covariance(0.2)
+    rates = np.array([state.rates_rad_s for state, _ in drawn])
+    integrals = np.array([integral for _, integral in drawn])
+    # 4000 draws: a variance is known to 2.2 %; five times that.
+    assert integrals.var() == pytest.approx(claimed[-1, -1], rel=0.11)
+    assert rates.var(axis=0) == pytest.approx(np.diag(claimed)[16:-1], rel=0.11)
+
+
+def test_long_step_and_short_steps_give_the_same_spread_of_the_mean() -> None:
+    """Statistical: 1 s averages drawn in one step or in ten agree in variance, F-test at five sigma."""
+    noise = noisy()
+
+    def averages(parts: int, seed: int) -> np.ndarray:
+        random, state, out = np.random.default_rng(seed), NoiseState(np.zeros(8, complex), np.zeros(COUNT)), []
+        for _ in range(1500):
+            total = 0.0
+            for _ in range(parts):
+                state, integral = noise.step(state, 1.0 / parts, random)
+                total += integral
+            out.append(total)
+        return np.diff(out)
+
+    ratio = averages(1, 1).var() / averages(10, 2).var()
+    assert abs(math.log(ratio)) < 5 * math.sqrt(2 * 2 / 1000)
+
+
+def allan_deviation(samples: np.ndarray, count: int) -> float:
+    """Overlapped Allan deviation of samples at 1 s over clusters of `count`."""
+    sums = np.concatenate(([0.0], np.cumsum(samples)))
+    clusters = (sums[count:] - sums[:-count]) / count
+    steps = clusters[count:] - clusters[:-count]
+    return float(math.sqrt(0.5 * np.mean(steps**2)))
+
+
+@pytest.fixture(scope="module")
+def record_deg_h() -> np.ndarray:
+    """20 000 full-duty 1 s averages of the output at rest and settled temperature, as a rate."""
+    still = replace(PAPER, thermal=replace(PAPER.thermal, self_heating_k=0.0))
+    clock, world = powered(still, seed=3)
+    volts = np.array([mean_v(clock, world, 1.0) for _ in range(20_000)])
+    return volts / 12.5527e-3 * 3600
+
+
+def white_allan_variance(tau_s: float) -> float:
+    """Allan variance of the open-loop response to white noise of density 1 in both quadratures, relative to its input.
+
+    2 int |T(f)/T(0)|^2 2 sin^4(pi f tau)/(pi f tau)^2 df over both signs of f: the peak at the split adds 5 % at 1 s.
+    """
+    omega = 2 * math.pi * PAPER.drive_mode.frequency_hz
+    f = np.arange(-100.0, 100.0, 1e-3) + 5e-4
+    s, response, still = 2j * math.pi * f, np.zeros(len(f), complex), 0j
+    for mode in (PAPER.sense_in_phase, PAPER.sense_anti_phase):
+        w = 2 * math.pi * mode.frequency_hz
+        response += 1 / ((s + 1j * omega) ** 2 + w / mode.quality * (s + 1j * omega) + w**2)
+        still += 1 / (-(omega**2) + 1j * w * omega / mode.quality + w**2)
+    phase = np.exp(-1j * PAPER.sense_path.demodulator_phase_rad)
+    gain = np.abs(response) ** 2 / (still * phase).real ** 2
+    x = math.pi * f * tau_s
+    return float(np.sum(gain * 2 * np.sin(x) ** 4 / x**2) * 1e-3)
+
+
+def test_white_part_of_the_allan_deviation_is_0_21_deg_per_root_hour_within_3_percent(record_deg_h: np.ndarray) -> None:
+    """Least squares of sigma^2 = N^2 w(tau) + (2 ln 2/pi) B^2 over 1 to 8 s, w the shape of the open-loop response."""
+    taus = np.array([1, 2, 3, 4, 6, 8])
+    variances = np.array([allan_deviation(record_deg_h, int(t)) ** 2 for t in taus])
+    white = np.array([white_allan_variance(float(t)) for t in taus])
+    rows = np.column_stack((white, np.ones(len(taus)))) / variances[:, None]
+    (found, _), *_ = np.linalg.lstsq(rows, np.ones(len(taus)), rcond=None)
+    assert math.sqrt(found) / 60 == pytest.approx(0.21, rel=0.03)
+
+
+def test_flicker_alone_has_its_floor_at_3_7_deg_per_hour() -> None:
+    """Sum of each process' Allan variance, 2 s^2 T/tau (1 - T/2tau (3 - 4 e^(-tau/T) + e^(-2tau/T)))."""
+    noise = PAPER.noise
+    variance = noise.bias_instability_deg_s**2 * math.log(4) / math.pi
+    for tau in np.geomspace(4.0, 1000.0, 12):
+        total = 0.0
+        for index in range(noise.flicker_processes):
+            t = noise.flicker_shortest_s * 4.0**index
+            bracket = 1 - t / (2 * tau) * (3 - 4 * math.exp(-tau / t) + math.exp(-2 * tau / t))
+            total += 2 * variance * t / tau * bracket
+        assert math.sqrt(total) * 3600 == pytest.approx(3.7, rel=0.04)
+
+
+def test_minimum_of_the_allan_deviation_is_3_7_deg_per_hour_within_its_spread(record_deg_h: np.ndarray) -> None:
+    """One hour each: 95 % of records have their minimum in 2.58 to 4.37 deg/h, mean 3.53, sd 0.47 (Monte Carlo)."""
+    taus = np.unique(np.geomspace(1, 400, 40).astype(int))
+    hours = [record_deg_h[i : i + 3600] for i in range(0, 18_000, 3600)]
+    minima = [min(allan_deviation(hour, int(t)) for t in taus) for hour in hours]
+    assert np.mean(minima) == pytest.approx(3.53, abs=3 * 0.47 / math.sqrt(5))
+    assert all(2.0 < each < 5.0 for each in minima)
+
+
+def test_ideal_has_no_noise() -> None:
+    clock, world = powered(BenchParameters.ideal(), seed=1)
+    first = mean_v(clock, world, 1.0)
+    assert mean_v(clock, world, 1.0) == pytest.approx(first, abs=1e-13)
