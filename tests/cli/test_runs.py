@@ -21,7 +21,7 @@ def test_no_records(station: Station, tmp_path: Path) -> None:  # pytest's way w
 def test_list_and_show_what_was_run(station: Station) -> None:
     ran = json.loads(call("run", "virtual-coriolis", "--json", "--quiet").stdout)
     listed = json.loads(call("runs", "list", "--json").stdout)["runs"]
-    assert [(line["run"], line["status"], line["points"]) for line in listed] == [(ran["run"], "complete", 39)]
+    assert [(line["run"], line["status"], line["points"]) for line in listed] == [(ran["run"], "complete", 51)]
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert shown["points"] == ran["points"]
     assert shown["results"] == ran["results"]  # made again from the journal

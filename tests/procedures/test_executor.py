@@ -44,16 +44,16 @@ def test_readings_come_on_an_exact_grid_of_one_second() -> None:
         times = [reading["t_s"] for reading in line["result"]["readings"]]
         assert times == [line["t_s"] + k for k in range(10)]
         assert line["end_s"] == line["t_s"] + 10.0
-    assert len(windows) == 2 + 3 + 17 + 17
+    assert len(windows) == 4 + 4 + 4 + 1 + 4 + 17 + 17
 
 
 def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
-    """A bench that answers at once leaves nothing but physics: 36 deg/s of ramps for 10 deg/s twice, then the sweep."""
+    """A bench that answers at once leaves nothing but physics."""
     bench = FakeBench()
     execution = run("virtual-coriolis", bench)
     ramps_s = (10.0 + 10.0 + 200.0 + 400.0 + 200.0) / 100.0
-    windows = 39
-    by_hand_s = SETTLE_S + windows * (SETTLE_S + WINDOW_S) + ramps_s
+    states, windows = 5 + 17 + 17, 17 + 17 + 17
+    by_hand_s = SETTLE_S + states * SETTLE_S + windows * WINDOW_S + ramps_s
     assert execution.physical_minimum_s == pytest.approx(by_hand_s, abs=1e-6)
     # the fake's AGC is settled at the first look, so nothing comes on top
     assert execution.bench_seconds == pytest.approx(by_hand_s, abs=1e-6)
@@ -95,7 +95,7 @@ def test_virtual_coriolis_finds_k_vc_and_the_same_scale_factor() -> None:
     assert abs(results["scale_factor_error_percent"]) < 1e-9
     assert results["virtual"]["bias"]["value"] - results["turntable"]["bias"]["value"] == pytest.approx(0.0517)
     steps = [point.step for point in execution.points]
-    assert [steps.count(step) for step in (1, 2, 3, 4)] == [2, 3, 17, 17]
+    assert [steps.count(step) for step in (1, 2, 3, 4)] == [8, 9, 17, 17]
     assert steps == sorted(steps)
 
 
@@ -235,7 +235,7 @@ def test_a_dead_v_vc_lead_ends_step_2() -> None:
     bench = FakeBench(Gyro(k_vc=0.0))
     execution = run("virtual-coriolis", bench)
     assert str(execution.error).startswith("rate_source: the output does not answer to V_Vc")
-    assert [point.step for point in execution.points] == [1, 1, 2, 2]
+    assert [point.step for point in execution.points] == [1] * 8 + [2] * 5
 
 
 def test_a_generator_whose_relay_sticks_is_found_out() -> None:

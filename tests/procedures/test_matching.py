@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.settings import Match
+from vcfbench.record.schema import Point
 
 K, K_VC = -0.0125, 40.0
 
@@ -17,11 +18,22 @@ def output(v_vc: float, *, k_vc: float = K_VC, curvature: float = 0.0, zero: flo
     return zero + K * k_vc * v_vc * (1.0 + curvature * v_vc)
 
 
+def point(step: int, rate: float, v_vc: float, output_v: float, std_v: float = 0.0) -> Point:
+    return Point(step, rate, v_vc, output_v, std_v, 10)
+
+
+def begun(*tries: tuple[float, float, float]) -> Matching:
+    """Zeros at 0 V, -125 mV on the table, and tries of V_Vc, output and scatter."""
+    means = [point(1, 0.0, 0.0, 0.0), point(1, 10.0, 0.0, -0.125), point(2, 0.0, 0.0, 0.0)]
+    return Matching.of([*means, *(point(2, 0.0, *attempt) for attempt in tries)], Match.ZERO, 10.0)
+
+
 def match(mode: Match, guess_v: float, times: int, *, curvature: float = 0.0, k_vc: float = K_VC) -> Matching:
-    matching = Matching.against_table(mode, 10.0, zero_v=-0.042, turning_v=-0.042 + 10.0 * K).with_zero(0.0097)
+    points = [point(1, 0.0, 0.0, -0.042), point(1, 10.0, 0.0, -0.042 + 10.0 * K), point(2, 0.0, 0.0, 0.0097)]
     v_vc = guess_v
     for _ in range(times):
-        matching = matching.with_try(v_vc, output(v_vc, curvature=curvature, k_vc=k_vc), 0.0)
+        points.append(point(2, 0.0, v_vc, output(v_vc, curvature=curvature, k_vc=k_vc)))
+        matching = Matching.of(points, mode, 10.0)
         v_vc = matching.v_vc_equal_v
     return matching
 
@@ -49,22 +61,32 @@ def test_absolute_takes_the_offset_of_the_zeros_into_k_vc() -> None:
 
 
 def test_equal_within_the_noise_or_nearly_so() -> None:
-    begun = Matching.against_table(Match.ZERO, 10.0, zero_v=0.0, turning_v=-0.125).with_zero(0.0)
-    assert begun.with_try(0.25, -0.12495, 0.0).equal()
-    assert not begun.with_try(0.25, -0.1249, 0.0).equal()
-    assert begun.with_try(0.25, -0.1249, 2e-5).equal()
-    assert not begun.with_try(0.25, -0.120, 2e-5).usable()
+    assert begun((0.25, -0.12495, 0.0)).equal()
+    assert not begun((0.25, -0.1249, 0.0)).equal()
+    assert begun((0.25, -0.1249, 2e-4)).equal()
+    assert not begun((0.25, -0.120, 2e-4)).usable()
 
 
 def test_a_dead_v_vc_lead_is_said_to_be_one() -> None:
-    begun = Matching.against_table(Match.ZERO, 10.0, zero_v=0.0, turning_v=-0.125).with_zero(0.0)
+    dead = begun((0.25, 1e-6, 1e-5))
     with pytest.raises(MeasurementError, match="does not answer to V_Vc"):
-        begun.with_try(0.25, 1e-6, 1e-5).v_vc_equal_v  # noqa: B018  # the property raises
+        dead.v_vc_equal_v  # noqa: B018  # the property raises
+
+
+def test_windows_in_a_row_are_one_mean() -> None:
+    matching = begun((0.3, -0.15, 1e-4), (0.25, -0.1248, 1e-4), (0.25, -0.1252, 3e-4))
+    assert len(matching.tries) == 2
+    best = matching.best
+    assert (best.v_vc_v, best.n) == (0.25, 20)
+    assert best.output_v == pytest.approx(-0.125)
+    assert best.std_v == pytest.approx(1e-4 * 5.0**0.5)
+    assert matching.k_vc == pytest.approx(40.0, rel=1e-9)
 
 
 def test_uncertainty_of_k_vc_counts_every_mean() -> None:
-    matched = match(Match.ZERO, 0.25, 1)
-    assert matched.u_k_vc(1e-5) / matched.k_vc == pytest.approx(2.0 * 1e-5 / 0.125, rel=1e-6)
+    matched, std_v = match(Match.ZERO, 0.25, 1), 1e-4
+    assert matched.u_k_vc(std_v, 0.0) / matched.k_vc == pytest.approx(2.0 * std_v / 10.0**0.5 / 0.125, rel=1e-6)
+    assert matched.u_k_vc(0.0, 3e-6) / matched.k_vc == pytest.approx(2.0 * 3e-6 / 0.125, rel=1e-6)
     absolute = match(Match.ABSOLUTE, 0.25, 2)
-    relative = 2.0**0.5 * 1e-5 / (0.125 + 0.0517)
-    assert absolute.u_k_vc(1e-5) / absolute.k_vc == pytest.approx(relative, rel=1e-6)
+    relative = 2.0**0.5 * 3e-6 / (0.125 + 0.0517)
+    assert absolute.u_k_vc(0.0, 3e-6) / absolute.k_vc == pytest.approx(relative, rel=1e-6)

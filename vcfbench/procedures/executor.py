@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 from vcfbench.errors import Aborted, BenchError
 from vcfbench.procedures.actions import BenchActor
 from vcfbench.procedures.steps import Acquire, Reading, Step, StepResult, Window
-from vcfbench.record.schema import Point, Status
+from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from vcfbench.procedures.actions import OpenBench
     from vcfbench.procedures.steps import Plan
+    from vcfbench.record.schema import Point
 
 __all__ = [
     "Event",
@@ -185,7 +186,7 @@ class Executor:
     def _write(self, step: Step, result: StepResult, start_s: float) -> None:
         line = {**self._line(step), "t_s": start_s, "end_s": self._now(), **_named("result", result)}
         if isinstance(step, Acquire) and isinstance(result, Window):
-            point = _point(step, result)
+            point = step.point(result)
             line["point"] = point.as_json()
             self._points.append(point)
         self.journal.step(line)
@@ -227,10 +228,6 @@ class Executor:
 def _stop() -> Step:
     """End the walk here: after a person's stop nothing more is done for the plan, the safety stack takes over."""
     raise StopIteration
-
-
-def _point(step: Acquire, window: Window) -> Point:
-    return Point(step.step, step.rate_deg_s, step.v_vc_v, window.mean_v, window.std_v, len(window.readings))
 
 
 def _named(name: str, value: Step | StepResult) -> dict[str, Any]:

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.settings import Match
 
-__all__ = ["Matching", "Try"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from vcfbench.record.schema import Point
+
+__all__ = ["Matching", "Mean"]
 
 _CLOSE_ENOUGH = 5e-4
 """Residual of the output over its span at which the rest is interpolated. The chord is within some per cent of the
@@ -19,59 +26,73 @@ _USABLE = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
-class Try:
-    """One setting of V_Vc (V), the mean output (V) and the standard uncertainty of that mean (V)."""
+class Mean:
+    """The mean output (V) of `n` readings at one setting of V_Vc (V), and their sample standard deviation (V)."""
 
     v_vc_v: float
     output_v: float
-    u_output_v: float
+    std_v: float
+    n: int
+
+    @property
+    def u_output_v(self) -> float:
+        """Type A standard uncertainty of the mean, V."""
+        return self.std_v / math.sqrt(self.n)
+
+    @classmethod
+    def of(cls, points: Iterable[Point]) -> Mean:
+        """Return the mean of windows that were taken one after the other at the same setting."""
+        windows = tuple(points)
+        count = sum(point.n for point in windows)
+        output_v = math.fsum(point.n * point.output_v for point in windows) / count
+        variance = math.fsum((point.n - 1) * point.std_v**2 for point in windows) / (count - len(windows))
+        return cls(windows[0].v_vc_v, output_v, math.sqrt(variance), count)
 
 
 @dataclass(frozen=True, slots=True)
 class Matching:
-    """What is known so far about the equality of the two outputs; each method that adds returns a new value.
+    """What is known so far about the equality of the two outputs.
 
-    `zero_table_v` and `turning_v` are the outputs on the table at rest and at `rate_deg_s`, generator off;
-    `zero_virtual_v` is the output at rest with the generator on at 0 V. Under :attr:`Match.ZERO` each side is taken
-    from its own zero.
+    `zero_table` and `turning` are the outputs on the table at rest and at `rate_deg_s`, generator off; `zero_virtual`
+    is the output at rest with the generator on at 0 V; `tries` are those at other settings of V_Vc. Under
+    :attr:`Match.ZERO` each side is taken from its own zero.
     """
 
     match: Match
     rate_deg_s: float
-    zero_table_v: float
-    turning_v: float
-    zero_virtual_v: float = math.nan
-    tries: tuple[Try, ...] = ()
+    zero_table: Mean
+    turning: Mean
+    zero_virtual: Mean
+    tries: tuple[Mean, ...]
 
     @classmethod
-    def against_table(cls, match: Match, rate_deg_s: float, *, zero_v: float, turning_v: float) -> Matching:
-        """Start from step 1."""
-        return cls(match, rate_deg_s, zero_v, turning_v)
+    def of(cls, points: Iterable[Point], match: Match, rate_deg_s: float) -> Matching:
+        """Do the arithmetic of steps 1 and 2 on their points.
 
-    def with_zero(self, zero_virtual_v: float) -> Matching:
-        """Add the output at rest with the generator on at 0 V."""
-        return replace(self, zero_virtual_v=zero_virtual_v)
-
-    def with_try(self, v_vc_v: float, output_v: float, u_output_v: float) -> Matching:
-        """Add one setting of V_Vc and what came of it."""
-        return replace(self, tries=(*self.tries, Try(v_vc_v, output_v, u_output_v)))
+        Step 1 holds the zero and the output at the matching rate, step 2 the zero with the generator on and at least
+        one setting of V_Vc; windows in a row with the same rate and V_Vc are one mean.
+        """
+        of_steps = (point for point in points if point.step in {1, 2})
+        groups = groupby(of_steps, key=lambda point: (point.step, point.rate_deg_s, point.v_vc_v))
+        zero_table, turning, zero_virtual, *tries = (Mean.of(group) for _, group in groups)
+        return cls(match, rate_deg_s, zero_table, turning, zero_virtual, tuple(tries))
 
     @property
     def target_v(self) -> float:
         """The output that the virtual side must come to, V."""
         if self.match is Match.ABSOLUTE:
-            return self.turning_v
-        return self.turning_v - self.zero_table_v + self.zero_virtual_v
+            return self.turning.output_v
+        return self.turning.output_v - self.zero_table.output_v + self.zero_virtual.output_v
 
     @property
     def span_v(self) -> float:
         """How far the target lies from the virtual side's zero, V."""
-        return self.target_v - self.zero_virtual_v
+        return self.target_v - self.zero_virtual.output_v
 
     @property
-    def best(self) -> Try:
-        """The try whose output is nearest to the target."""
-        return min(self.tries, key=lambda attempt: abs(attempt.output_v - self.target_v))
+    def best(self) -> Mean:
+        """The try with the most readings, among equals the one whose output is nearest to the target."""
+        return min(self.tries, key=lambda attempt: (-attempt.n, abs(attempt.output_v - self.target_v)))
 
     @property
     def residual_v(self) -> float:
@@ -79,10 +100,16 @@ class Matching:
         return self.best.output_v - self.target_v
 
     @property
+    def compared(self) -> tuple[Mean, ...]:
+        """The means whose noise goes into the comparison."""
+        if self.match is Match.ABSOLUTE:
+            return (self.turning, self.best)
+        return (self.turning, self.best, self.zero_table, self.zero_virtual)
+
+    @property
     def u_residual_v(self) -> float:
-        """Standard uncertainty of the residual, all means taken to be as good as that of the best try, V."""
-        means = 2 if self.match is Match.ABSOLUTE else 4
-        return math.sqrt(means) * self.best.u_output_v
+        """Type A standard uncertainty of the residual, V."""
+        return math.hypot(*(mean.u_output_v for mean in self.compared))
 
     def equal(self) -> bool:
         """Tell whether the outputs are equal within their noise, or nearly enough to interpolate."""
@@ -96,14 +123,14 @@ class Matching:
     def slope(self) -> float:
         """Output over V_Vc (V/V) along the chord from the zero to the best try.
 
-        The chord, not the secant through the last two tries: those lie within each other's noise once the outputs are
-        equal.
+        The chord, not the secant through the last two tries: those lie within each other's noise once the outputs
+        are equal.
 
         Raises:
             MeasurementError: the output does not answer to V_Vc.
         """
         best = self.best
-        answer_v = best.output_v - self.zero_virtual_v
+        answer_v = best.output_v - self.zero_virtual.output_v
         if best.v_vc_v == 0.0 or abs(answer_v) <= max(3.0 * best.u_output_v, 1e-3 * abs(self.span_v)):
             raise MeasurementError(
                 f"the output does not answer to V_Vc: {answer_v:+.4g} V for {best.v_vc_v:.6g} V",
@@ -120,13 +147,25 @@ class Matching:
 
     @property
     def k_vc(self) -> float:
-        """K_Vc = rate / V_Vc at equality, (deg/s)/V (the factor of the paper's equation (16), in deg/s)."""
-        return self.rate_deg_s / self.v_vc_equal_v
+        """K_Vc = rate / V_Vc at equality, (deg/s)/V (the factor of the paper's equation (16), in deg/s).
 
-    def u_k_vc(self, u_output_v: float) -> float:
-        """Standard uncertainty of K_Vc when each mean has `u_output_v`, (deg/s)/V.
+        Raises:
+            MeasurementError: the outputs are equal without any V_Vc, so there is nothing to divide by.
+        """
+        v_vc_v = self.v_vc_equal_v
+        if v_vc_v == 0.0:
+            raise MeasurementError("the output does not answer to the table's rate", instrument="multimeter", step="2")
+        return self.rate_deg_s / v_vc_v
+
+    def u_k_vc(self, std_v: float, common_v: float) -> float:
+        """Return the standard uncertainty of K_Vc, (deg/s)/V.
+
+        Args:
+            std_v: standard deviation of one reading, V; it goes down with the number of readings of each mean.
+            common_v: standard uncertainty that all readings of a mean share (resolution), V.
 
         The table's rate and the generator's level are taken as exact: their type B parts belong to a budget.
+
         """
-        means = 2 if self.match is Match.ABSOLUTE else 4
-        return abs(self.k_vc / self.v_vc_equal_v / self.slope) * math.sqrt(means) * u_output_v
+        u_v = math.hypot(*(math.hypot(std_v / math.sqrt(mean.n), common_v) for mean in self.compared))
+        return abs(self.k_vc / self.v_vc_equal_v / self.slope) * u_v

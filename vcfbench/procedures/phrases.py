@@ -31,6 +31,7 @@ from vcfbench.procedures.steps import (
 
 if TYPE_CHECKING:
     from vcfbench.procedures.settings import CalibrationSettings
+    from vcfbench.record.schema import Point
 
 __all__ = ["Phrase", "go_to_rate", "powered", "ramp_to", "set_v_vc", "start_up", "take", "v_vc_on"]
 
@@ -104,9 +105,9 @@ def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Phrase[float]:
 
 def take(
     settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float
-) -> Phrase[Window]:
-    """Average one window and return it."""
-    window = Acquire(
+) -> Phrase[Point]:
+    """Average one window and return its point."""
+    acquire = Acquire(
         step,
         rate_deg_s,
         v_vc_v,
@@ -116,7 +117,7 @@ def take(
         settings.samples,
         settings.sample_interval_s,
     )
-    return answer((yield window), Window)
+    return acquire.point(answer((yield acquire), Window))
 
 
 def powered(settings: CalibrationSettings, work: Phrase[T]) -> Phrase[T]:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.settings import Match
     from vcfbench.record.schema import Point
 
-__all__ = ["K_VC_UNIT", "turntable_results", "u_output_v", "virtual_coriolis_results"]
+__all__ = ["K_VC_UNIT", "pooled_std_v", "turntable_results", "u_output_v", "virtual_coriolis_results"]
 
 K_VC_UNIT = "(deg/s)/V"
 
@@ -37,8 +37,8 @@ def virtual_coriolis_results(
 
     u_v = u_output_v(points, meter_resolution_v)
     turntable, virtual = (_column(_of_step(points, step), u_v) for step in (3, 4))
-    matching = match_of(points, match, match_rate_deg_s)
-    u_k_vc = matching.u_k_vc(u_v)
+    matching = Matching.of(points, match, match_rate_deg_s)
+    u_k_vc = matching.u_k_vc(pooled_std_v(points), _u_resolution_v(meter_resolution_v))
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
@@ -59,32 +59,25 @@ def virtual_coriolis_results(
     }
 
 
-def match_of(points: Sequence[Point], match: Match, match_rate_deg_s: float) -> Matching:
-    """Do the arithmetic of steps 1 and 2 again from their points.
-
-    Step 1 holds the zero and the output at the matching rate; step 2 the zero with the generator on, then the
-    settings of V_Vc.
-    """
-    zero, turning = _of_step(points, 1)
-    zero_virtual, *tries = _of_step(points, 2)
-    matching = Matching.against_table(match, match_rate_deg_s, zero_v=zero.output_v, turning_v=turning.output_v)
-    matching = matching.with_zero(zero_virtual.output_v)
-    for point in tries:
-        matching = matching.with_try(point.v_vc_v, point.output_v, point.std_v / math.sqrt(point.n))
-    return matching
+def pooled_std_v(points: Sequence[Point]) -> float:
+    """Return the standard deviation of one reading, V, from all windows: ten readings know theirs to a quarter."""
+    degrees = sum(point.n - 1 for point in points)
+    return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees)
 
 
 def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:
-    """Return the standard uncertainty of one mean, V: pooled type A, and the meter's resolution as type B.
+    """Return the standard uncertainty of one window's mean, V: pooled type A, the meter's resolution as type B.
 
-    The scatter is pooled over all windows, since ten readings alone know theirs to a quarter only. The resolution is
-    rectangular, a/sqrt(12), and taken to be common to the readings of a window: without enough noise to dither it,
-    averaging does not make it smaller. The meter's gain and the table's rate are common to all points and belong to a
-    budget.
+    The resolution is rectangular, a/sqrt(12), and taken to be common to the readings of a window: without enough noise
+    to dither it, averaging does not make it smaller. The meter's gain and the table's rate are common to all points and
+    belong to a budget.
     """
-    variance = math.fsum((point.n - 1) * point.std_v**2 for point in points) / sum(point.n - 1 for point in points)
-    type_a_v = math.sqrt(variance / min(point.n for point in points))
-    return math.hypot(type_a_v, meter_resolution_v / math.sqrt(12.0))
+    type_a_v = pooled_std_v(points) / math.sqrt(min(point.n for point in points))
+    return math.hypot(type_a_v, _u_resolution_v(meter_resolution_v))
+
+
+def _u_resolution_v(meter_resolution_v: float) -> float:
+    return meter_resolution_v / math.sqrt(12.0)
 
 
 def _of_step(points: Sequence[Point], step: int) -> list[Point]:

@@ -65,8 +65,9 @@ class DriveWindows:
 class CalibrationSettings:
     """All that turntable and virtual Coriolis calibration need to know.
 
-    `k_vc_guess` is the K_Vc from which step 2 starts, (deg/s)/V; `match_iterations` is the most settings of V_Vc it may
-    take. `start_up_s` is the wait after power-on, `rate_deadline_s` what a table may take beyond twice its ramp.
+    `k_vc_guess` is the K_Vc from which step 2 starts, (deg/s)/V; `match_iterations` is the most settings of V_Vc it
+    may take, `match_windows` how many windows each mean that K_Vc hangs on is made of. `start_up_s` is the wait after
+    power-on, `rate_deadline_s` what a table may take beyond twice its ramp.
     """
 
     rails: tuple[RailSettings, ...]
@@ -85,6 +86,7 @@ class CalibrationSettings:
     match: Match = Match.ZERO
     match_rate_deg_s: float = 10.0
     match_iterations: int = 4
+    match_windows: int = 4
     rate_deadline_s: float = 10.0
 
     @classmethod

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from vcfbench.interfaces import Regulation  # noqa: TC001  # a record decodes by these annotations
+from vcfbench.record.schema import Point
 
 __all__ = [
     "Acquire",
@@ -425,6 +426,10 @@ class Acquire(Step):
             f"average {self.samples} readings, one every {self.interval_s:g} s: "
             f"{self.rate_deg_s:+.6g} deg/s, V_Vc {self.v_vc_v:+.6g} V"
         )
+
+    def point(self, window: Window) -> Point:
+        """Return the point that `window` gives."""
+        return Point(self.step, self.rate_deg_s, self.v_vc_v, window.mean_v, window.std_v, len(window.readings))
 
     @property
     def physical_s(self) -> float:

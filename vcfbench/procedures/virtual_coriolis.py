@@ -17,7 +17,7 @@ from vcfbench.procedures.turntable import table_sweep
 
 if TYPE_CHECKING:
     from vcfbench.procedures.settings import CalibrationSettings
-    from vcfbench.procedures.steps import Window
+    from vcfbench.record.schema import Point
 
 __all__ = ["virtual_coriolis"]
 
@@ -29,9 +29,9 @@ def virtual_coriolis(settings: CalibrationSettings) -> Plan:
 
 def _four_steps(settings: CalibrationSettings) -> Phrase[Outcome]:
     yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
-    matching = yield from _table_reference(settings)
+    points = yield from _table_reference(settings)
     yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
-    matching = yield from _match(settings, matching)
+    matching = yield from _match(settings, points)
     yield Note("Step 3: the table turns at each rate, generator off")
     yield DisableVvc()
     yield from table_sweep(settings, 3)
@@ -40,44 +40,59 @@ def _four_steps(settings: CalibrationSettings) -> Phrase[Outcome]:
     return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates")
 
 
-def _table_reference(settings: CalibrationSettings) -> Phrase[Matching]:
+def _table_reference(settings: CalibrationSettings) -> Phrase[list[Point]]:
     """Step 1: the zero output and the output at the matching rate."""
     rate_deg_s = settings.match_rate_deg_s
     yield Settle(settings.settle_s, "gyro settles, table at rest")
-    zero = yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=0.0)
+    zero = yield from _take_repeatedly(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
     yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
-    turning = yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
+    turning = yield from _take_repeatedly(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0)
     yield from ramp_to(settings, 0.0, previous_deg_s=rate_deg_s)
-    return Matching.against_table(settings.match, rate_deg_s, zero_v=zero.mean_v, turning_v=turning.mean_v)
+    return [*zero, *turning]
 
 
-def _match(settings: CalibrationSettings, matching: Matching) -> Phrase[Matching]:
+def _match(settings: CalibrationSettings, points: list[Point]) -> Phrase[Matching]:
     """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal."""
     yield from v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
-    zero = yield from _take_virtual(settings, 2, rate_deg_s=0.0, v_vc_v=0.0)
-    matching = matching.with_zero(zero.mean_v)
+    points += yield from _take_repeatedly(settings, 2, rate_deg_s=0.0, v_vc_v=0.0)
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess
-    for _ in range(settings.match_iterations):
+    for number in range(settings.match_iterations):
         v_vc_v = yield from set_v_vc(settings, v_vc_v)
-        window = yield from _take_virtual(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v)
-        matching = matching.with_try(v_vc_v, window.mean_v, window.std_v / len(window.readings) ** 0.5)
-        if len(matching.tries) > 1 and matching.equal():  # one lucky guess proves nothing
-            return matching
+        points.append((yield from take(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0)))
+        matching = Matching.of(points, settings.match, settings.match_rate_deg_s)
+        if number > 0 and matching.equal():  # one lucky guess proves nothing
+            break
         v_vc_v = matching.v_vc_equal_v
     if not matching.usable():
-        raise MeasurementError(
-            f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
-            f"{settings.match_iterations} settings of V_Vc, the last {v_vc_v:.6g} V",
-            instrument="multimeter",
-            step="2",
-            hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
-        )
-    return matching
+        raise _no_match(matching, settings)
+    points += yield from _take_repeatedly(settings, 2, rate_deg_s=0.0, v_vc_v=points[-1].v_vc_v, taken=1)
+    return Matching.of(points, settings.match, settings.match_rate_deg_s)
 
 
-def _take_virtual(settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float) -> Phrase[Window]:
-    return (yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0))
+def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementError:
+    return MeasurementError(
+        f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
+        f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
+        instrument="multimeter",
+        step="2",
+        hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
+    )
+
+
+def _take_repeatedly(
+    settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, taken: int = 0
+) -> Phrase[list[Point]]:
+    """Take the windows of steps 1 and 2 one after the other, less those `taken` already.
+
+    K_Vc hangs on four means 125 mV apart, where a window of ten readings each would leave 0.06 % of noise; the
+    sweeps, over 5 V, need no more than one.
+    """
+    points = []
+    for _ in range(settings.match_windows - taken):
+        point = yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=rate_deg_s)
+        points.append(point)
+    return points
 
 
 def _virtual_sweep(settings: CalibrationSettings, k_vc: float) -> Phrase[None]:
@@ -85,5 +100,5 @@ def _virtual_sweep(settings: CalibrationSettings, k_vc: float) -> Phrase[None]:
     yield from v_vc_on()
     for rate_deg_s in settings.rates_deg_s:
         v_vc_v = yield from set_v_vc(settings, rate_deg_s / k_vc)
-        yield from _take_virtual(settings, 4, rate_deg_s=k_vc * v_vc_v, v_vc_v=v_vc_v)
+        yield from take(settings, 4, rate_deg_s=k_vc * v_vc_v, v_vc_v=v_vc_v, table_deg_s=0.0)
     yield SetVvc(0.0)
