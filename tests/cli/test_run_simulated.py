@@ -1,0 +1,115 @@
+"""``vcfbench run`` as a whole on the embedded simulated benches: real drivers, real dialects, simulated time."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.cli.main import app
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAIN = "from vcfbench.cli.main import main; main()"
+
+
+def answer(runs: Path, *arguments: str) -> dict[str, Any]:
+    result = CliRunner().invoke(app, ["run", *arguments, "--json", "--quiet", "--runs", str(runs)])
+    assert result.exit_code == 0, result.output
+    values: dict[str, Any] = json.loads(result.stdout)
+    return values
+
+
+def footer(runs: Path, run: str) -> dict[str, Any]:
+    last = (runs / run / "journal.jsonl").read_text().splitlines()[-1]
+    values: dict[str, Any] = json.loads(last)
+    return values
+
+
+@pytest.mark.parametrize(("name", "bench"), [("turntable", "ideal"), ("virtual-coriolis", "paper")])
+def test_bench_time_is_within_five_per_cent_of_the_physical_minimum(name: str, bench: str, tmp_path: Path) -> None:
+    ran = answer(tmp_path, name, "--bench", bench)
+    end = footer(tmp_path, ran["run"])
+    assert end["physical_minimum_s"] <= ran["bench_seconds"] <= 1.05 * end["physical_minimum_s"]
+    assert all(report["safe"] for report in end["safe"])
+    assert len(end["safe"]) >= 4
+
+
+def test_ideal_bench_agrees_below_20_ppm_and_within_its_own_uncertainty(tmp_path: Path) -> None:
+    results = answer(tmp_path, "virtual-coriolis", "--bench", "ideal", "--seed", "5")["results"]
+    error, u = results["scale_factor_error_percent"], results["scale_factor_error_u_percent"]
+    assert abs(error) < 20e-4
+    assert abs(error) <= 2.0 * u
+
+
+def test_same_seed_same_results_and_another_seed_others(tmp_path: Path) -> None:
+    first, again, other = (answer(tmp_path, "virtual-coriolis", "--seed", seed) for seed in ("4", "4", "5"))
+    assert (first["points"], first["results"]) == (again["points"], again["results"])
+    assert first["points"] != other["points"]
+    files = [(tmp_path / ran["run"] / "result.json").read_bytes() for ran in (first, again)]
+    assert files[0] == files[1]
+
+
+def test_points_are_read_back_by_analyze(tmp_path: Path) -> None:
+    ran = answer(tmp_path, "virtual-coriolis", "--bench", "paper")
+    told = CliRunner().invoke(app, ["analyze", str(tmp_path / ran["run"] / "points.csv"), "--json"])
+    series = json.loads(told.stdout)["series"]
+    for column in ("turntable", "virtual"):
+        assert series[column]["scale_factor"]["value"] == ran["results"][column]["scale_factor"]["value"]
+
+
+def test_offset_of_the_zeros_is_seen_and_does_not_enter_k_vc(tmp_path: Path) -> None:
+    """On the paper's bench the generator's leakage lifts the zero by some 50 mV; the literal match falls into it."""
+    zero, absolute = (
+        answer(tmp_path, "virtual-coriolis", "--match", match)["results"] for match in ("zero", "absolute")
+    )
+    lift_v = zero["virtual"]["zero_v"] - zero["turntable"]["zero_v"]
+    assert 0.03 < lift_v < 0.07
+    assert absolute["v_vc10_v"] / zero["v_vc10_v"] == pytest.approx(1.0 + lift_v / 0.1254, rel=0.02)
+    assert absolute["scale_factor_error_percent"] > 25.0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interrupted_run_keeps_its_points_and_leaves_safely(tmp_path: Path) -> None:
+    """At 50 times real time the first window is over within a second; then the signal comes."""
+    command = [sys.executable, "-c", MAIN, "run", "turntable", "--json", "--speed", "50", "--runs", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
+        assert child.stderr is not None
+        for line in child.stderr:
+            if "average" in line:
+                break
+        os.kill(child.pid, signal.SIGINT)
+        out, _ = child.communicate()
+    told = json.loads(out)
+    assert child.returncode == 4
+    assert told["status"] == "aborted"
+    assert len(told["points"]) >= 1
+    assert told["results"] == {}
+    end = footer(tmp_path, told["run"])
+    assert end["status"] == "aborted"
+    assert all(report["safe"] for report in end["safe"])
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
+def test_a_killed_run_keeps_every_point_that_was_told(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", MAIN, "run", "turntable", "--speed", "100", "--runs", str(tmp_path)]
+    told = 0
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
+        assert child.stderr is not None
+        for line in child.stderr:
+            told += "average" in line
+            if told == 3:
+                child.kill()
+                break
+        child.stderr.read()
+    listed = CliRunner().invoke(app, ["runs", "list", "--runs", str(tmp_path), "--json"])
+    [line_] = json.loads(listed.stdout)["runs"]
+    assert line_["status"] == "incomplete"
+    assert line_["points"] >= 3
