@@ -300,3 +300,11 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b'name = "caf\xe9"')
     with pytest.raises(ConfigError, match="expected UTF-8 text, came byte 0xe9"):
         load_bench(tmp_path / "latin.toml")
+
+
+@pytest.mark.parametrize("path", [("name",), ("title",), ("power", "resource"), ("visa_library",)])
+@pytest.mark.parametrize("tail", ["\\n", "\\u0000", "\\r", "\\u2028"])
+def test_texts_stay_on_one_line(path: tuple[str, ...], tail: str) -> None:
+    said = refusal(changed(FULL, path, f"a{tail}"))
+    assert said.startswith(f"lab.toml: {'.'.join(path)}: expected a text")
+    assert len(said.splitlines()) == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -78,15 +77,19 @@ def open_bench(
     with StopSignals() as signals, station(description, seed, speed) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         reports: list[SafeReport] = []
+        under_way: BaseException | None = None
         try:
             try:
                 opened = _open_all(description, stand, safety, signals)
                 require_still(opened.instruments["rate_table"])
                 yield _bench(description, ControlClock(stand.clock, signals), stand.seed, opened, reports)
+            except BaseException as error:
+                under_way = error
+                raise
             finally:
                 signals.unwind()
         finally:
-            _leave(safety, signals, reports)
+            _leave(safety, signals, reports, under_way)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +145,10 @@ def _bench(
     )
 
 
-def _leave(safety: SafetyStack, signals: StopSignals, reports: list[SafeReport]) -> None:
-    """Make everything safe, close it, and raise NotSafe if something is not; what is under way stays its context."""
-    under_way = sys.exc_info()[1]
+def _leave(
+    safety: SafetyStack, signals: StopSignals, reports: list[SafeReport], under_way: BaseException | None
+) -> None:
+    """Make everything safe, close it, and raise NotSafe from what is under way if something is not."""
     signals.unwind()
     try:
         reports += safety.make_safe()

@@ -37,9 +37,12 @@ Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
 Window = tuple[float, float]
 
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-Text = Annotated[str, Meta(min_length=1, max_length=200)]
-Resource = Annotated[str, Meta(min_length=1, max_length=200)]
+NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
+LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
+
+Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
+Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
+Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86_400.0)]
 Errors = Literal["none", "drawn"] | dict[str, Any]
 
@@ -157,7 +160,7 @@ class Site(_Part, frozen=True, kw_only=True):
 class DriveWindow(_Part, frozen=True, kw_only=True):
     """What the drive signal must look like on the oscilloscope before anything is measured; each ``[low, high]``."""
 
-    frequency_hz: Window = (3480.0, 3498.0)
+    frequency_hz: Window = (3475.0, 3503.0)
     amplitude_v: Window = (0.05, 10.0)
     phase_deg: Window = (-180.0, 180.0)
     start_up_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0

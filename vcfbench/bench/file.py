@@ -14,7 +14,7 @@ import msgspec
 from msgspec import inspect
 
 from vcfbench.bench.consistency import misfits
-from vcfbench.bench.description import BenchDescription
+from vcfbench.bench.description import NAME_PATTERN, BenchDescription
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -229,6 +229,6 @@ def _range(node: inspect.FloatType | inspect.IntType) -> str:
 
 
 def _form(node: inspect.StrType) -> str:
-    if node.pattern:
+    if node.pattern == NAME_PATTERN:
         return " of letters, digits, '_', '-' and '.'"
-    return f" of {node.min_length} to {node.max_length} characters" if node.max_length else ""
+    return f" of {node.min_length} to {node.max_length} characters on one line" if node.max_length else ""

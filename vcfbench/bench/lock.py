@@ -56,7 +56,7 @@ def station_lock(name: str) -> Iterator[Path]:
     """
     path = lock_path(name)
     with _open(path) as file:
-        if not _try_lock(file):
+        if not _locked(file, path):
             raise BenchError(f"station {name} is in use by {_owner(path)}", hint=f"lock file {path}")
         _sign(file)
         try:
@@ -86,6 +86,13 @@ def _open(path: Path) -> BinaryIO:
         return path.open("a+b")
     except OSError as error:
         raise BenchError(f"lock file {path} cannot be opened: {error.strerror}") from None
+
+
+def _locked(file: BinaryIO, path: Path) -> bool:
+    try:
+        return _try_lock(file)
+    except OSError as error:  # a file system without locks
+        raise BenchError(f"lock file {path} cannot be locked: {error.strerror}") from None
 
 
 def _sign(file: BinaryIO) -> None:

@@ -115,8 +115,12 @@ class SafetyStack:
 def _within(wall_s: float, act: Callable[[], object]) -> None:
     """Run `act` in a thread and leave it behind when it takes longer than `wall_s`."""
     worker = threading.Thread(target=act, daemon=True)
-    worker.start()
-    worker.join(wall_s)
+    try:
+        worker.start()
+    except RuntimeError:  # no threads left, or the interpreter is ending: better without a limit than not at all
+        act()
+    else:
+        worker.join(wall_s)
 
 
 def _close(instrument: Instrument) -> None:

@@ -47,7 +47,7 @@ class StopSignals:
         if threading.current_thread() is threading.main_thread():
             for name in _WATCHED:
                 number = getattr(signal.Signals, name, None)
-                if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup stays nohup
+                if number is not None and signal.getsignal(number) not in {None, signal.SIG_IGN}:  # nohup stays nohup
                     self._previous[number] = signal.signal(number, self._handle)
         return self
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Station", "station"]
 
 FASTEST = "max"
+SLOWEST = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,6 @@ def _pace(speed: str | float | None) -> float | None:
         pace = float(speed)
     except ValueError:
         pace = math.nan
-    if not (math.isfinite(pace) and pace > 0.0):
-        raise ConfigError(f"--speed {speed}: expected a number above 0, or {FASTEST!r}")
+    if not SLOWEST <= pace < math.inf:
+        raise ConfigError(f"--speed {speed}: expected a number of at least {SLOWEST:g}, or {FASTEST!r}")
     return pace
