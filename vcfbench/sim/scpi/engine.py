@@ -192,6 +192,8 @@ class ScpiEngine:
         """Take bytes from the controller."""
         self.model.service()
         self._unterminated = False
+        if end and data[-1:] != b"\n" and b"#" not in data:
+            data += b"\n"  # so that both spellings of a message are one in the cache
         program = self._programs.get(data) if not self._partial else None
         if program is None:
             self._receive(data, end=end)

@@ -7,7 +7,7 @@ are those the HP manuals give in their examples (34401A User's Guide p. 173-178)
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NoReturn
 
@@ -52,7 +52,10 @@ class Token:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """One program message unit. `error` ends the message: nothing after it was understood."""
+    """One program message unit.
+
+    `error` ends the message: nothing after it was understood; without mnemonics not even the header was.
+    """
 
     mnemonics: tuple[str, ...] = ()
     tokens: tuple[Token, ...] = ()
@@ -72,12 +75,10 @@ def units(text: str) -> Iterator[Unit]:
         if text[position] == ";":
             position += 1
             continue
-        try:
-            unit, position = _unit(text, position)
-        except ScpiError as error:
-            yield Unit(error=error)
-            return
+        unit, position = _unit(text, position)
         yield unit
+        if unit.error is not None:
+            return
 
 
 def find_message_end(data: bytes | bytearray) -> int:
@@ -111,15 +112,26 @@ def _block_end(data: bytes | bytearray, position: int, digits: int) -> int:
 
 
 def _unit(text: str, position: int) -> tuple[Unit, int]:
+    try:
+        unit, position = _header(text, position)
+    except ScpiError as error:
+        return Unit(error=error), position
+    try:
+        tokens, position = _tokens(text, _after_header(text, position))
+    except ScpiError as error:
+        return replace(unit, error=error), position
+    return replace(unit, tokens=tokens), position
+
+
+def _header(text: str, position: int) -> tuple[Unit, int]:
     from_root = text[position] == ":"
     match = _HEADER.match(text, position + from_root)
     if match is None:
         _refuse_character(text, position + from_root)
     mnemonics = tuple(match[1].upper().split(":"))
     _check_mnemonics(mnemonics)
-    position = _after_header(text, match.end())
-    tokens, position = _tokens(text, position)
-    return Unit(mnemonics, tokens, match[2] is not None, mnemonics[0].startswith("*"), from_root), position
+    unit = Unit(mnemonics, query=match[2] is not None, common=mnemonics[0].startswith("*"), from_root=from_root)
+    return unit, match.end()
 
 
 def _check_mnemonics(mnemonics: tuple[str, ...]) -> None:

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 __all__ = ["Command", "CommandTable", "Program", "Step"]
 
 
+def _as_it_is(value: Any) -> str | bytes:
+    """Reply with text or bytes as they are, with anything else as Python writes it."""
+    return value if isinstance(value, bytes) else str(value)
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """One line of a manual's command list.
@@ -42,7 +47,7 @@ class Command:
     do: Callable[..., Any] | None = None
     query: Callable[..., Any] | None = None
     query_parameters: tuple[Parameter, ...] | None = None
-    reply: Callable[[Any], str | bytes] = str
+    reply: Callable[[Any], str | bytes] = _as_it_is
     repeat: bool = False
     takes_s: float = 0.0
     query_takes_s: float = 0.0
@@ -173,7 +178,7 @@ class CommandTable:
         return tuple(steps)
 
     def _step(self, unit: Unit, path: tuple[str, ...]) -> tuple[Step, tuple[str, ...]]:
-        if unit.error is not None:
+        if unit.error is not None and not unit.mnemonics:
             return _failed(unit.error), path
         full = unit.mnemonics if unit.common or unit.from_root else path + unit.mnemonics
         try:
@@ -183,6 +188,8 @@ class CommandTable:
 
     def _bind(self, unit: Unit, full: tuple[str, ...]) -> Step:
         command, suffixes = self._find(full, unit)
+        if unit.error is not None:
+            raise unit.error
         handler = command.query if unit.query else command.do
         if handler is None:
             raise ScpiError(-113)
