@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors, OutputRange
+from vcfbench.sim.instruments.agilent33220a import TABLE, Agilent33220A, GeneratorErrors, OutputRange
 from vcfbench.sim.world import Drive
 
 
@@ -452,3 +453,24 @@ def test_a_drawn_specimen_is_within_its_data_sheet() -> None:
     errors = GeneratorErrors.drawn(np.random.default_rng(1))
     assert all(abs(each.gain_error) <= 0.02 and abs(each.offset_error_v) <= 0.004 for each in errors.ranges)
     assert (errors.dac_bits, errors.setting_digits) == (14, 4)
+
+
+CLEARING = {"*ESR", "AER", "TER", "OPERegister[:EVENt]"}
+
+
+def spellings(pattern: str) -> tuple[str, str]:
+    """Return a header in its shortest and its longest spelling, suffixes as 1."""
+    short = re.sub(r"\[[^\]]*\]", "", pattern)
+    full = pattern.replace("[", "").replace("]", "")
+    one = [re.sub(r"<\d-\d>", "1", text) for text in (short, full)]
+    return re.sub(r"[a-z]", "", one[0]), one[1]
+
+
+@pytest.mark.parametrize(
+    "pattern", [command.pattern for command in TABLE.commands if command.query and not command.query_parameters]
+)
+def test_every_query_answers_in_every_spelling_without_an_error(pattern: str) -> None:
+    box = Socket()
+    replies = {box.ask(f"{header}?") for header in spellings(pattern)}
+    assert box.errors() == []
+    assert len(replies) == 1 or pattern in CLEARING

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
+import zlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import TABLE, Dso7104B, ScopeErrors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,7 +68,7 @@ class Bench:
         return reply
 
     def ask(self, text: str) -> str:
-        return self.raw(text).decode().removesuffix("\n")
+        return self.raw(text).decode("latin-1").removesuffix("\n")
 
     def number(self, text: str) -> float:
         return float(self.ask(text))
@@ -507,3 +509,51 @@ def test_a_drawn_specimen_measures_within_its_data_sheet() -> None:
     bench.send(":CHAN1:RANG 4;:DIG CHAN1")
     assert bench.number(":MEAS:VPP?") == pytest.approx(3.0, rel=0.06)
     assert bench.number(":MEAS:FREQ?") == pytest.approx(F, rel=0.02)
+
+
+CLEARING = {"*ESR", "AER", "TER", "OPERegister[:EVENt]"}
+
+
+def spellings(pattern: str) -> tuple[str, str]:
+    """Return a header in its shortest and its longest spelling, suffixes as 1."""
+    short = re.sub(r"\[[^\]]*\]", "", pattern)
+    full = pattern.replace("[", "").replace("]", "")
+    one = [re.sub(r"<\d-\d>", "1", text) for text in (short, full)]
+    return re.sub(r"[a-z]", "", one[0]), one[1]
+
+
+@pytest.mark.parametrize(
+    "pattern", [command.pattern for command in TABLE.commands if command.query and not command.query_parameters]
+)
+def test_every_query_answers_in_every_spelling_without_an_error(pattern: str) -> None:
+    box = Bench()
+    box.send(":DIG CHAN1")
+    replies = {box.ask(f"{header}?") for header in spellings(pattern)}
+    assert box.errors() == []
+    assert len(replies) == 1 or pattern in CLEARING
+
+
+def test_installed_measurements_give_results(bench: Bench) -> None:
+    bench.send(":DIG CHAN1,CHAN2;:MEAS:VPP CHAN1;:MEAS:PHAS CHAN1,CHAN2;:MEAS:STAT CURR")
+    vpp, phase = (float(value) for value in bench.ask(":MEAS:RES?").split(","))
+    assert vpp == pytest.approx(3.0, rel=1e-3)
+    assert phase == pytest.approx(40.0, abs=0.02)
+    bench.send(":MEAS:STAT ON")
+    assert bench.ask(":MEAS:RES?").startswith("VPP(1),+")
+    bench.send(":MEAS:CLE")
+    assert bench.ask(":MEAS:RES?") == ""
+
+
+def test_the_screen_is_a_picture_of_the_shown_traces(bench: Bench) -> None:
+    bench.send(":DIG CHAN3")
+    reply = bench.raw(":DISP:DATA? PNG,SCR,COL")
+    png = reply[10:-1]
+    assert int(reply[2:10]) == len(png)
+    assert png[:8] == b"\x89PNG\r\n\x1a\n"
+    start = png.index(b"IDAT") + 4
+    rows = (
+        np.frombuffer(zlib.decompress(png[start:-16]), np.uint8).reshape(480, 1 + 640 * 3)[:, 1:].reshape(480, 640, 3)
+    )
+    yellow = np.flatnonzero((rows[:, 333] == (255, 255, 0)).all(axis=1))
+    # 0.25 V of 4 V above the middle
+    assert yellow == pytest.approx([round((0.5 - 0.0625) * 479)])

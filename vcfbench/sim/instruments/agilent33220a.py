@@ -306,6 +306,14 @@ class Agilent33220A(ScpiInstrument):
         self._volatile: list[float] = []
         self._waveforms: dict[str, list[float]] = {}
         self.panel: dict[str, Any] = {"display": True, "text": "", "beep": True, "lock": False, "exclude": "NONE"}
+        self.panel |= {
+            "gpib": 10,
+            "dhcp": True,
+            "address": "169.254.2.20",
+            "mask": "255.255.0.0",
+            "gateway": "169.254.2.1",
+        }
+        self.panel |= {"host": "A-33220A-21876"}
         self.remote = "LOC"
         self._burst_until_s = -math.inf
         self._phase_rad = 0.0
@@ -1263,6 +1271,13 @@ TABLE = CommandTable(
         do=lambda model, state: setattr(model, "remote", state),
         query=lambda model: model.remote,
     ),
+    _panel("SYSTem:COMMunicate:GPIB:ADDRess", "gpib", Integer(limits=Limits(0, 30)), signed_integer),
+    _panel("SYSTem:COMMunicate:LAN:DHCP[:STATe]", "dhcp", Boolean(), boolean),
+    _panel("SYSTem:COMMunicate:LAN:IPADdress", "address", Text(limit=15), quoted),
+    _panel("SYSTem:COMMunicate:LAN:SMASk", "mask", Text(limit=15), quoted),
+    _panel("SYSTem:COMMunicate:LAN:GATEway", "gateway", Text(limit=15), quoted),
+    _panel("SYSTem:COMMunicate:LAN:HOSTname", "host", Text(limit=15), quoted),
+    Command("SYSTem:COMMunicate:LAN:MAC", query=lambda _: '"0030D3002041"'),
     # status
     condition("STATus:QUEStionable:CONDition", lambda model: model.questionable),
     event("STATus:QUEStionable[:EVENt]", lambda model: model.questionable),

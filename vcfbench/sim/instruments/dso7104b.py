@@ -28,6 +28,7 @@ from vcfbench.sim.instruments.dso_acquisition import (
     Screen,
 )
 from vcfbench.sim.instruments.dso_measurements import Thresholds, Trace
+from vcfbench.sim.instruments.dso_screen import screenshot
 from vcfbench.sim.scpi import (
     COMMON_COMMANDS,
     GPIB,
@@ -145,6 +146,14 @@ def _defaults() -> dict[str, Any]:
         "WAV:POIN": 1000,
         "WAV:MODE": "NORM",
         "WAV:VIEW": "MAIN",
+        "AUT:CHAN": "ALL",
+        "SEGM:COUN": 2,
+        "SEGM:IND": 1,
+        "TV:SOUR": "CHAN1",
+        "TV:MODE": "ALIN",
+        "TV:STAN": "NTSC",
+        "TV:POL": "NEG",
+        "TV:LINE": 1,
         "DISP:VECT": True,
         "DISP:LAB": False,
         "DISP:PERS": "MIN",
@@ -172,8 +181,10 @@ class Dso7104B(ScpiInstrument):
         self.triggered = Register()
         self.triggered.enable = 1
         self.overload = Register()
+        self.mask_test = Register()
+        self.hardware = Register()
         self.message = ""
-        self.installed: list[str] = []
+        self.installed: list[tuple[str, Callable[[], float]]] = []
         self.date = (2026, 1, 1)
         self.time = (12, 0, 0)
         self._armed_event = False
@@ -630,12 +641,35 @@ def _try(measure: Callable[[], float | None]) -> float:
         return INVALID
 
 
+def _install(model: _Model, name: str, sources: tuple[str | None, ...], of: Callable[..., float | None]) -> None:
+    """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
+    defaults = model.state["MEAS:SOUR"]
+    named = [source or default for source, default in zip(sources, defaults, strict=False)]
+    label = f"{name}({','.join(source[4:] for source in named)})"
+    model.installed.append((label, lambda: _try(lambda: of(*(model.trace(source) for source in named)))))
+    del model.installed[:-4]
+
+
+def _results(model: _Model) -> Any:
+    return model.look(lambda: _results_now(model))
+
+
+def _results_now(model: _Model) -> str:
+    """Return what is installed: label, current, minimum, maximum, mean, deviation, count of the one record (ON)."""
+    kind = model.state["MEAS:STAT"]
+    values = [(label, measure()) for label, measure in model.installed]
+    if kind == "ON":
+        return ",".join(",".join((label, *[_nr3(value)] * 4, _nr3(0.0), "1")) for label, value in values)
+    fixed = {"STDD": "+0.00000000E+000", "COUN": "+1"}
+    return ",".join(fixed.get(kind) or _nr3(value) for _, value in values)
+
+
 def _measurement(name: str, of: Callable[[Trace], float | None]) -> Command:
     """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
     return Command(
         f"MEASure:{name}",
         (_OPTIONAL_SOURCE,),
-        do=lambda model, _: model.installed.append(name),
+        do=lambda model, source: _install(model, name, (source,), of),
         query=lambda model, source: _measured(model, source, of),
         query_parameters=(_OPTIONAL_SOURCE,),
         reply=_nr3,
@@ -645,15 +679,22 @@ def _measurement(name: str, of: Callable[[Trace], float | None]) -> Command:
 def _averaging(name: str, of: Callable[[Trace, set[str]], float | None]) -> Command:
     """Declare VAVerage or VRMS, whose words before the source are all optional."""
 
-    def read(model: _Model, *words: str | None) -> Any:
+    def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str]]:
         given = {word for word in words if word is not None}
-        source = next((word for word in given if word.startswith("CHAN")), None)
+        return next((word for word in given if word.startswith("CHAN")), None), given
+
+    def read(model: _Model, *words: str | None) -> Any:
+        source, given = sorted_out(words)
         return _measured(model, source, lambda trace: of(trace, given))
+
+    def install(model: _Model, *words: str | None) -> None:
+        source, given = sorted_out(words)
+        _install(model, name, (source,), lambda trace: of(trace, given))
 
     return Command(
         f"MEASure:{name}",
         (_AVERAGING,) * 3,
-        do=lambda model, *_: model.installed.append(name),
+        do=install,
         query=read,
         query_parameters=(_AVERAGING,) * 3,
         reply=_nr3,
@@ -664,7 +705,7 @@ def _pair_measurement(name: str, of: Callable[[Trace, Trace], float | None]) -> 
     return Command(
         f"MEASure:{name}",
         (_OPTIONAL_SOURCE, _OPTIONAL_SOURCE),
-        do=lambda model, *_: model.installed.append(name),
+        do=lambda model, *sources: _install(model, name, sources, of),
         query=lambda model, first, second: _measured_pair(model, first, second, of),
         query_parameters=(_OPTIONAL_SOURCE, _OPTIONAL_SOURCE),
         reply=_nr3,
@@ -777,6 +818,35 @@ def _data_now(model: _Model) -> bytes:
 
 
 # system
+
+
+def _activity(model: _Model) -> Any:
+    """Return the logic activity of the channels, H above and L below the trigger level, X when both (unverified)."""
+    return model.look(lambda: ",".join(("+0", *(_activity_of(model, channel) for channel in CHANNELS))))
+
+
+def _activity_of(model: _Model, channel: int) -> str:
+    volts = model.trace(f"CHAN{channel}").volts
+    above = volts >= model.state["TRIG:LEV"]
+    return "H" if above.all() else "X" if above.any() else "L"
+
+
+def _picture(model: _Model, kind: str, *_: str | None) -> Any:
+    if kind != "PNG":
+        raise ScpiError(-224)  # this screen is only drawn as PNG
+    return model.look(lambda: block(screenshot(_traces(model)), 8))
+
+
+def _traces(model: _Model) -> list[NDArray[np.float64]]:
+    """Return the shown traces, each -0.5...0.5 of the screen; none without a record."""
+    shown = [channel for channel in CHANNELS if model.state[f"CHAN{channel}:DISP"]]
+    try:
+        views = model.record.views
+    except ScpiError:
+        return []
+    return [
+        (model.trace(f"CHAN{channel}").volts - views[channel].offset_v) / views[channel].range_v for channel in shown
+    ]
 
 
 def _setup(model: _Model) -> bytes:
@@ -893,9 +963,15 @@ TABLE = CommandTable(
     Command("TER", query=lambda model: model.triggered.read_event(), reply=signed_integer),
     Command("SERial", query=lambda _: "MY49520121"),
     Command("PRINt", do=_nothing),
+    Command("MERGe", (Choice(("PMEMory<0-9>",)),), do=_nothing),
+    Command("ACTivity", do=_nothing, query=_activity),
     Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=signed_integer),
     *_enable_commands("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
     *_enable_commands("OVLenable", "OVLRegister", lambda model: model.overload),
+    *_enable_commands("MTEenable", "MTERegister[:EVENt]", lambda model: model.mask_test),
+    *_enable_commands("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
+    Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=signed_integer),
+    _setting("AUToscale:CHANnels", "AUT:CHAN", Choice(("ALL", "DISPlayed"))),
     # vertical
     Command("CHANnel<1-4>", query=_channel_learned),
     Command(
@@ -967,6 +1043,9 @@ TABLE = CommandTable(
     _setting("ACQuire:MODE", "ACQ:MODE", Choice(("RTIMe", "ETIMe", "SEGMented"))),
     _setting("ACQuire:COUNt", "ACQ:COUN", Integer(limits=Limits(2, 65536)), signed_integer),
     _setting("ACQuire:COMPlete", "ACQ:COMP", Integer(limits=Limits(0, 100)), signed_integer),
+    _setting("ACQuire:SEGMented:COUNt", "SEGM:COUN", Integer(limits=Limits(2, 2000)), signed_integer),
+    _setting("ACQuire:SEGMented:INDex", "SEGM:IND", Integer(limits=Limits(1, 2000)), signed_integer),
+    Command("ACQuire:SEGMented:ANALyze", do=_nothing),
     Command("ACQuire:POINts", query=lambda model: model.memory(), reply=signed_integer),
     Command("ACQuire:SRATe", query=lambda model: model.sample_rate(), reply=_nr3),
     # trigger
@@ -991,6 +1070,15 @@ TABLE = CommandTable(
     _setting("TRIGger:GLITch:POLarity", "GLIT:POL", Choice(("POSitive", "NEGative"))),
     _setting("TRIGger:GLITch:LESSthan", "GLIT:LESS", Number(unit="S", limits=Limits(2e-9, 10.0)), _nr3),
     _setting("TRIGger:GLITch:GREaterthan", "GLIT:GRE", Number(unit="S", limits=Limits(2e-9, 10.0)), _nr3),
+    _setting("TRIGger:TV:SOURce", "TV:SOUR", _TRIGGER_SOURCE),
+    _setting(
+        "TRIGger:TV:MODE",
+        "TV:MODE",
+        Choice(("FIELd1", "FIELd2", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld1", "LFIeld2", "LALTernate")),
+    ),
+    _setting("TRIGger:TV:STANdard", "TV:STAN", Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam"))),
+    _setting("TRIGger:TV:POLarity", "TV:POL", Choice(("POSitive", "NEGative"))),
+    _setting("TRIGger:TV:LINE", "TV:LINE", Integer(limits=Limits(1, 1125)), signed_integer),
     # measurements
     Command(
         "MEASure:SOURce",
@@ -1004,6 +1092,7 @@ TABLE = CommandTable(
         do=_define,
         repeat=True,
     ),
+    Command("MEASure:RESults", query=_results),
     Command("MEASure:CLEar", do=lambda model: model.installed.clear()),
     _setting("MEASure:SHOW", "MEAS:SHOW", Boolean(), boolean),
     _setting(
@@ -1035,7 +1124,9 @@ TABLE = CommandTable(
     Command(
         "MEASure:DELay",
         (_OPTIONAL_SOURCE, _OPTIONAL_SOURCE),
-        do=lambda model, *_: model.installed.append("DELay"),
+        do=lambda model, *sources: _install(
+            model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state["MEAS:DEL"])
+        ),
         query=_delay,
         query_parameters=(_OPTIONAL_SOURCE, _OPTIONAL_SOURCE),
         reply=_nr3,
@@ -1087,12 +1178,24 @@ TABLE = CommandTable(
     _scaled("YREFerence", 5, signed_integer),
     Command("WAVeform:COUNt", query=lambda model: model.average_count(), reply=signed_integer),
     Command("WAVeform:TYPE", query=lambda model: model.state["ACQ:TYPE"]),
+    Command("WAVeform:SEGMented:COUNt", query=lambda _: 1, reply=signed_integer),
+    Command("WAVeform:SEGMented:TTAG", query=lambda _: 0.0, reply=_nr3),
     _setting("WAVeform:VIEW", "WAV:VIEW", Choice(("MAIN",))),
     # display and system
     _setting("DISPlay:VECTors", "DISP:VECT", Boolean(), boolean),
     _setting("DISPlay:LABel", "DISP:LAB", Boolean(), boolean),
     _setting("DISPlay:PERSistence", "DISP:PERS", Choice(("MINimum", "INFinite"))),
     Command("DISPlay:CLEar", do=_nothing),
+    Command(
+        "DISPlay:DATA",
+        query=_picture,
+        query_parameters=(
+            Choice(("PNG", "BMP", "BMP8bit"), required=False, default="PNG"),
+            Choice(("SCReen", "GRATicule"), required=False),
+            Choice(("COLor", "GRAYscale", "MONochrome"), required=False),
+        ),
+        reply=bytes,
+    ),
     _setting("HARDcopy:INKSaver", "HARD:INKS", Boolean(), boolean),
     Command("SYSTem:SETup", (Block(),), do=_set_setup, query=_setup, query_parameters=(), reply=bytes),
     Command("SYSTem:DSP", (Text(limit=254),), do=_put("message"), query=lambda model: model.message, reply=quoted),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["Axis", "Motion", "TableErrors", "TableWorld"]
+__all__ = ["Axis", "Motion", "ServoAxis", "TableErrors", "TableWorld"]
 
 
 class Motion(Protocol):
@@ -119,3 +119,48 @@ class Axis:
 
 def _quantised(value: float, quantum: float) -> float:
     return round(value / quantum) * quantum if quantum else value
+
+
+class ServoAxis(Axis):
+    """An axis whose controller knows one acceleration and runs at a commanded rate while its drive is on."""
+
+    def __init__(self, world: TableWorld, errors: TableErrors, acceleration_deg_s2: float) -> None:
+        super().__init__(world, errors)
+        self._motion = world.table
+        self.acceleration_deg_s2 = acceleration_deg_s2
+        self._zero_deg = 0.0
+
+    @property
+    def enabled(self) -> bool:
+        """Tell whether the drive is on."""
+        return self._motion.servo_closed
+
+    def enable(self) -> None:
+        """Switch the drive on, at rest."""
+        if not self.enabled:
+            self._motion.close_servo()
+            self.run(0.0)
+
+    def disable(self) -> None:
+        """Switch the drive off; the table coasts."""
+        self._motion.open_servo()
+
+    def run(self, rate_deg_s: float) -> None:
+        """Ramp to a rate."""
+        self._motion.demand_rate(rate_deg_s, self.acceleration_deg_s2)
+
+    def change_acceleration(self, acceleration_deg_s2: float) -> None:
+        """Take another acceleration for the ramps that follow; the running one keeps its own."""
+        self.acceleration_deg_s2 = acceleration_deg_s2
+
+    def moving(self) -> bool:
+        """Tell whether the profile turns or ramps."""
+        return not self._motion.profile_complete() or self._motion.profile_rate_deg_s() != 0.0
+
+    def position_deg(self) -> float:
+        """Return the measured angle from the zero that was set, deg."""
+        return self.angle_deg() - self._zero_deg
+
+    def set_zero(self, position_deg: float = 0.0) -> None:
+        """Let the present angle be `position_deg`."""
+        self._zero_deg = self.angle_deg() - position_deg

@@ -1,0 +1,190 @@
+"""A simulated Newport ESP300/301 motion controller with one rotary stage on axis 1.
+
+Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
+``;`` chains; replies end in CR LF. Unverified: 19200 Bd, the digits of numbers, the stage's limits. Position moves
+(PA, PR, OR) are refused, because the World's table takes rates only.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["EspTable", "TableErrors"]
+
+_TIMING = SerialTiming(baud=19200.0, processing_s=0.002)
+_COMMAND = re.compile(r"(\d*)([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
+_UNKNOWN, _RANGE, _AXIS = 6, 7, 37
+_AXIS_RANGE, _NOT_ENABLED = 101, 113
+_WORDS = {
+    0: "NO ERROR DETECTED",
+    _UNKNOWN: "COMMAND DOES NOT EXIST",
+    _RANGE: "PARAMETER OUT OF RANGE",
+    _AXIS: "AXIS NUMBER MISSING",
+    9: "AXIS NUMBER OUT OF RANGE",
+    _AXIS_RANGE: "PARAMETER OUT OF RANGE",
+    _NOT_ENABLED: "AXIS-1 MOTOR NOT ENABLED",
+}
+_MAX_RATE_DEG_S = 400.0
+_MAX_ACCELERATION_DEG_S2 = 1000.0
+
+
+class _Refused(Exception):
+    def __init__(self, number: int) -> None:
+        super().__init__(_WORDS[number])
+        self.number = number
+
+
+class EspTable(LineDevice):
+    """The controller; motor off after power-up. Errors go to a queue read by TE? or TB?."""
+
+    def __init__(self, world: TableWorld, errors: TableErrors) -> None:
+        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=80)
+        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
+        self._deceleration_deg_s2 = 100.0
+        self._velocity_deg_s = 20.0
+        self._direction = 0
+        self._errors: deque[int] = deque(maxlen=10)
+        self._shared: dict[str, Callable[[str], str | None]] = {
+            "VE": lambda _: "ESP301 Version 3.0.1 6/1/99",
+            "TE": lambda _: str(self._errors.popleft() if self._errors else 0),
+            "TB": lambda _: self._error_text(),
+            "TS": lambda _: chr(0x40 | self._axis.moving() | self._axis.enabled << 4),
+            "AB": lambda _: self._abort(),
+            "ST": lambda _: self._stop(),
+        }
+        self._of_axis: dict[str, Callable[[str], str | None]] = {
+            "ID": lambda _: "URS75CC, SN0001",
+            "MO": self._motor_on,
+            "MF": self._motor_off,
+            "VA": self._velocity,
+            "AC": self._acceleration,
+            "AG": self._deceleration,
+            "MV": self._move,
+            "ST": lambda _: self._stop(),
+            "MD": lambda _: str(int(not self._axis.moving())),
+            "TP": lambda _: f"{self._axis.position_deg() + 0.0:.4f}",
+            "TV": lambda _: f"{self._axis.rate_deg_s() + 0.0:.4f}",
+            "DH": self._define_home,
+        }
+
+    def _answer(self, message: bytes) -> bytes | None:
+        replies = []
+        for command in filter(None, (part.strip() for part in message.decode("latin-1").split(";"))):
+            try:
+                reply = self._do(command)
+            except _Refused as refused:
+                self._errors.append(refused.number)
+            else:
+                if reply is not None:
+                    replies.append(f"{reply}\r\n")
+        return "".join(replies).encode("latin-1") or None
+
+    def _do(self, command: str) -> str | None:
+        match = _COMMAND.fullmatch(command)
+        if match is None:
+            raise _Refused(_UNKNOWN)
+        axis, verb, value = match[1], match[2].upper(), match[3] or ""
+        if not axis:
+            return self._do_shared(verb, value)
+        if axis != "1":
+            raise _Refused(9)
+        action = self._of_axis.get(verb)
+        if action is None:
+            raise _Refused(_UNKNOWN)
+        return action(value)
+
+    def _do_shared(self, verb: str, value: str) -> str | None:
+        action = self._shared.get(verb)
+        if action is None:
+            raise _Refused(_AXIS if verb in self._of_axis else _UNKNOWN)
+        return action(value)
+
+    def _error_text(self) -> str:
+        number = self._errors.popleft() if self._errors else 0
+        return f"{number}, {round(self._clock.now() * 2500)}, {_WORDS[number]}"
+
+    def _motor_on(self, value: str) -> str | None:
+        if value == "?":
+            return str(int(self._axis.enabled))
+        self._axis.enable()
+        self._direction = 0
+        return None
+
+    def _motor_off(self, value: str) -> str | None:
+        if value == "?":
+            return str(int(not self._axis.enabled))
+        self._axis.disable()
+        self._direction = 0
+        return None
+
+    def _velocity(self, value: str) -> str | None:
+        if value == "?":
+            return f"{self._velocity_deg_s:.4f}"
+        self._velocity_deg_s = _number(value, _MAX_RATE_DEG_S)
+        if self._direction and self._axis.enabled:
+            self._axis.run(self._direction * self._velocity_deg_s)
+        return None
+
+    def _acceleration(self, value: str) -> str | None:
+        if value == "?":
+            return f"{self._axis.acceleration_deg_s2:.4f}"
+        self._axis.change_acceleration(_positive(value))
+        return None
+
+    def _deceleration(self, value: str) -> str | None:
+        if value == "?":
+            return f"{self._deceleration_deg_s2:.4f}"
+        self._deceleration_deg_s2 = _positive(value)
+        return None
+
+    def _move(self, value: str) -> str | None:
+        if value not in {"+", "-"}:
+            raise _Refused(_AXIS_RANGE)
+        if not self._axis.enabled:
+            raise _Refused(_NOT_ENABLED)
+        self._direction = 1 if value == "+" else -1
+        self._axis.run(self._direction * self._velocity_deg_s)
+        return None
+
+    def _stop(self) -> None:
+        self._direction = 0
+        if not self._axis.enabled:
+            return
+        acceleration = self._axis.acceleration_deg_s2
+        self._axis.change_acceleration(self._deceleration_deg_s2)
+        self._axis.run(0.0)
+        self._axis.change_acceleration(acceleration)
+
+    def _abort(self) -> None:
+        """AB: motor power off at once; the stage coasts."""
+        self._direction = 0
+        self._axis.disable()
+
+    def _define_home(self, value: str) -> str | None:
+        self._axis.set_zero(_number(value or "0", 1e6))
+        return None
+
+
+def _number(value: str, high: float) -> float:
+    try:
+        number = float(value)
+    except ValueError:
+        raise _Refused(_AXIS_RANGE) from None
+    if not 0.0 <= number <= high:
+        raise _Refused(_AXIS_RANGE)
+    return number
+
+
+def _positive(value: str) -> float:
+    number = _number(value, _MAX_ACCELERATION_DEG_S2)
+    if number <= 0.0:
+        raise _Refused(_AXIS_RANGE)
+    return number

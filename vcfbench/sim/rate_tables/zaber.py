@@ -1,0 +1,175 @@
+"""A simulated Zaber rotary stage that speaks Zaber ASCII: one device, one axis.
+
+Grammar after zaber.serial and zaber-motion: request ``/device axis [id] command[:LRC]``, reply
+``@dd a [id] OK|RJ BUSY|IDLE flag data[:LRC]``. Unverified: the factor 1.6384 of velocities, 1.6384e-4 of accelerations,
+the stage's microsteps and limits. Position moves are not among what this stage can do: the World's table takes
+rates only.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["TableErrors", "ZaberTable", "longitudinal_redundancy"]
+
+_TIMING = SerialTiming(baud=115200.0, processing_s=0.002)
+_VELOCITY_UNIT = 1.6384
+_ACCELERATION_UNIT = 1.6384e-4
+_REQUEST = re.compile(r"/(?:\s*(\d+)(?:\s+(\d+)(?:\s+(\d+))?)?)?(?:\s*([A-Za-z].*?))?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    device: int
+    axis: int
+    identifier: str | None
+    words: tuple[str, ...]
+
+
+class _Rejected(Exception):
+    """A command that the device refuses; the text is its reason."""
+
+
+def longitudinal_redundancy(text: str) -> str:
+    """Return the checksum of a message without its first character: two's complement of the byte sum, hexadecimal."""
+    return f"{-sum(text.encode('latin-1')) & 0xFF:02X}"
+
+
+class ZaberTable(LineDevice):
+    """The stage; the drive is on after power-up."""
+
+    def __init__(self, world: TableWorld, errors: TableErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
+        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=256)
+        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
+        self._axis.enable()
+        self._per_deg = microsteps_per_deg
+        self._settings = {"deviceid": 50081, "serial": 12345, "version": 7.33, "system.axiscount": 1}
+        self._max_speed_deg_s = 450.0
+        self._checksums = False
+        self._actions: dict[str, Callable[[tuple[str, ...]], str]] = {
+            "get": self._get,
+            "set": self._set,
+            "move": self._move,
+            "stop": lambda _: self._stop(),
+            "estop": lambda _: self._stop(),
+            "driver": self._driver,
+            "warnings": self._warnings,
+        }
+
+    def _answer(self, message: bytes) -> bytes | None:
+        text = message.decode("latin-1")
+        text, separator, given = text.partition(":")
+        if separator and given.strip().upper() != longitudinal_redundancy(text[1:]):
+            return None  # a damaged message is dropped without a word
+        match = _REQUEST.fullmatch(text)
+        if match is None:
+            return None
+        device, axis, identifier, command = match.groups()
+        request = _Request(int(device or 0), int(axis or 0), identifier, tuple((command or "").split()))
+        return self._reply(request) if request.device in {0, 1} else None
+
+    def _reply(self, request: _Request) -> bytes:
+        try:
+            flag, data = "OK", self._do(request)
+        except _Rejected as reason:
+            flag, data = "RJ", str(reason)
+        number = f" {int(request.identifier):02d}" if request.identifier is not None else ""
+        state = "BUSY" if self._axis.moving() else "IDLE"
+        body = f"01 {request.axis}{number} {flag} {state} {self._warning()} {data}"
+        return f"@{body}:{longitudinal_redundancy(body)}\r\n".encode() if self._checksums else f"@{body}\r\n".encode()
+
+    def _do(self, request: _Request) -> str:
+        if request.axis > 1:
+            raise _Rejected("BADAXIS")
+        if not request.words:
+            return "0"
+        action = self._actions.get(request.words[0])
+        if action is None:
+            raise _Rejected("BADCOMMAND")
+        return action(request.words[1:])
+
+    def _warning(self) -> str:
+        return "--" if self._axis.enabled else "FO"
+
+    def _get(self, words: tuple[str, ...]) -> str:
+        values = self._readings()
+        if len(words) != 1 or words[0] not in values:
+            raise _Rejected("BADCOMMAND")
+        return values[words[0]]
+
+    def _readings(self) -> dict[str, str]:
+        return {
+            **{name: str(value) for name, value in self._settings.items()},
+            "pos": str(round(self._axis.position_deg() * self._per_deg)),
+            "encoder.pos": str(round(self._axis.position_deg() * self._per_deg)),
+            "vel": f"{self._axis.rate_deg_s() * self._per_deg * _VELOCITY_UNIT:.0f}",
+            "accel": f"{self._axis.acceleration_deg_s2 * self._per_deg * _ACCELERATION_UNIT:.0f}",
+            "maxspeed": f"{self._max_speed_deg_s * self._per_deg * _VELOCITY_UNIT:.0f}",
+            "comm.checksum": str(int(self._checksums)),
+            "driver.enabled": str(int(self._axis.enabled)),
+        }
+
+    def _set(self, words: tuple[str, ...]) -> str:
+        if len(words) != 2 or words[0] not in {"accel", "maxspeed", "pos", "comm.checksum"}:
+            raise _Rejected("BADCOMMAND")
+        value = _number(words[1])
+        if words[0] == "pos":
+            self._axis.set_zero(value / self._per_deg)
+        elif words[0] == "comm.checksum":
+            self._checksums = bool(value)
+        else:
+            self._set_limit(words[0], value)
+        return "0"
+
+    def _set_limit(self, name: str, value: float) -> None:
+        if value < 1:
+            raise _Rejected("BADDATA")
+        if name == "accel":
+            self._axis.change_acceleration(value / self._per_deg / _ACCELERATION_UNIT)
+        else:
+            self._max_speed_deg_s = value / self._per_deg / _VELOCITY_UNIT
+
+    def _move(self, words: tuple[str, ...]) -> str:
+        if len(words) != 2 or words[0] != "vel":
+            raise _Rejected("BADCOMMAND")
+        rate = _number(words[1]) / self._per_deg / _VELOCITY_UNIT
+        if not self._axis.enabled:
+            raise _Rejected("DRIVERDISABLED")
+        if abs(rate) > self._max_speed_deg_s:
+            raise _Rejected("BADDATA")
+        self._axis.run(rate)
+        return "0"
+
+    def _stop(self) -> str:
+        if self._axis.enabled:
+            self._axis.run(0.0)
+        return "0"
+
+    def _driver(self, words: tuple[str, ...]) -> str:
+        if words not in {("enable",), ("disable",)}:
+            raise _Rejected("BADCOMMAND")
+        if words == ("enable",):
+            self._axis.enable()
+        else:
+            self._axis.disable()
+        return "0"
+
+    def _warnings(self, words: tuple[str, ...]) -> str:
+        if words not in {(), ("clear",)}:
+            raise _Rejected("BADCOMMAND")
+        flag = self._warning()  # FO is a state, which clearing does not end
+        return "00" if flag == "--" else f"01 {flag}"
+
+
+def _number(text: str) -> float:
+    if re.fullmatch(r"[+-]?\d+(\.\d*)?", text) is None:
+        raise _Rejected("BADDATA")
+    return float(text)
