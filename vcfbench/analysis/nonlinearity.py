@@ -32,19 +32,19 @@ PAPER_DECIMALS = 5
 
 DEFINITIONS: dict[str, str] = {
     "max_span": "max |residual| / output span",
-    "max_span_rounded": "the same, line rounded to 5 decimals",
-    "max_fs": "max |residual| / one-sided full scale",
+    "max_span_rounded": "same, line rounded to 5 decimals",
+    "max_fs": "max |residual| / full scale",
     "max_out": "max |residual| / max |output|",
     "rms_fs": "rms residual / full scale",
     "sd_fs": "residual std (n - 2) / full scale",
-    "pp_fs": "residual band width / full scale",
-    "bsl_fs": "half band about minimax line / full scale",
-    "endpoint_span": "max deviation from end-point chord / span",
-    "reading": "max |residual| / reading from 10 deg/s on",
+    "pp_fs": "residual band / full scale",
+    "bsl_fs": "half minimax band / full scale",
+    "endpoint_span": "max off end-point chord / span",
+    "reading": "max |residual| / reading",
     "asym": "slope change at 0, own intercepts",
-    "asym_common": "slope change at 0, common intercept",
+    "asym_common": "slope change at 0, one intercept",
 }
-"""What each id means, in the order in which they are reported."""
+"""What each id means, in the order of reports; full scale is one-sided: |slope| times the largest rate."""
 
 
 def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -> dict[str, float | None]:

@@ -119,7 +119,15 @@ def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
     from rich.box import SIMPLE_HEAD  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(title=title, title_justify="left", caption=note or None, caption_justify="left", box=SIMPLE_HEAD)
+    table = Table(
+        title=title,
+        title_justify="left",
+        caption=note or None,
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+    )
     table.add_column("")
     for column in columns:
         table.add_column(column, justify="right", no_wrap=True)
@@ -146,7 +154,8 @@ def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
 def _nonlinearity_table(results: Mapping[str, ScaleFactorResult]) -> Table:
     from vcfbench.analysis.nonlinearity import DEFINITIONS  # noqa: PLC0415
 
-    table = _columns_table("Non-linearity and asymmetry, ppm", list(results))
+    note = "full scale: |K| times the largest rate; reading: from 10 deg/s on"
+    table = _columns_table("\nNon-linearity and asymmetry, ppm", list(results), note=note)
     table.add_column("definition", overflow="fold")
     for name, words in DEFINITIONS.items():
         table.add_row(name, *(_ppm(result.nonlinearity_ppm[name]) for result in results.values()), words)
@@ -158,7 +167,7 @@ def _ppm(value: float | None) -> str:
 
 
 def _comparison_table(pair: tuple[str, str], comparison: Comparison) -> Table:
-    table = _columns_table(f"{pair[1]} against {pair[0]}", [""])
+    table = _columns_table(f"\n{pair[1]} against {pair[0]}", [""])
     table.show_header = False
     rounded, e_n = comparison.scale_factor_error_percent_rounded, comparison.e_n
     rows = {

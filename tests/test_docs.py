@@ -1,0 +1,159 @@
+"""Every command and example of the documentation is run, every link leads somewhere.
+
+Code blocks are marked by what stands behind their three backquotes: `sh` and `python` are run; of a `console` block the
+commands behind `$` are run and the lines shown must appear, in that order, in what they print (`...` stands for any);
+a `text` block right after a `python` one is what that prints;
+`ci` marks what installs something (the README's two commands, which .ci/run runs), `hardware` what needs a real bench.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
+KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "text", ""}
+
+BLOCK = re.compile(r"^```(?P<info>[^\n`]*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Block:
+    info: str
+    body: str
+
+    def commands(self) -> list[str]:
+        lines = self.body.replace("\\\n", " ").splitlines()
+        if self.info == "console":
+            return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+        return [line for line in lines if line and not line.startswith("#")]
+
+    def shown(self) -> list[str]:
+        lines = [" ".join(line.split()) for line in self.body.splitlines() if not line.startswith("$ ")]
+        return [line for line in lines if line not in {"", "..."}]
+
+
+def blocks(document: Path) -> Iterator[Block]:
+    for found in BLOCK.finditer(document.read_text(encoding="utf-8")):
+        yield Block(found["info"].strip(), found["body"])
+
+
+def run(command: str, folder: Path) -> str:
+    """Run one command line without a shell, so that Windows runs the same; `> file` is understood."""
+    words = shlex.split(command)
+    target = folder / words.pop() if ">" in words else None
+    if target is not None:
+        assert words.pop() == ">"
+    program = {"vcfbench": VCFBENCH, "python": [sys.executable]}[words[0]]
+    done = subprocess.run(  # noqa: S603 - our own documentation
+        [*program, *words[1:]], cwd=folder, capture_output=True, text=True, encoding="utf-8", timeout=120, check=False
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr
+    if target is not None:
+        target.write_text(done.stdout, encoding="utf-8")
+    return done.stdout
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A working directory that looks like a clone to the commands."""
+    for name in ("examples", "benchmarks"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    return tmp_path
+
+
+def ids(document: Path) -> str:
+    return document.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
+def test_what_is_shown_works(document: Path, folder: Path) -> None:
+    python_printed = None
+    for block in blocks(document):
+        if block.info in {"sh", "console"}:
+            printed = "\n".join(run(command, folder) for command in block.commands())
+            if block.info == "console":
+                assert_in_order(block.shown(), printed)
+        if block.info == "text" and python_printed is not None:
+            assert block.body == python_printed
+        python_printed = run_python(block.body, folder) if block.info == "python" else None
+
+
+def run_python(code: str, folder: Path) -> str:
+    (folder / "example.py").write_text(code, encoding="utf-8")
+    return run("python example.py", folder)
+
+
+def assert_in_order(expected: list[str], printed: str) -> None:
+    remaining = iter([" ".join(line.split()) for line in printed.splitlines()])
+    for line in expected:
+        assert any(line == each for each in remaining), f"{line!r} is not printed there:\n{printed}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
+def test_code_blocks_are_marked(document: Path) -> None:
+    assert {block.info for block in blocks(document)} <= KNOWN
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
+def test_commands_for_hardware_exist(document: Path, folder: Path) -> None:
+    for block in blocks(document):
+        for command in block.commands() if block.info == "sh hardware" else []:
+            options = {word for word in shlex.split(command) if word.startswith("--")}
+            words = [word for word in shlex.split(command.split(">")[0]) if not word.startswith("--")]
+            shown = run(" ".join([*words[: 3 if words[1] != "analyze" else 2], "--help"]), folder)
+            assert all(option in shown for option in options), command
+
+
+def test_readme_has_the_two_commands_that_ci_runs() -> None:
+    commands = [
+        command for block in blocks(ROOT / "README.md") if block.info == "sh ci" for command in block.commands()
+    ]
+    assert commands == ["pip install . && vcfbench run virtual-coriolis", "pip install '.[test]' && pytest"]
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "grep -E '^pip install ' README.md" in script
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [line for line in text.splitlines() if line.startswith("pip install ")] == commands
+
+
+def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
+    """Same words in the same lines; the digits may differ with the seed and the numerical libraries."""
+    shown = next(block.body for block in blocks(ROOT / "README.md") if block.info == "text")
+    printed = run("vcfbench run virtual-coriolis --quiet", tmp_path)
+    assert without_digits(shown) == [line for line in without_digits(printed) if not line.startswith("record:")]
+
+
+def without_digits(text: str) -> list[str]:
+    return [re.sub(r"[-+]?\d+(\.\d+)?", "#", " ".join(line.split())) for line in text.strip().splitlines()]
+
+
+def anchors(document: Path) -> set[str]:
+    text = BLOCK.sub("", document.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
+def test_links_lead_somewhere(document: Path) -> None:
+    text = BLOCK.sub("", document.read_text(encoding="utf-8"))
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in link:
+            continue
+        path, _, anchor = link.partition("#")
+        target = (document.parent / path) if path else document
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
