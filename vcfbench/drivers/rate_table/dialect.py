@@ -15,7 +15,7 @@ __all__ = ["TableDialect", "TableLimits"]
 
 @dataclass(frozen=True, slots=True)
 class TableLimits:
-    """What the table may be asked for, deg/s and deg/s2, magnitudes; infinite means that the table's own limit stands."""
+    """What the table may be asked for, deg/s and deg/s2, magnitudes; infinite leaves the table's own limit."""
 
     max_rate_deg_s: float
     max_acceleration_deg_s2: float

@@ -1,0 +1,157 @@
+"""The 33220A's driver against what is known of its manual (33220-90002)."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.drivers.openings import NO_ERROR, opening
+from vcfbench.clock import Deadline
+from vcfbench.drivers.agilent33220a import Agilent33220A
+from vcfbench.errors import DeadlineExceeded, InstrumentError, LimitError, PlanError
+from vcfbench.testing import Exchange, expected_exchange, over_visa
+
+OPENING = opening("Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2")
+OPEN = over_visa(Agilent33220A, name="rate_source")
+OPEN_CIRCUIT: list[Exchange] = [("OUTP:LOAD INF", None), NO_ERROR, ("OUTP:LOAD?", "+9.9000000000000E+37")]
+ZERO_DC: list[Exchange] = [
+    *OPEN_CIRCUIT,
+    ("FUNC DC", None),
+    ("VOLT:OFFS 0", None),
+    NO_ERROR,
+    ("VOLT:OFFS?", "+0.0000000000000E+00"),
+]
+
+
+def test_dc_goes_through_the_offset_into_an_open_circuit() -> None:
+    exchanges: list[Exchange] = [
+        *OPEN_CIRCUIT,
+        ("FUNC DC", None),
+        ("VOLT:OFFS 1.23456", None),
+        NO_ERROR,
+        ("VOLT:OFFS?", "+1.2350000000000E+00"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        assert generator.configure_dc(1.23456) == 1.235
+
+
+def test_the_level_changes_alone() -> None:
+    exchanges: list[Exchange] = [("VOLT:OFFS -5", None), NO_ERROR, ("VOLT:OFFS?", "-5.0000000000000E+00")]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+        generator.configure_dc(0.0)
+        assert generator.set_dc(-5.0) == -5.0
+
+
+def test_a_level_needs_dc_configured() -> None:
+    with expected_exchange(OPEN, OPENING) as generator, pytest.raises(PlanError):
+        generator.set_dc(1.0)
+
+
+@given(st.floats().filter(lambda v: not abs(v) <= 10.0))
+def test_levels_beyond_ten_volts_are_not_sent(voltage_v: float) -> None:
+    with expected_exchange(OPEN, OPENING) as generator, pytest.raises(LimitError):
+        generator.configure_dc(voltage_v)
+
+
+def test_a_clipped_level_is_an_error() -> None:
+    exchanges: list[Exchange] = [
+        ("VOLT:OFFS 9.9", None),
+        ("SYST:ERR?", '-222,"Data out of range; offset; value clipped to upper limit"'),
+        NO_ERROR,
+    ]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+        generator.configure_dc(0.0)
+        with pytest.raises(InstrumentError, match="value clipped to upper limit") as caught:
+            generator.set_dc(9.9)
+        assert caught.value.number == -222
+
+
+def test_a_level_that_reads_back_otherwise_is_an_error() -> None:
+    exchanges: list[Exchange] = [("VOLT:OFFS 5", None), NO_ERROR, ("VOLT:OFFS?", "+4.9980000000000E+00")]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+        generator.configure_dc(0.0)
+        with pytest.raises(InstrumentError, match=r"was set to 5 V but reads back 4\.998 V"):
+            generator.set_dc(5.0)
+
+
+def test_a_load_of_50_ohm_would_halve_all_voltages() -> None:
+    exchanges: list[Exchange] = [*OPEN_CIRCUIT[:2], ("OUTP:LOAD?", "+5.0000000000000E+01")]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator, pytest.raises(InstrumentError, match="50 ohm"):
+        generator.configure_dc(1.0)
+
+
+def test_a_sine_is_set_up_in_an_order_that_never_conflicts() -> None:
+    exchanges: list[Exchange] = [
+        *OPEN_CIRCUIT,
+        ("VOLT:OFFS 0", None),
+        ("FUNC SIN", None),
+        ("VOLT:UNIT VPP", None),
+        ("FREQ 3464.1", None),
+        ("VOLT 2", None),
+        ("VOLT:OFFS 1", None),
+        NO_ERROR,
+        ("FREQ?", "+3.4641000000000E+03"),
+        ("VOLT?", "+2.0000000000000E+00"),
+        ("VOLT:OFFS?", "+1.0000000000000E+00"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        generator.configure_sine(3464.1, 2.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "amplitude_vpp", "offset_v"),
+    [(21e6, 1, 0), (0, 1, 0), (1e3, 20.1, 0), (1e3, 0.01, 0), (1e3, 10, 5.1), (1e3, math.nan, 0), (1e3, 1, math.nan)],
+)
+def test_sines_out_of_range_are_not_sent(frequency_hz: float, amplitude_vpp: float, offset_v: float) -> None:
+    with expected_exchange(OPEN, OPENING) as generator, pytest.raises(LimitError):
+        generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
+
+
+def test_the_relay_closes_only_on_something_configured() -> None:
+    exchanges: list[Exchange] = [("OUTP ON", None), NO_ERROR, ("OUTP?", "1")]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+        with pytest.raises(PlanError):
+            generator.enable_output()
+        generator.configure_dc(0.0)
+        generator.enable_output()
+
+
+def test_safe_is_the_relay_open_by_read_back() -> None:
+    exchanges: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        assert generator.make_safe(Deadline.after(generator.clock, 3.0)).safe
+
+
+def test_a_relay_that_stays_closed_is_not_safe() -> None:
+    exchanges: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "1")] * 3
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        assert not generator.make_safe(Deadline.after(generator.clock, 3.0)).safe
+
+
+def test_safe_is_reached_after_a_lost_answer_and_a_stale_error() -> None:
+    exchanges: list[Exchange] = [
+        ("OUTP?", None),
+        ("*IDN?", OPENING[0][1]),
+        ("*OPC?", "1"),
+        ("SYST:ERR?", '-410,"Query INTERRUPTED"'),
+        ("SYST:ERR?", '-222,"Data out of range"'),
+        NO_ERROR,
+        ("OUTP OFF", None),  # reported as refused, for the stale error
+        NO_ERROR,
+        ("OUTP OFF", None),
+        NO_ERROR,
+        ("OUTP?", "0"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        with pytest.raises(DeadlineExceeded):
+            generator.output_enabled()
+        assert generator.make_safe(Deadline.after(generator.clock, 10.0)).safe
+
+
+@pytest.mark.parametrize("interface", ["socket", "instr"])
+def test_on_lan_it_is_made_remote_first(interface: str) -> None:
+    with expected_exchange(OPEN, [("SYST:COMM:RLST REM", None), *OPENING], interface=interface):  # type: ignore[arg-type]
+        pass

@@ -1,0 +1,201 @@
+"""The E3631A's driver against the E3631A's manual (E3631-90002)."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.drivers.openings import NO_ERROR, opening
+from vcfbench.clock import Deadline
+from vcfbench.drivers.e3631a import E3631A
+from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError, WrongInstrument
+from vcfbench.interfaces import Regulation
+from vcfbench.testing import Exchange, expected_exchange, over_visa
+
+OPENING = opening("HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0")
+CONFIGURED: list[Exchange] = [
+    ("OUTP:TRAC OFF;:INST:SEL P25V;:CURR 0.1;:VOLT 10", None),
+    NO_ERROR,
+    ("VOLT?", "+1.00000000E+01"),
+    ("CURR?", "+1.00000000E-01"),
+]
+OPEN = over_visa(E3631A, name="power")
+
+
+def test_current_limit_goes_before_the_voltage_and_both_are_read_back() -> None:
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED]) as supply:
+        supply.configure_output("P25V", 10.0, 0.1)
+
+
+def test_the_negative_output_takes_negative_voltages() -> None:
+    exchanges: list[Exchange] = [
+        ("OUTP:TRAC OFF;:INST:SEL N25V;:CURR 0.1;:VOLT -10", None),
+        NO_ERROR,
+        ("VOLT?", "-1.00000000E+01"),
+        ("CURR?", "+1.00000000E-01"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
+        supply.configure_output("N25V", -10.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("output", "voltage_v", "current_a"),
+    [
+        ("P25V", 25.76, 0.1),
+        ("P25V", -0.1, 0.1),
+        ("P6V", 6.19, 0.1),
+        ("N25V", 10.0, 0.1),
+        ("P25V", 10.0, 1.04),
+        ("P25V", 10.0, -0.1),
+        ("P25V", math.nan, 0.1),
+        ("P25V", 10.0, math.nan),
+        ("P25V", math.inf, 0.1),
+        ("P26V", 10.0, 0.1),
+    ],
+)
+def test_what_is_out_of_range_is_not_sent(output: str, voltage_v: float, current_a: float) -> None:
+    with expected_exchange(OPEN, OPENING) as supply, pytest.raises(LimitError, match="power at SCRIPT"):
+        supply.configure_output(output, voltage_v, current_a)
+
+
+def test_what_the_supply_refuses_is_raised_with_number_words_and_all_entries() -> None:
+    exchanges: list[Exchange] = [
+        ("OUTP:TRAC OFF;:INST:SEL P25V;:CURR 0.1;:VOLT 10", None),
+        ("SYST:ERR?", '-222,"Data out of range"'),
+        ("SYST:ERR?", '+800,"P25V and N25V coupled by track system"'),
+        NO_ERROR,
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
+        with pytest.raises(InstrumentError) as caught:
+            supply.configure_output("P25V", 10.0, 0.1)
+        assert (caught.value.number, caught.value.words) == (-222, "Data out of range")
+        assert str(caught.value) == (
+            'power at SCRIPT: refused with -222 "Data out of range", '
+            'then 800 "P25V and N25V coupled by track system", '
+            "command 'OUTP:TRAC OFF;:INST:SEL P25V;:CURR 0.1;:VOLT 10'"
+        )
+
+
+def test_a_setting_that_reads_back_otherwise_is_an_error() -> None:
+    exchanges = [*CONFIGURED[:2], ("VOLT?", "+9.90000000E+00")]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply, pytest.raises(InstrumentError, match="reads back"):
+        supply.configure_output("P25V", 10.0, 0.1)
+
+
+def test_outputs_go_on_together_and_those_not_configured_at_zero() -> None:
+    exchanges: list[Exchange] = [
+        ("INST:SEL P6V;:VOLT 0", None),
+        NO_ERROR,
+        ("INST:SEL N25V;:VOLT 0", None),
+        NO_ERROR,
+        ("OUTP ON", None),
+        NO_ERROR,
+        ("OUTP?", "1"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *exchanges]) as supply:
+        supply.configure_output("P25V", 10.0, 0.1)
+        supply.enable_outputs()
+
+
+def test_nothing_goes_on_before_something_was_configured() -> None:
+    with expected_exchange(OPEN, OPENING) as supply, pytest.raises(PlanError):
+        supply.enable_outputs()
+
+
+def test_outputs_that_stay_off_are_an_error() -> None:
+    with (
+        expected_exchange(OPEN, [*OPENING, ("OUTP OFF", None), NO_ERROR, ("OUTP?", "1")]) as supply,
+        pytest.raises(InstrumentError, match="do not read back so"),
+    ):
+        supply.disable_outputs()
+
+
+def test_measuring_names_the_output() -> None:
+    exchanges: list[Exchange] = [
+        ("MEAS:VOLT? N25V", "-9.99871000E+00"),
+        ("MEAS:CURR? N25V", "+3.21000000E-02"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
+        assert supply.measure_voltage_v("N25V") == -9.99871
+        assert supply.measure_current_a("N25V") == 0.0321
+
+
+@pytest.mark.parametrize(
+    ("answers", "regulation"),
+    [
+        (["+2"], Regulation.CONSTANT_VOLTAGE),
+        (["1"], Regulation.CONSTANT_CURRENT),
+        (["3"], Regulation.FAULT),
+        (["0", "0"], Regulation.OFF),
+        (["0", "1"], Regulation.FAULT),
+    ],
+)
+def test_regulation_is_read_from_the_condition_register(answers: list[str], regulation: Regulation) -> None:
+    exchanges = list(zip(["STAT:QUES:INST:ISUM2:COND?", "OUTP?"], answers, strict=False))
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
+        assert supply.regulation("P25V") is regulation
+
+
+def test_safe_is_off_and_measured_near_zero() -> None:
+    exchanges: list[Exchange] = [
+        ("OUTP OFF", None),
+        NO_ERROR,
+        ("OUTP?", "0"),
+        *[(f"MEAS:VOLT? {output}", answer) for output, answer in (("P6V", "0"), ("P25V", "+6.1"), ("N25V", "-0.1"))],
+        *[(f"MEAS:VOLT? {output}", answer) for output, answer in (("P6V", "0"), ("P25V", "+0.2"), ("N25V", "-0.1"))],
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
+        report = supply.make_safe(Deadline.after(supply.clock, 10.0))
+        assert report.safe
+        assert report.detail == "outputs off, no more than 0.2 V at the terminals"
+
+
+def test_a_terminal_that_stays_live_is_not_safe() -> None:
+    once: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
+    measured: list[Exchange] = [("MEAS:VOLT? P6V", "0"), ("MEAS:VOLT? P25V", "+9.9"), ("MEAS:VOLT? N25V", "0")]
+    with expected_exchange(OPEN, [*OPENING, *[*once, *measured] * 3]) as supply:
+        report = supply.make_safe(Deadline.after(supply.clock, 0.1))
+        assert not report.safe
+        assert "P25V still measures 9.9 V" in report.detail
+
+
+def test_a_measured_overload_is_no_voltage() -> None:
+    with (
+        expected_exchange(OPEN, [*OPENING, ("MEAS:VOLT? P6V", "+9.90000000E+37")]) as supply,
+        pytest.raises(MeasurementError),
+    ):
+        supply.measure_voltage_v("P6V")
+
+
+@pytest.mark.parametrize(
+    "identity", ["HEWLETT-PACKARD,34401A,0,10-5-2", "ACME,E3631A,0,1", "Agilent Technologies,E3632A,0,1"]
+)
+def test_another_instrument_is_refused_and_nothing_is_sent_to_it(identity: str) -> None:
+    with pytest.raises(WrongInstrument, match="expected a E3631A"), expected_exchange(OPEN, [("*IDN?", identity)]):
+        pass
+
+
+@pytest.mark.parametrize("maker", ["HEWLETT-PACKARD", "Agilent Technologies", "Keysight Technologies"])
+def test_all_makers_of_the_instrument_are_accepted(maker: str) -> None:
+    with expected_exchange(OPEN, opening(f"{maker},E3631A,0,2.1-5.0-1.0")):
+        pass
+
+
+def test_another_specimen_is_refused() -> None:
+    with (
+        pytest.raises(WrongInstrument, match="serial number MY1"),
+        expected_exchange(
+            over_visa(lambda session: E3631A(session, serial_number="MY1")), [("*IDN?", "Keysight,E3631A,MY2,1")]
+        ),
+    ):
+        pass
+
+
+def test_on_rs232_the_supply_is_made_remote_first_and_left_time_after_commands() -> None:
+    exchanges: list[Exchange] = [("SYST:REM", None), *OPENING, ("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
+    opener = over_visa(E3631A, write_pause_s=0.5, timeout_s=5.0)
+    with expected_exchange(opener, exchanges, interface="asrl") as supply:
+        begin_s = supply.clock.now()
+        supply.disable_outputs()
+        assert supply.clock.now() - begin_s == pytest.approx(0.5)

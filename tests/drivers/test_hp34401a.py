@@ -1,0 +1,101 @@
+"""The 34401A's driver against the 34401A's manual (34401-90004)."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.drivers.openings import NO_ERROR, opening
+from vcfbench.clock import Deadline
+from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, MeasurementError
+from vcfbench.testing import Exchange, expected_exchange, over_visa
+
+OPENING = opening("HEWLETT-PACKARD,34401A,0,10-5-2")
+OPEN = over_visa(Hp34401A, name="multimeter")
+CONFIGURED: list[Exchange] = [
+    ("CONF:VOLT:DC 10", None),
+    ("VOLT:DC:NPLC 10", None),
+    ("ZERO:AUTO ON", None),
+    ("TRIG:SOUR IMM", None),
+    NO_ERROR,
+    ("VOLT:DC:RANG?", "+1.00000000E+01"),
+    ("VOLT:DC:NPLC?", "+1.00000000E+01"),
+]
+
+
+def test_range_and_integration_time_are_fixed_and_read_back() -> None:
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, ("READ?", "-1.67463210E-01")]) as meter:
+        meter.configure_dc_voltage(10.0, 10.0)
+        assert meter.read_voltage_v() == -0.16746321
+
+
+@pytest.mark.parametrize(("range_v", "nplc"), [(5.0, 10.0), (10.0, 5.0), (float("nan"), 10.0), (0.0, 10.0)])
+def test_ranges_and_integration_times_that_it_does_not_have_are_not_sent(range_v: float, nplc: float) -> None:
+    with expected_exchange(OPEN, OPENING) as meter, pytest.raises(LimitError, match="is not one of"):
+        meter.configure_dc_voltage(range_v, nplc)
+
+
+def test_another_range_than_asked_for_is_an_error() -> None:
+    exchanges = [*CONFIGURED[:5], ("VOLT:DC:RANG?", "+1.00000000E+02")]
+    with (
+        expected_exchange(OPEN, [*OPENING, *exchanges]) as meter,
+        pytest.raises(InstrumentError, match="reads back 100"),
+    ):
+        meter.configure_dc_voltage(10.0, 10.0)
+
+
+@pytest.mark.parametrize("answer", ["+9.90000000E+37", "-9.90000000E+37"])
+def test_overload_is_no_reading(answer: str) -> None:
+    with (
+        expected_exchange(OPEN, [*OPENING, ("READ?", answer)]) as meter,
+        pytest.raises(MeasurementError, match="multimeter at SCRIPT: overload"),
+    ):
+        meter.read_voltage_v()
+
+
+def test_a_garbled_reading_is_no_reading() -> None:
+    with expected_exchange(OPEN, [*OPENING, ("READ?", "+1.0000000E+0/")]) as meter, pytest.raises(FramingError):
+        meter.read_voltage_v()
+
+
+@pytest.mark.parametrize(
+    ("nplc", "mains_hz", "expected_s"), [(10.0, 50.0, 0.40), (10.0, 60.0, 1 / 3), (100.0, 50.0, 4.0), (1.0, 50.0, 0.04)]
+)
+def test_reading_time_is_two_integrations(nplc: float, mains_hz: float, expected_s: float) -> None:
+    exchanges: list[Exchange] = [
+        ("CONF:VOLT:DC 10", None),
+        (f"VOLT:DC:NPLC {nplc:g}", None),
+        *CONFIGURED[2:6],
+        ("VOLT:DC:NPLC?", f"{nplc:+.8E}"),
+    ]
+    opener = over_visa(lambda session: Hp34401A(session, mains_hz=mains_hz))
+    with expected_exchange(opener, [*OPENING, *exchanges]) as meter:
+        meter.configure_dc_voltage(10.0, nplc)
+        assert expected_s < meter.reading_time_s < expected_s + 0.1
+
+
+def test_a_reading_is_waited_for_as_long_as_it_takes_and_the_time_out() -> None:
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, ("READ?", None)]) as meter:
+        meter.configure_dc_voltage(10.0, 10.0)
+        begin_s = meter.clock.now()
+        with pytest.raises(DeadlineExceeded):
+            meter.read_voltage_v()
+        assert meter.clock.now() - begin_s == pytest.approx(1.0 + meter.reading_time_s)
+
+
+def test_safe_is_idle() -> None:
+    with expected_exchange(OPEN, [*OPENING, ("*OPC?", "1")]) as meter:
+        assert meter.make_safe(Deadline.after(meter.clock, 3.0)).safe
+
+
+def test_a_meter_that_says_nothing_is_not_safe() -> None:
+    exchanges: list[Exchange] = [("*OPC?", None), ("*IDN?", None)]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
+        report = meter.make_safe(Deadline.after(meter.clock, 3.0))
+        assert not report.safe
+        assert meter.clock.now() <= 3.0 + 1e-9
+
+
+def test_on_rs232_it_is_made_remote_before_anything() -> None:
+    with expected_exchange(OPEN, [("SYST:REM", None), *OPENING], interface="asrl"):
+        pass

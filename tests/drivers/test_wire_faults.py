@@ -1,0 +1,321 @@
+"""The seven ways a wire was seen to misbehave under PyVISA-py, and some more, over real sockets."""
+
+from __future__ import annotations
+
+import gc
+import resource as usage
+import socket
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
+from vcfbench.clock import Deadline, WallClock, sleep
+from vcfbench.drivers.session import Session, open_session
+from vcfbench.errors import (
+    BenchError,
+    ConnectFailed,
+    DeadlineExceeded,
+    FramingError,
+    LinkLost,
+    MeasurementError,
+    OutOfSync,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CLOCK = WallClock()
+
+
+def opened(resource: str, timeout_s: float = 0.2) -> Session:
+    session = open_session(resource, library="@py", clock=CLOCK, name="multimeter", timeout_s=timeout_s)
+    session.identify()
+    return session
+
+
+def timed(call: Callable[[], object]) -> tuple[BenchError, float, float]:
+    """Return the error of `call`, the wall and the processor time it took."""
+    processor, begin = usage.getrusage(usage.RUSAGE_THREAD), CLOCK.now()
+    with pytest.raises(BenchError) as caught:
+        call()
+    wall, after = CLOCK.now() - begin, usage.getrusage(usage.RUSAGE_THREAD)
+    return caught.value, wall, after.ru_utime + after.ru_stime - processor.ru_utime - processor.ru_stime
+
+
+def test_a_port_where_nobody_listens_fails_to_open() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(ConnectFailed, match=f"multimeter at TCPIP0::127.0.0.1::{port}::SOCKET: nobody answers"):
+        opened(f"TCPIP0::127.0.0.1::{port}::SOCKET")
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_host_that_cannot_be_resolved_fails_to_open() -> None:
+    with pytest.raises(ConnectFailed, match=r"multimeter at .*cannot be opened"):
+        opened("TCPIP0::no-such-host.invalid::5025::SOCKET")
+    gc.collect()  # PyVISA-py leaves its socket to the collector, whose warning belongs to this test
+
+
+def test_a_library_that_is_not_there_fails_to_open() -> None:
+    with pytest.raises(ConnectFailed, match="cannot be opened"):
+        open_session("GPIB0::1::INSTR", library="/no/such/visa.so", clock=CLOCK, name="x", timeout_s=0.1)
+
+
+def test_a_peer_that_closes_is_link_lost_at_once_and_without_spinning() -> None:
+    def closing(connection: socket.socket, line: str) -> bool:
+        if line == "READ?":
+            connection.shutdown(socket.SHUT_RDWR)
+        return line == "READ?"
+
+    with serving(answering(closing)) as where, opened(where, 2.0) as session:
+        error, wall_s, processor_s = timed(lambda: session.query("READ?"))
+        assert isinstance(error, LinkLost)
+        assert "multimeter at TCPIP0" in str(error)
+        assert "'READ?'" in str(error)
+        assert wall_s < 0.5
+        assert processor_s < 0.1
+        assert session.closed
+        with pytest.raises(LinkLost, match="is closed"):
+            session.query("READ?")
+
+
+def late(seconds: float, question: str = "FIRST?") -> Callable[[socket.socket, str], bool]:
+    """Answer the first asking of `question` too late."""
+    asked: list[str] = []
+
+    def special(connection: socket.socket, line: str) -> bool:
+        if line != question or asked:
+            return False
+        asked.append(line)
+        sleep(CLOCK, seconds)
+        connection.sendall((IDENTITY if line == "*IDN?" else "LATE").encode() + b"\n")
+        return True
+
+    return special
+
+
+def test_a_late_answer_is_never_the_answer_to_another_question() -> None:
+    with serving(answering(late(0.3))) as where, opened(where, 0.1) as session:
+        error, wall_s, _ = timed(lambda: session.query("FIRST?"))
+        assert isinstance(error, DeadlineExceeded)
+        assert 0.1 <= wall_s < 0.25
+        assert session.dirty
+        sleep(CLOCK, 0.3)  # the late answer lies waiting
+        assert [session.query(f"Q{n}?") for n in range(5)] == [f"Q{n}" for n in range(5)]
+
+
+def test_a_late_answer_that_comes_amid_resynchronising_is_dropped_too() -> None:
+    with serving(answering(late(0.15))) as where, opened(where, 0.1) as session:
+        with pytest.raises(DeadlineExceeded):
+            session.query("FIRST?")
+        assert session.query("SECOND?", Deadline.after(CLOCK, 2.0)) == "SECOND"
+        assert session.query("THIRD?") == "THIRD"
+
+
+def test_the_late_answer_may_be_the_one_that_resynchronising_looks_for() -> None:
+    with serving(answering(nothing_special), answering(late(0.15, "*IDN?"))) as where:
+        with opened(where) as first:
+            first.query("A?")
+        session = open_session(where, library="@py", clock=CLOCK, name="multimeter", timeout_s=0.1)
+        session._identity = IDENTITY  # as learnt before
+        with session:
+            with pytest.raises(DeadlineExceeded):
+                session.query("*IDN?")
+            assert session.query("NEXT?", Deadline.after(CLOCK, 2.0)) == "NEXT"
+            assert [session.query(f"Q{n}?") for n in range(3)] == ["Q0", "Q1", "Q2"]
+
+
+def test_answers_that_stay_away_close_the_session() -> None:
+    def dumb(connection: socket.socket, line: str) -> bool:
+        del connection
+        if line == "READ?":
+            dumbed.set()
+        return dumbed.is_set()
+
+    dumbed = threading.Event()
+    with serving(answering(dumb)) as where, opened(where, 0.1) as session:
+        with pytest.raises(DeadlineExceeded):
+            session.query("READ?")
+        error, wall_s, _ = timed(lambda: session.query("A?"))
+        assert isinstance(error, OutOfSync)
+        assert wall_s < 0.25
+        assert session.closed
+
+
+def test_a_second_answer_to_one_question_is_dropped() -> None:
+    def twice(connection: socket.socket, line: str) -> bool:
+        if line == "A?":
+            connection.sendall(b"A\nA\n")
+        return line == "A?"
+
+    with serving(answering(twice)) as where, opened(where) as session:
+        assert session.query("A?") == "A"
+        assert session.query("B?") == "B"
+        assert session.query("C?") == "C"
+
+
+def test_something_said_unasked_is_dropped() -> None:
+    def chatty(connection: socket.socket, line: str) -> bool:
+        if line == "A?":
+            connection.sendall(b"A\n")
+            sleep(CLOCK, 0.02)
+            connection.sendall(b"welcome\n")
+        return line == "A?"
+
+    with serving(answering(chatty)) as where, opened(where) as session:
+        assert session.query("A?") == "A"
+        sleep(CLOCK, 0.05)
+        assert session.query("B?") == "B"
+
+
+@pytest.mark.parametrize("noise", [b"\xff\xfe1.5\n", b"1.2a3\n", b"\n", b"nan\n", b"1_0\n", b"+1.0,\n", b"\x001.5\n"])
+def test_noise_is_a_framing_error_and_the_next_answer_is_right(noise: bytes) -> None:
+    def noisy(connection: socket.socket, line: str) -> bool:
+        if line == "READ?":
+            connection.sendall(noise)
+        return line == "READ?"
+
+    with serving(answering(noisy)) as where, opened(where) as session:
+        with pytest.raises(FramingError, match=r"multimeter at .*'READ\?'"):
+            session.query_float("READ?")
+        assert session.query("B?") == "B"
+
+
+def test_overload_is_no_number_and_no_reason_to_resynchronise() -> None:
+    def overloaded(connection: socket.socket, line: str) -> bool:
+        if line == "READ?":
+            connection.sendall(b"+9.90000000E+37\n")
+        return line == "READ?"
+
+    with serving(answering(overloaded)) as where, opened(where) as session:
+        with pytest.raises(MeasurementError, match="overload"):
+            session.query_float("READ?")
+        assert not session.dirty
+        assert session.query_number("READ?") == 9.9e37
+
+
+def test_two_threads_get_their_own_answers() -> None:
+    wrong: list[str] = []
+
+    def ask(session: Session, name: str) -> None:
+        wrong.extend(name for _ in range(300) if session.query(f"{name}?") != name)
+
+    with serving(answering(nothing_special)) as where, opened(where, 2.0) as session:
+        threads = [threading.Thread(target=ask, args=(session, name)) for name in ("ALPHA", "BETA", "GAMMA")]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(10.0)
+        assert not any(thread.is_alive() for thread in threads)
+        assert wrong == []
+
+
+def test_a_peer_that_does_not_read_is_a_deadline_not_a_hang() -> None:
+    done = threading.Event()
+
+    def deaf(connection: socket.socket, line: str) -> bool:
+        del connection, line
+        done.wait(5.0)
+        return True
+
+    with serving(answering(deaf)) as where:
+        session = open_session(where, library="@py", clock=CLOCK, name="generator", timeout_s=0.2)
+        error, wall_s, _ = timed(lambda: session.write("DATA " + "0," * 10_000_000))
+        done.set()
+        session.close()
+    assert isinstance(error, DeadlineExceeded)
+    assert "does not take the command" in str(error)
+    assert 0.2 <= wall_s < 0.6
+
+
+def test_an_answer_that_never_ends_is_ended_by_the_deadline() -> None:
+    def babbling(connection: socket.socket, line: str) -> bool:
+        while line == "READ?":
+            connection.sendall(b"x")
+            sleep(CLOCK, 0.005)
+        return False
+
+    with serving(answering(babbling)) as where, opened(where, 0.2) as session:
+        error, wall_s, _ = timed(lambda: session.query("READ?"))
+    assert isinstance(error, DeadlineExceeded)
+    assert wall_s < 0.4
+
+
+def test_a_block_may_hold_newlines_and_come_in_pieces() -> None:
+    data = bytes(range(256)) * 40 + b"\n"
+
+    def sending(connection: socket.socket, line: str) -> bool:
+        if line == ":WAV:DATA?":
+            message = f"#8{len(data):08d}".encode() + data + b"\n"
+            for begin in range(0, len(message), 997):
+                connection.sendall(message[begin : begin + 997])
+        return line == ":WAV:DATA?"
+
+    with serving(answering(sending)) as where, opened(where, 2.0) as session:
+        assert session.query_block(":WAV:DATA?") == data
+        assert session.query("B?") == "B"
+
+
+@pytest.mark.parametrize("answer", [b"+1.0\n", b"#0abc\n", b"#8000\n", b"#3010abc\n", b"#15abcdefgh\n", b"#1\n"])
+def test_a_block_that_is_none_leaves_the_next_answer_right(answer: bytes) -> None:
+    """Also that a failed block leaves the terminators as they were."""
+
+    def sending(connection: socket.socket, line: str) -> bool:
+        if line == ":WAV:DATA?":
+            connection.sendall(answer)
+        return line == ":WAV:DATA?"
+
+    with serving(answering(sending)) as where, opened(where, 0.2) as session:
+        with pytest.raises((FramingError, DeadlineExceeded)):
+            session.query_block(":WAV:DATA?")
+        assert session.query("B?") == "B"
+        assert session.query("C?") == "C"
+
+
+def test_an_interrupt_amid_an_exchange_leaves_the_session_dirty() -> None:
+    with serving(answering(nothing_special)) as where, opened(where) as session:
+        receive = session._wire.receive
+
+        def interrupted(deadline: Deadline) -> tuple[bytes, bool]:
+            del deadline
+            session._wire.receive = receive  # type: ignore[method-assign]
+            raise KeyboardInterrupt
+
+        session._wire.receive = interrupted  # type: ignore[method-assign]
+        with pytest.raises(KeyboardInterrupt):
+            session.query("A?")
+        assert session.dirty
+        assert session.query("B?") == "B"
+
+
+def test_revive_connects_anew_to_the_same_instrument() -> None:
+    def closing(connection: socket.socket, line: str) -> bool:
+        if line == "READ?":
+            connection.shutdown(socket.SHUT_RDWR)
+        return line == "READ?"
+
+    with serving(answering(closing), answering(nothing_special)) as where, opened(where) as session:
+        with pytest.raises(LinkLost):
+            session.query("READ?")
+        session.revive()
+        assert session.query("A?") == "A"
+
+
+def test_revive_refuses_another_instrument() -> None:
+    def closing(connection: socket.socket, line: str) -> bool:
+        if line == "READ?":
+            connection.shutdown(socket.SHUT_RDWR)
+        return line == "READ?"
+
+    def other(connection: socket.socket, line: str) -> bool:
+        if line == "*IDN?":
+            connection.sendall(b"ACME,123,0,1\n")
+        return line == "*IDN?"
+
+    with serving(answering(closing), answering(other)) as where, opened(where) as session:
+        with pytest.raises(LinkLost):
+            session.query("READ?")
+        with pytest.raises(OutOfSync):
+            session.revive()

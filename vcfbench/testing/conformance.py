@@ -1,0 +1,248 @@
+"""What every driver must do, whatever its instrument; run it over a registry, one's own drivers included."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.clock import Deadline, VirtualClock
+from vcfbench.drivers.rate_table.acl import AclDialect
+from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.session import Session
+from vcfbench.errors import BenchError, DeadlineExceeded, InstrumentError, LinkLost
+from vcfbench.interfaces import (
+    FunctionGenerator,
+    Identity,
+    Multimeter,
+    Oscilloscope,
+    PowerSupply,
+    RateTable,
+    SafeReport,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from vcfbench.drivers.registry import Registry
+    from vcfbench.drivers.wire import Interface, Wire
+
+__all__ = ["ConformanceCase", "conformance_cases", "conformance_problems"]
+
+
+@dataclass(frozen=True, slots=True)
+class ConformanceCase:
+    """A driver class, the protocol it fulfils, how to open it on a wire, and what its instrument answers.
+
+    `answers` maps questions to answers while all is well; `refusal` is what the question `error_question` is then
+    answered with when the instrument has refused something, and `settled` when it has nothing more to say.
+    """
+
+    model: str
+    driver_class: type
+    protocol: type
+    open_on: Callable[[Wire, VirtualClock], Any]
+    answers: dict[str, str]
+    error_question: str
+    refusal: tuple[str, ...]
+    settled: str
+
+
+def conformance_cases() -> tuple[ConformanceCase, ...]:
+    """Return the cases of the drivers that come with the project."""
+    from vcfbench.drivers.registry import DRIVERS  # noqa: PLC0415 - pulls in every driver
+
+    return tuple(_case(DRIVERS, model, protocol, answers) for model, protocol, answers in _BUILT_IN)
+
+
+_BUILT_IN: tuple[tuple[str, type, dict[str, str]], ...] = (
+    ("E3631A", PowerSupply, {"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"}),
+    ("33220A", FunctionGenerator, {"*IDN?": "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2", "OUTP?": "0"}),
+    ("34401A", Multimeter, {"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"}),
+    ("DSO7104B", Oscilloscope, {"*IDN?": "AGILENT TECHNOLOGIES,DSO7104B,MY1,06.00.0003", ":OPER:COND?": "+0"}),
+    (
+        "acl",
+        RateTable,
+        {
+            "*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
+            ":Read:Rate?": "0.0",
+            ":Status:CSR?": "0",
+            ":Interlock?": "Open",
+        },
+    ),
+)
+
+
+def _case(registry: Registry, model: str, protocol: type, answers: dict[str, str]) -> ConformanceCase:
+    driver_class = registry.find(model).driver_class
+    if model == "acl":
+        return ConformanceCase(
+            model, driver_class, protocol, _open_table, answers, ":Status:MSG? QERROR", ("bad value",), "0"
+        )
+    return ConformanceCase(
+        model,
+        driver_class,
+        protocol,
+        lambda wire, clock: driver_class(_session(wire, clock)),
+        answers,
+        "SYST:ERR?",
+        ('-222,"Data out of range"', '-113,"Undefined header"'),
+        '+0,"No error"',
+    )
+
+
+def _session(wire: Wire, clock: VirtualClock) -> Session:
+    return Session(wire, name="under test", resource="SCRIPT", clock=clock, timeout_s=1.0)
+
+
+def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
+    line = TableLine(wire, name="under test", resource="script://", clock=clock, timeout_s=1.0)
+    return RateTableDriver(line, AclDialect(header="none"), limits=TableLimits(100.0, 100.0))
+
+
+class _AnsweringWire:
+    """Answers questions by their beginning, refuses everything or falls silent on demand."""
+
+    def __init__(self, case: ConformanceCase, clock: VirtualClock) -> None:
+        self.interface: Interface = "gpib"
+        self.state = "well"
+        self.queue: list[str] = []
+        self._case = case
+        self._clock = clock
+        self._answers = b""
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        del deadline
+        if self.state == "broken":
+            raise LinkLost("the connection broke")
+        message = data.decode("ascii").strip()
+        if "?" in message and self.state != "silent":
+            self._answers += self._answer(message).encode("ascii") + b"\n"
+
+    def _answer(self, question: str) -> str:
+        if question == self._case.error_question:
+            return self.queue.pop(0) if self.queue else self._case.settled
+        if question == ":Status:STB?":
+            return "128" if self.queue else "0"
+        matching = [known for known in self._case.answers if question.startswith(known)]
+        return self._case.answers[matching[0]] if matching else "1"
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        if not self._answers:
+            self._clock.sleep_until(deadline.expires_s)
+            raise DeadlineExceeded("no answer")
+        data, self._answers = self._answers, b""
+        return data, True
+
+    def pending(self) -> bytes:
+        return b""
+
+    def clear(self, deadline: Deadline) -> None:
+        del deadline
+        self._answers = b""
+
+    def close(self) -> None:
+        self.state = "broken"
+
+
+def conformance_problems(case: ConformanceCase) -> list[str]:
+    """Return what `case`'s driver does not do as it must, in words; empty when it conforms."""
+    return [
+        *_contract_problems(case),
+        *_documentation_problems(case),
+        *_identity_problems(case),
+        *_error_queue_problems(case),
+        *_wire_problems(case),
+        *_safety_problems(case),
+    ]
+
+
+def _contract_problems(case: ConformanceCase) -> Iterator[str]:
+    for name in _members(case.protocol):
+        expected, found = getattr(case.protocol, name), getattr(case.driver_class, name, None)
+        if found is None:
+            yield f"{name} is missing"
+        elif inspect.isfunction(expected) and not _takes_as_much(expected, found):
+            yield f"{name} is called differently from the protocol's"
+
+
+def _members(protocol: type) -> list[str]:
+    return sorted({n for base in protocol.__mro__ for n in vars(base) if not n.startswith("_")})
+
+
+def _takes_as_much(expected: Any, found: Any) -> bool:
+    wanted, given = inspect.signature(expected).parameters, inspect.signature(found).parameters
+    extra = [p for n, p in given.items() if n not in wanted]
+    return list(given)[: len(wanted)] == list(wanted) and all(p.default is not p.empty for p in extra)
+
+
+def _documentation_problems(case: ConformanceCase) -> Iterator[str]:
+    for name, member in inspect.getmembers(case.driver_class):
+        function = member.fget if isinstance(member, property) else member
+        if name.startswith("_") or not inspect.isfunction(function):
+            continue
+        if not inspect.getdoc(function):
+            yield f"{name} has no docstring"
+        hints = function.__annotations__
+        if set(inspect.signature(function).parameters) - {"self"} - set(hints) or "return" not in hints:
+            yield f"{name} is not fully annotated"
+
+
+def _opened(case: ConformanceCase) -> tuple[Any, _AnsweringWire, VirtualClock]:
+    clock = VirtualClock()
+    wire = _AnsweringWire(case, clock)
+    return case.open_on(wire, clock), wire, clock
+
+
+def _identity_problems(case: ConformanceCase) -> Iterator[str]:
+    driver, _, _ = _opened(case)
+    if not isinstance(driver.identify(), Identity):
+        yield "identify() does not return an Identity"
+    if driver.name != "under test" or not driver.resource:
+        yield "name or resource is not what it was opened with"
+
+
+def _error_queue_problems(case: ConformanceCase) -> Iterator[str]:
+    driver, wire, _ = _opened(case)
+    driver.check_errors()
+    wire.queue = list(case.refusal)
+    error = _caught(driver.check_errors)
+    if not isinstance(error, InstrumentError):
+        yield f"a filled error queue gave {error!r}, not an InstrumentError"
+    elif not all(refusal.split(",")[0] in str(error) for refusal in case.refusal) or "under test" not in str(error):
+        yield f"the error {error} does not name instrument and all entries"
+    if wire.queue:
+        yield "check_errors() does not read the queue to its end"
+
+
+def _caught(call: Callable[[], object]) -> BenchError | None:
+    try:
+        call()
+    except BenchError as error:
+        return error
+    return None
+
+
+def _wire_problems(case: ConformanceCase) -> Iterator[str]:
+    for state, kind in (("silent", DeadlineExceeded), ("broken", LinkLost)):
+        driver, wire, _ = _opened(case)
+        wire.state = state
+        error = _caught(driver.identify)
+        if not isinstance(error, kind) and not (state == "silent" and type(error).__name__ == "OutOfSync"):
+            yield f"a {state} wire gave {error!r}, not a {kind.__name__}"
+        elif error is None or "under test" not in str(error):
+            yield f"the error of a {state} wire does not name the instrument"
+
+
+def _safety_problems(case: ConformanceCase) -> Iterator[str]:
+    for state, expected in (("well", True), ("silent", False), ("broken", False)):
+        driver, wire, clock = _opened(case)
+        wire.state = state
+        deadline = Deadline.after(clock, 30.0)
+        report = driver.make_safe(deadline)
+        if not isinstance(report, SafeReport) or report.safe is not expected:
+            yield f"on a wire that is {state}, make_safe() reported {report}"
+        if clock.now() > deadline.expires_s + 5.0:
+            yield f"on a wire that is {state}, make_safe() took {clock.now():g} s of 30 s"

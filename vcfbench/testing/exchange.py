@@ -1,0 +1,131 @@
+"""Protocol tests: a driver against a list of what goes over the wire, so that its test reads like its manual.
+
+::
+
+    with expected_exchange(over_visa(Hp34401A), [*OPENING, ("READ?", "+1.00000000E+01")]) as meter:
+        assert meter.read_voltage_v() == 10.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TypeVar
+
+from vcfbench.clock import VirtualClock
+from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.session import Session
+from vcfbench.errors import DeadlineExceeded, LinkLost
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Clock, Deadline
+    from vcfbench.drivers.wire import Interface
+
+__all__ = ["Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"]
+
+_T = TypeVar("_T")
+
+Message = str | bytes
+Exchange = tuple[Message, Message | None]
+"""What is sent and what is answered. Text is without its newline, bytes are literal; None is no answer."""
+
+
+def _bytes(message: Message) -> bytes:
+    return message if isinstance(message, bytes) else message.encode("ascii") + b"\n"
+
+
+class ScriptedWire:
+    """A wire that answers as told and complains about every message that was not foretold.
+
+    It fits under sessions and under lines of rate tables. Time-outs take the clock's time.
+    """
+
+    def __init__(self, exchanges: Sequence[Exchange], *, clock: Clock, interface: Interface = "gpib") -> None:
+        self.interface: Interface = interface
+        self.clears = 0
+        self.closed = False
+        self._clock = clock
+        self._left = list(exchanges)
+        self._answers = b""
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Compare `data` with what comes next."""
+        del deadline
+        if self.closed:
+            raise LinkLost("the connection is closed")
+        if not self._left:
+            raise AssertionError(f"unexpected: {data!r} was sent after the last of the expected messages")
+        expected, answer = self._left.pop(0)
+        if data != _bytes(expected):
+            raise AssertionError(f"unexpected: {data!r} was sent where {_bytes(expected)!r} was expected")
+        self._answers += b"" if answer is None else _bytes(answer)
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        """Return what has been answered, or wait for the deadline in vain."""
+        if not self._answers:
+            self._clock.sleep_until(deadline.expires_s)
+            raise DeadlineExceeded("no answer")
+        data, self._answers = self._answers, b""
+        return data, True
+
+    def pending(self) -> bytes:
+        """Return nothing: a scripted instrument does not speak unasked."""
+        return b""
+
+    def clear(self, deadline: Deadline) -> None:
+        """Count a device clear and forget what has been answered."""
+        del deadline
+        self.clears += 1
+        self._answers = b""
+
+    def close(self) -> None:
+        """Note that the connection was given back."""
+        self.closed = True
+
+    def require_done(self) -> None:
+        """Raise AssertionError when a message has not been sent or an answer has not been read."""
+        if self._left:
+            missing = ", ".join(repr(_bytes(sent)) for sent, _ in self._left)
+            raise AssertionError(f"missing: {missing} never came")
+        if self._answers:
+            raise AssertionError(f"unread: {self._answers!r} was answered and not read")
+
+
+Opener = Callable[[ScriptedWire, VirtualClock], _T]
+
+
+@contextmanager
+def expected_exchange(
+    opener: Opener[_T], exchanges: Sequence[Exchange], *, interface: Interface = "gpib"
+) -> Iterator[_T]:
+    """Open a driver on a wire that expects exactly `exchanges`.
+
+    Raises:
+        AssertionError: a message was sent that was not expected; at the end, one is missing, or an answer is unread.
+    """
+    clock = VirtualClock()
+    wire = ScriptedWire(exchanges, clock=clock, interface=interface)
+    yield opener(wire, clock)
+    wire.require_done()
+
+
+def over_visa(
+    make: Callable[[Session], _T], *, name: str = "instrument", timeout_s: float = 1.0, write_pause_s: float = 0.0
+) -> Opener[_T]:
+    """Return an opener of a driver that takes a :class:`~vcfbench.drivers.session.Session`."""
+
+    def opener(wire: ScriptedWire, clock: VirtualClock) -> _T:
+        return make(
+            Session(wire, name=name, resource="SCRIPT", clock=clock, timeout_s=timeout_s, write_pause_s=write_pause_s)
+        )
+
+    return opener
+
+
+def over_serial(make: Callable[[TableLine], _T], *, name: str = "rate_table", timeout_s: float = 1.0) -> Opener[_T]:
+    """Return an opener of a driver that takes a :class:`~vcfbench.drivers.rate_table.line.TableLine`."""
+
+    def opener(wire: ScriptedWire, clock: VirtualClock) -> _T:
+        return make(TableLine(wire, name=name, resource="script://", clock=clock, timeout_s=timeout_s))
+
+    return opener
