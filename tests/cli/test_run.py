@@ -47,6 +47,9 @@ class Station:
         bench.description, bench.simulated = description, description.simulated
         bench.identities = {"power": bench.power.identify()}
         bench.safe_reports = []
+        drive = description.procedure.drive
+        bench.oscilloscope.amplitude_v = sum(drive.amplitude_v) / 2.0
+        bench.oscilloscope.phase_deg = sum(drive.phase_deg) / 2.0
         self.spoil(bench)
         try:
             yield bench

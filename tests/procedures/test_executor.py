@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -209,6 +210,14 @@ def test_errors_name_instrument_resource_and_step_and_bring_the_bench_to_rest(
     assert not bench.power.enabled
     assert not bench.rate_source.enabled
     assert bench.rate_table.demand_deg_s == 0.0
+
+
+@pytest.mark.parametrize(("phase_deg", "fits"), [(-175.0, True), (175.0, True), (160.0, False), (0.0, False)])
+def test_a_phase_window_may_hold_180_degrees(phase_deg: float, *, fits: bool) -> None:
+    bench = FakeBench()
+    bench.oscilloscope.phase_deg = phase_deg
+    drive = replace(make_settings().drive, phase_deg=(170.0, 190.0))
+    assert (run("turntable", bench, drive=drive).status is Status.COMPLETE) == fits
 
 
 def test_a_window_that_fails_leaves_its_readings_in_the_journal() -> None:

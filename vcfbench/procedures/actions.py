@@ -309,10 +309,11 @@ class _DriveCheck:
 
 def _complaint(reading: DriveReading, step: AwaitDrive, previous_v: float) -> str:
     """Say what is wrong with the drive signal; empty when nothing is."""
+    low_deg = step.phase_deg[0]
     for name, value, (low, high), unit in (
         ("frequency", reading.frequency_hz, step.frequency_hz, "Hz"),
         ("amplitude", reading.amplitude_v, step.amplitude_v, "V"),
-        ("phase", reading.phase_deg, step.phase_deg, "deg"),
+        ("phase", low_deg + (reading.phase_deg - low_deg) % 360.0, step.phase_deg, "deg"),  # a window may hold 180
     ):
         if not low <= value <= high:
             return f"{name} {value:.6g} {unit}, expected {low:g}...{high:g} {unit}"
