@@ -40,8 +40,8 @@ class AttendedClock:
         self.now = clock.now
 
     def attend(self, *devices: Attended) -> None:
-        """Look in on `devices` too."""
-        self._devices += devices
+        """Look in on `devices` too, once each."""
+        self._devices += tuple(device for device in devices if not any(device is known for known in self._devices))
 
     def sleep_until(self, instant_s: float) -> None:
         """Wait until `instant_s`, stopping wherever a device has something to do."""

@@ -68,8 +68,8 @@ class _Bench:
     def __init__(self, instruments: Mapping[str, Device], clock: Clock) -> None:
         places = [_Place(name, device) for name, device in instruments.items()]
         self.places = {place.name.upper(): place for place in places}
-        attended = isinstance(clock, AttendedClock)
-        self.clock: Clock = clock if attended else AttendedClock(clock, instruments.values())
+        self.clock = clock if isinstance(clock, AttendedClock) else AttendedClock(clock)
+        self.clock.attend(*instruments.values())
         self.lock = threading.RLock()
 
 
@@ -226,7 +226,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """Open a resource: VI_ERROR_RSRC_NFOUND when the bench has none of that name."""
         del session, open_timeout
         try:
-            name = str(rname.ResourceName.from_string(resource_name))
+            name = str(rname.ResourceName.from_string(resource_name.upper()))
         except rname.InvalidResourceName:
             raise errors.VisaIOError(StatusCode.error_invalid_resource_name) from None
         bench = self._bench()
