@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from vcfbench.drivers.registry import DRIVERS
+from vcfbench.drivers.session import Session
+from vcfbench.interfaces import SafeReport
 from vcfbench.testing import ConformanceCase, conformance_cases, conformance_problems
 
 CASES = conformance_cases()
@@ -15,3 +19,54 @@ def test_driver_conforms(case: ConformanceCase) -> None:
 
 def test_every_registered_driver_has_a_case() -> None:
     assert {case.model for case in CASES} == set(DRIVERS.drivers)
+
+
+def problems_of(**members: object) -> list[str]:
+    """Return the problems of an E3631A driver with some members replaced."""
+    case = next(case for case in CASES if case.model == "E3631A")
+    broken = type("Broken", (case.driver_class,), members)
+    return conformance_problems(
+        dataclasses.replace(
+            case,
+            driver_class=broken,
+            open_on=lambda wire, clock: broken(
+                Session(wire, name="under test", resource="SCRIPT", clock=clock, timeout_s=1.0)
+            ),
+        )
+    )
+
+
+def test_a_missing_method_is_noticed() -> None:
+    assert "enable_outputs is missing" in problems_of(enable_outputs=None)
+
+
+def test_another_signature_is_noticed() -> None:
+    def measure_voltage_v(self: object, output: str, range_v: float) -> float:
+        """Measure."""
+        del self, output
+        return range_v
+
+    assert any("measure_voltage_v is called differently" in p for p in problems_of(measure_voltage_v=measure_voltage_v))
+
+
+def test_a_driver_that_ignores_refusals_is_noticed() -> None:
+    def check_errors(self: object) -> None:
+        """Say that all is well."""
+
+    assert any("not an InstrumentError" in problem for problem in problems_of(check_errors=check_errors))
+
+
+def test_a_safe_action_that_only_says_so_is_noticed() -> None:
+    def make_safe(self: object, deadline: object) -> SafeReport:
+        """Say that all is well."""
+        del self, deadline
+        return SafeReport("under test", "SCRIPT", safe=True, detail="trust me")
+
+    assert any("silent, make_safe()" in problem for problem in problems_of(make_safe=make_safe))
+
+
+def test_missing_words_are_noticed() -> None:
+    def close(self):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+        pass
+
+    assert {"close has no docstring", "close is not fully annotated"} <= set(problems_of(close=close))

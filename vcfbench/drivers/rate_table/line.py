@@ -158,9 +158,12 @@ class TableLine:
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Send all of `data`."""
+        self._require_open()
+        self._wire.send(data, deadline)
+
+    def _require_open(self) -> None:
         if self._closed:
             raise LinkLost("the connection is closed", instrument=self.name, resource=self.resource)
-        self._wire.send(data, deadline)
 
     def take_line(self, deadline: Deadline) -> bytes:
         """Return what comes up to the next line end (CR, LF or both), without it; empty lines are lines."""
@@ -198,6 +201,7 @@ class TableLine:
 
     def take_unasked(self) -> bytes:
         """Return what came without being waited for, and forget it."""
+        self._require_open()
         data, self._received = self._received + self._wire.pending(), b""
         return data
 

@@ -1,0 +1,340 @@
+"""The ACL dialect and the rate-table driver against the ACL manual (TM-8004-C)."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import TYPE_CHECKING, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vcfbench.clock import Deadline
+from vcfbench.drivers.rate_table.acl import AclDialect, detect_header
+from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.errors import (
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    InterlockError,
+    LimitError,
+    OutOfSync,
+)
+from vcfbench.testing import Exchange, ScriptedWire, expected_exchange, over_serial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.clock import Clock, VirtualClock
+    from vcfbench.drivers.rate_table.acl import Header
+
+IDENTITY = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
+LIMITS = TableLimits(max_rate_deg_s=100.0, max_acceleration_deg_s2=50.0)
+IDN: Exchange = ("*IDN?", IDENTITY)
+FINE: Exchange = (":Status:STB?", "0")
+STILL: Exchange = (":Read:Rate? 1", "0.00001")
+
+
+def table(sign: Literal[1, -1] = 1, header: Header = "none") -> Callable[[ScriptedWire, VirtualClock], RateTableDriver]:
+    return over_serial(
+        lambda line: RateTableDriver(
+            line,
+            AclDialect(axis=1, header=header),
+            limits=LIMITS,
+            axis_sign=sign,
+        )
+    )
+
+
+ENABLING: list[Exchange] = [
+    (":Utility:Lockout ON", None),
+    FINE,
+    (":Interlock? 1", "Open"),
+    (":Status:CSR? A1STATE", "32"),
+    *[STILL] * 3,
+    (":Limit:Rate R,1,100;Vtrip R,1,110;Acceleration R,1,50", None),
+    FINE,
+    (":Demand:Rate 1,0;:Mode:Rate 1", None),
+    FINE,
+    (":Interlock:Close 1", None),
+    FINE,
+    (":Status:CSR? A1STATE", "0"),
+    (":Status:CSR? A1STATE", "17"),
+]
+TURNING: list[Exchange] = [(":Limit:Acceleration R,1,20;:Demand:Rate 1,10.5", None), FINE]
+RELEASING: list[Exchange] = [
+    (":Mode:Off 1", None),
+    FINE,
+    (":Interlock:Open 1", None),
+    FINE,
+    (":Status:CSR? A1STATE", "32"),
+]
+UNLOCKING: list[Exchange] = [(":Utility:Lockout OFF", None), FINE]
+
+
+def test_demand_zero_comes_before_the_mode_and_the_mode_before_the_servo() -> None:
+    with expected_exchange(table(), [IDN, *ENABLING]) as driver:
+        driver.enable()
+
+
+def test_a_rate_goes_with_its_acceleration_in_one_message() -> None:
+    exchanges = [*TURNING, (":Status:CSR? A1DYN,9", "0"), (":Status:CSR? A1DYN,9", "1"), (":Read:Rate? 1", "10.49999")]
+    with expected_exchange(table(), [IDN, *ENABLING, *exchanges]) as driver:
+        driver.enable()
+        driver.set_rate(10.5, 20.0)
+        assert not driver.at_rate()
+        assert driver.at_rate()
+        assert driver.rate_deg_s() == 10.49999
+
+
+def test_acknowledgements_without_header_may_come_or_not() -> None:
+    exchanges: list[Exchange] = [
+        (":Utility:Lockout ON", "OK"),
+        FINE,
+        (":Interlock? 1", "Fault"),
+        (":Status:CSR? A1STATE", b"\r\n16\r\n"),
+        (":Status:CSR? A1SWFLT", b"OK\r\n6\r\n"),
+        (":Status:CSR? A1INTLK", "512"),
+    ]
+    with expected_exchange(table(), [IDN, *exchanges]) as driver:
+        with pytest.raises(InterlockError) as caught:
+            driver.enable()
+        assert str(caught.value) == (
+            "rate_table at script://: over-rate trip, tracking error, master interlock (disabled at the front panel); "
+            "see to the cause, then clear the fault"
+        )
+
+
+def test_an_axis_of_the_other_sign() -> None:
+    exchanges: list[Exchange] = [
+        (":Limit:Acceleration R,1,20;:Demand:Rate 1,-10", None),
+        FINE,
+        (":Read:Rate? 1", "-9.99999"),
+        (":Read:Position? 1", "123.45678"),
+    ]
+    with expected_exchange(table(-1), [IDN, *ENABLING, *exchanges]) as driver:
+        driver.enable()
+        driver.set_rate(10.0, 20.0)
+        assert driver.rate_deg_s() == 9.99999
+        assert driver.angle_deg() == -123.45678
+
+
+@given(st.floats().filter(lambda r: not abs(r) <= 100.0), st.just(20.0))
+def test_rates_beyond_the_limit_are_not_sent(rate: float, acceleration: float) -> None:
+    with expected_exchange(table(), [IDN]) as driver, pytest.raises(LimitError):
+        driver.set_rate(rate, acceleration)
+
+
+@pytest.mark.parametrize("acceleration", [0.0, -1.0, 50.1, math.inf, math.nan])
+def test_accelerations_that_could_not_be_taken_back_are_not_sent(acceleration: float) -> None:
+    with expected_exchange(table(), [IDN]) as driver:
+        with pytest.raises(LimitError):
+            driver.set_rate(10.0, acceleration)
+        with pytest.raises(LimitError):
+            driver.stop(acceleration)
+
+
+def test_no_demand_waits_for_the_servo() -> None:
+    with (
+        expected_exchange(table(), [IDN]) as driver,
+        pytest.raises(InterlockError, match="servo is open, nothing was sent"),
+    ):
+        driver.set_rate(1.0, 1.0)
+
+
+def test_a_table_found_turning_is_not_started() -> None:
+    exchanges = [*ENABLING[:4], (":Read:Rate? 1", "42.0")]
+    with (
+        expected_exchange(table(), [IDN, *exchanges]) as driver,
+        pytest.raises(InterlockError, match="found turning at 42 deg/s"),
+    ):
+        driver.enable()
+
+
+def test_a_turning_table_is_not_disabled() -> None:
+    exchanges = [*ENABLING, *TURNING, (":Read:Rate? 1", "10.5")]
+    with expected_exchange(table(), [IDN, *exchanges]) as driver:
+        driver.enable()
+        driver.set_rate(10.5, 20.0)
+        with pytest.raises(InterlockError, match=r"still turns at 10\.5"):
+            driver.disable()
+
+
+def test_disabling_holds_and_opens() -> None:
+    with expected_exchange(table(), [IDN, *[STILL] * 3, *RELEASING]) as driver:
+        driver.disable()
+
+
+def test_a_refusal_is_raised_with_the_table_s_words() -> None:
+    exchanges: list[Exchange] = [
+        TURNING[0],
+        (":Status:STB?", "128"),
+        (":Status:MSG? QERROR", "-222 data out of range"),
+        FINE,
+    ]
+    with expected_exchange(table(), [IDN, *ENABLING, *exchanges]) as driver:
+        driver.enable()
+        with pytest.raises(InstrumentError, match="rate_table at script://: refused with -222 data out of range"):
+            driver.set_rate(10.5, 20.0)
+
+
+def test_a_question_is_asked_again_a_motion_command_is_not() -> None:
+    exchanges: list[Exchange] = [
+        (":Read:Rate? 1", None),
+        IDN,
+        (":Status:STB?", "0"),
+        (":Read:Rate? 1", "1.5"),
+        (":Read:Rate? 1", "1.5.5"),
+        (":Read:Rate? 1", "2.5"),
+        TURNING[0],
+        (":Status:STB?", None),
+    ]
+    with expected_exchange(table(), [IDN, *ENABLING, *exchanges]) as driver:
+        driver.enable()
+        assert driver.rate_deg_s() == 1.5
+        assert driver.rate_deg_s() == 2.5
+        with pytest.raises(DeadlineExceeded):
+            driver.set_rate(10.5, 20.0)
+
+
+def test_a_number_that_is_none_is_an_error_and_not_rest() -> None:
+    with (
+        expected_exchange(table(), [IDN, *[(":Read:Rate? 1", "?")] * 2]) as driver,
+        pytest.raises(FramingError),
+    ):
+        driver.rate_deg_s()
+
+
+def test_a_binary_answer_is_refused() -> None:
+    binary: Exchange = (":Read:Rate? 1", b"#14\x00\x00\x80?\n")
+    with (
+        expected_exchange(table(), [IDN, binary, IDN, FINE, binary]) as driver,
+        pytest.raises(FramingError, match="binary"),
+    ):
+        driver.rate_deg_s()
+
+
+def test_stop_is_repeated() -> None:
+    stopping: Exchange = (":Limit:Acceleration R,1,20;:Demand:Rate 1,0", None)
+    exchanges: list[Exchange] = [stopping, (":Status:STB?", None), IDN, FINE, stopping, FINE]
+    with expected_exchange(table(), [IDN, *exchanges]) as driver:
+        driver.stop(20.0)
+
+
+def test_a_late_answer_is_not_taken_for_another() -> None:
+    exchanges: list[Exchange] = [
+        (":Read:Rate? 1", None),
+        (b"*IDN?\n", b"99.9\n" + IDENTITY.encode() + b"\n"),
+        (":Status:STB?", "0"),
+        (":Read:Rate? 1", "0.5"),
+    ]
+    with expected_exchange(table(), [IDN, *exchanges]) as driver:
+        assert driver.rate_deg_s() == 0.5
+
+
+def test_answers_that_stay_away_close_the_line() -> None:
+    with (
+        expected_exchange(table(), [IDN, (":Read:Rate? 1", None), ("*IDN?", None)]) as driver,
+        pytest.raises(OutOfSync, match="rate_table at script://"),
+    ):
+        driver.rate_deg_s()
+
+
+SAFE_STOP: list[Exchange] = [(":Limit:Acceleration R,1,20;:Demand:Rate 1,0", None), FINE]
+
+
+def test_safe_is_rest_by_read_back_then_servo_open_then_remote_given_back() -> None:
+    slowing: list[Exchange] = [(":Read:Rate? 1", rate) for rate in ("8.5", "0.04", "-0.06", "0.01")]
+    exchanges = [*ENABLING, *TURNING, *SAFE_STOP, *slowing, *[STILL] * 2, *RELEASING, *UNLOCKING]
+    with expected_exchange(table(), [IDN, *exchanges]) as driver:
+        driver.enable()
+        driver.set_rate(10.5, 20.0)
+        report = driver.make_safe(Deadline.after(driver.clock, 30.0))
+        assert report.safe
+        assert report.detail == "at rest (|rate| below 0.05 deg/s), servo open"
+
+
+def test_safe_without_ever_having_been_enabled() -> None:
+    stop: list[Exchange] = [(":Limit:Acceleration R,1,50;:Demand:Rate 1,0", None), FINE]
+    with expected_exchange(table(), [IDN, *stop, *[STILL] * 3, *RELEASING, *UNLOCKING]) as driver:
+        assert driver.make_safe(Deadline.after(driver.clock, 30.0)).safe
+
+
+def test_a_table_that_goes_on_turning_is_aborted_and_not_called_safe() -> None:
+    with expected_exchange(table(), [IDN]) as driver:
+        driver._line._wire = endless = _Turning([], clock=driver.clock)
+        report = driver.make_safe(Deadline.after(driver.clock, 5.0))
+        assert not report.safe
+        assert "did not come to rest, last read at 7 deg/s" in report.detail
+        assert "emergency stop" in report.detail
+        assert ":Interlock:Open 1" in endless.sent
+        assert driver.clock.now() <= 6.0
+
+
+class _Turning(ScriptedWire):
+    """Takes every command and goes on at 7 deg/s."""
+
+    def __init__(self, exchanges: list[Exchange], *, clock: Clock) -> None:
+        super().__init__(exchanges, clock=clock)
+        self.sent: list[str] = []
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        del deadline
+        self.sent.append(data.decode().strip())
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        del deadline
+        return (b"7.0\n" if "Rate?" in self.sent[-1] else b"0\n"), False
+
+
+# Framing: what precedes a reply on a byte stream
+
+
+def framed(layout: str, body: str, error: int = 0) -> bytes:
+    return struct.pack(layout, error, len(body)) + body.encode()
+
+
+@pytest.mark.parametrize(("header", "layout"), [("u32le2", "<II"), ("u32be2", ">II")])
+@pytest.mark.parametrize("configured", ["auto", "itself"])
+def test_replies_with_error_code_and_length(header: Header, layout: str, configured: str) -> None:
+    exchanges: list[Exchange] = [
+        ("*IDN?", framed(layout, IDENTITY + "\r\n")),
+        (":Read:Rate? 1", framed(layout, "1.5\r\n")),
+        (":Utility:Lockout ON", framed(layout, "OK")),
+        (":Status:STB?", framed(layout, "0")),
+    ]
+    told: Header = "auto" if configured == "auto" else header
+    with expected_exchange(table(header=told), exchanges) as driver:
+        assert driver.rate_deg_s() == 1.5
+        driver._command(driver._dialect.claim)
+        assert isinstance(driver._dialect, AclDialect)
+        assert driver._dialect.header == header
+
+
+def test_an_error_code_in_the_header_is_a_refusal() -> None:
+    exchanges: list[Exchange] = [
+        ("*IDN?", framed("<II", IDENTITY)),
+        (":Interlock:Reset", framed("<II", "axis is servoed", 321)),
+        (":Read:Rate? 1", framed("<II", "0.0")),
+    ]
+    with expected_exchange(table(header="auto"), exchanges) as driver:
+        with pytest.raises(InstrumentError, match="refused with 321 'axis is servoed'") as caught:
+            driver.clear_fault()
+        assert caught.value.number == 321
+        assert caught.value.command == ":Interlock:Reset"
+        assert driver.rate_deg_s() == 0.0
+
+
+def test_without_header_the_first_reply_is_a_plain_line() -> None:
+    with expected_exchange(table(header="auto"), [IDN, STILL]) as driver:
+        assert driver.rate_deg_s() == 0.00001
+        assert isinstance(driver._dialect, AclDialect)
+        assert driver._dialect.header == "none"
+
+
+@given(st.sampled_from(["<II", ">II"]), st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=9))
+def test_headers_are_told_apart(layout: str, body: str) -> None:
+    assert detect_header(framed(layout, body)[:8]) == {"<II": "u32le2", ">II": "u32be2"}[layout]
+    assert detect_header(body.encode()[:8]) == "none"

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import pytest
+
+from tests.drivers.servers import answering, serving
+from vcfbench.clock import WallClock
+from vcfbench.drivers.registry import DRIVERS, Driver, open_instrument
+from vcfbench.errors import ConfigError, ConnectFailed, WrongInstrument
+
+
+def opener(*_: object) -> object:
+    raise NotImplementedError
+
+
+def open_meter(resource: str, **settings: object) -> object:
+    return open_instrument(
+        "multimeter", "34401A", resource, library="@py", clock=WallClock(), settings={"timeout_s": 0.5, **settings}
+    )
+
+
+def test_a_driver_without_a_safe_action_cannot_be_registered() -> None:
+    class Careless:
+        def identify(self) -> None: ...
+        def check_errors(self) -> None: ...
+        def close(self) -> None: ...
+
+    with pytest.raises(TypeError, match=r"Careless has no make_safe\(\) and cannot be registered"):
+        Driver("1", Careless, opener)  # type: ignore[arg-type]
+
+
+def test_a_safe_action_must_be_a_method_of_the_class() -> None:
+    class Pretending:
+        make_safe = None
+
+    with pytest.raises(TypeError, match="make_safe"):
+        Driver("1", Pretending, opener)  # type: ignore[arg-type]
+
+
+def test_the_scpi_base_class_has_no_default_safe_action() -> None:
+    from vcfbench.drivers.scpi_instrument import ScpiInstrument  # noqa: PLC0415
+
+    with pytest.raises(TypeError, match="make_safe"):
+        Driver("1", ScpiInstrument, opener)  # type: ignore[arg-type]
+
+
+def test_a_registry_grows_by_a_copy() -> None:
+    grown = DRIVERS.having(Driver("mine", DRIVERS.find("34401A").driver_class, DRIVERS.find("34401A").opener))
+    assert "mine" in grown.drivers
+    assert "mine" not in DRIVERS.drivers
+
+
+def test_models_it_does_not_know_are_named_with_those_it_does() -> None:
+    with pytest.raises(ConfigError, match="no driver for '34410A'; there are 33220A, 34401A, DSO7104B, E3631A, acl"):
+        open_instrument("multimeter", "34410A", "GPIB0::1::INSTR", library="@py", clock=WallClock(), settings={})
+
+
+def test_settings_it_does_not_know_are_named() -> None:
+    with pytest.raises(ConfigError, match=r"settings of multimeter do not fit: .*'colour'"):
+        open_meter("GPIB0::1::INSTR", colour="red")
+
+
+def test_an_instrument_is_opened_by_its_resource() -> None:
+    with serving(answering(lambda *_: False)) as where:
+        meter = open_meter(where)
+        assert meter.identify().model == "34401A"  # type: ignore[attr-defined]
+        meter.close()  # type: ignore[attr-defined]
+
+
+def test_the_wrong_instrument_is_closed_again() -> None:
+    with serving(answering(lambda *_: False)) as where, pytest.raises(WrongInstrument, match="power at TCPIP0"):
+        open_instrument("power", "E3631A", where, library="@py", clock=WallClock(), settings={"timeout_s": 0.5})
+
+
+def test_a_table_that_is_not_there() -> None:
+    with pytest.raises(ConnectFailed, match="rate_table at /no/such/port: cannot be opened"):
+        open_instrument("rate_table", "acl", "/no/such/port", library="", clock=WallClock(), settings={})

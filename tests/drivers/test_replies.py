@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vcfbench.drivers import replies
+from vcfbench.errors import FramingError, MeasurementError
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+BELOW_OVERLOAD = FINITE.filter(lambda value: abs(value) < replies.OVERLOAD)
+
+
+@given(FINITE)
+def test_numbers_come_back_in_every_form(value: float) -> None:
+    assert replies.number(repr(value)) == value
+    assert replies.number(f"{value:+.16E}") == value
+
+
+@given(BELOW_OVERLOAD)
+def test_readings_below_overload_come_back(value: float) -> None:
+    assert replies.reading(f"{value:+.16E}") == value
+
+
+@given(FINITE.filter(lambda value: abs(value) >= replies.OVERLOAD))
+def test_overloads_never_come_back(value: float) -> None:
+    with pytest.raises(MeasurementError):
+        replies.reading(repr(value))
+
+
+@given(st.text())
+def test_what_reads_as_a_number_is_one(text: str) -> None:
+    try:
+        value = replies.number(text)
+    except FramingError:
+        return
+    assert set(text) <= set("+-.0123456789eE")
+    assert value == float(text)
+    assert not math.isnan(value)
+
+
+@pytest.mark.parametrize(
+    "text", ["", " ", "nan", "inf", "1e", "1 ", " 1", "1_0", "0x1", "1,2", "+", ".", "e5", "\u0661"]
+)
+def test_what_is_no_number(text: str) -> None:
+    with pytest.raises(FramingError, match="expected a number"):
+        replies.number(text)
+
+
+@given(st.binary())
+def test_text_is_printable_ascii_or_refused(data: bytes) -> None:
+    try:
+        text = replies.text(data)
+    except FramingError:
+        return
+    assert text.isascii()
+    assert text.isprintable()
+    assert data.startswith(text.encode())
+
+
+@given(st.binary(max_size=300), st.integers(min_value=1, max_value=9))
+def test_block_headers_are_read_from_any_part(data: bytes, digits: int) -> None:
+    header = f"#{digits}{len(data):0{digits}d}"
+    if len(header) != 2 + digits:
+        return  # the length does not fit so few digits
+    whole = header.encode() + data
+    for cut in range(len(whole) + 1):
+        found = replies.block_length(whole[:cut])
+        assert found == ((len(header), len(data)) if cut >= len(header) else None)
+
+
+@given(st.binary(min_size=1, max_size=12))
+def test_what_is_no_block_is_refused_or_waited_for(data: bytes) -> None:
+    try:
+        found = replies.block_length(data)
+    except FramingError:
+        return
+    assert data[:1] == b"#"
+    assert found is None or data[2 : found[0]].isdigit()
+
+
+def test_block_length_takes_only_ascii_digits() -> None:
+    with pytest.raises(FramingError):
+        replies.block_length(b"#2\xb2\xb3")
+
+
+@given(st.integers(min_value=-999, max_value=999), st.text(st.characters(min_codepoint=32, max_codepoint=126)))
+def test_error_entries_come_back(number: int, words: str) -> None:
+    doubled = words.replace('"', '""')
+    assert replies.error_entry(f'{number:+d},"{doubled}"') == (number, words)
+
+
+@pytest.mark.parametrize("text", ["", "0", "+0,No error", '0,"No error', 'x,"y"', '0,"a"b"'])
+def test_what_is_no_error_entry(text: str) -> None:
+    with pytest.raises(FramingError):
+        replies.error_entry(text)
+
+
+def test_switches_integers_strings_identities() -> None:
+    assert (replies.boolean("1"), replies.boolean("0")) == (True, False)
+    assert (replies.integer("+1"), replies.integer("-20"), replies.integer("7")) == (1, -20, 7)
+    assert replies.quoted('"SIN ""x"""') == 'SIN "x"'
+    assert replies.numbers("+0, 1.5,-2E1") == (0.0, 1.5, -20.0)
+    assert replies.identity_fields("A, B,C,1.0,2") == ("A", "B", "C", "1.0,2")
+
+
+@pytest.mark.parametrize("text", ["2", "", "ON", "+1", "01"])
+def test_what_is_no_switch(text: str) -> None:
+    with pytest.raises(FramingError):
+        replies.boolean(text)
+
+
+@pytest.mark.parametrize(("read", "text"), [("quoted", 'x"'), ("integer", "1.0"), ("identity_fields", "A,B,C")])
+def test_what_is_none_of_them(read: str, text: str) -> None:
+    with pytest.raises(FramingError):
+        getattr(replies, read)(text)
