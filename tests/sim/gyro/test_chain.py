@@ -57,7 +57,7 @@ def test_equation_16_substitutes_v_vc_for_the_rate_on_ideal_within_1e_9(v_vc: fl
 
 
 def test_unequal_combs_mix_the_modes_otherwise_than_a_rate_does() -> None:
-    """The paper's Error 1: K_Vc lies between what each mode alone would give, so it depends on split and Q after all."""
+    """The paper's Error 1: K_Vc lies between what each mode alone would give, so split and Q enter after all."""
     chain, start = locked_chain(PAPER), ChainState.at_rest(4)
     no_quadrature = replace(chain, quadrature=chain.quadrature * 0, turned_quadrature=chain.turned_quadrature * 0)
     by_rate = no_quadrature.respond(no_quadrature.modal(start, 1), still(1.0), 1).sense().constant

@@ -168,12 +168,14 @@ def test_flicker_alone_has_its_floor_at_3_7_deg_per_hour() -> None:
 
 
 def test_minimum_of_the_allan_deviation_is_3_7_deg_per_hour_within_its_spread(record_deg_h: np.ndarray) -> None:
-    """One hour each: 95 % of records have their minimum in 2.58 to 4.37 deg/h, mean 3.53, sd 0.47 (Monte Carlo)."""
-    taus = np.unique(np.geomspace(1, 400, 40).astype(int))
+    """Monte Carlo of one-hour records: minimum 3.53 deg/h on average, sd 0.47, 95 % between 2.58 and 4.37.
+
+    Five hours: their mean within three of its standard deviations, at most two hours outside the 95 % (1 in 1000).
+    """
     hours = [record_deg_h[i : i + 3600] for i in range(0, 18_000, 3600)]
-    minima = [min(allan_deviation(hour, int(t)) for t in taus) for hour in hours]
+    minima = [min(allan_deviation(hour, 2**octave) for octave in range(9)) for hour in hours]
     assert np.mean(minima) == pytest.approx(3.53, abs=3 * 0.47 / math.sqrt(5))
-    assert all(2.0 < each < 5.0 for each in minima)
+    assert sum(2.58 < each < 4.37 for each in minima) >= 3
 
 
 def test_ideal_has_no_noise() -> None:

@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.sim.gyro.bench import powered
+from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.drive import ring_down, start_up
+from vcfbench.sim.gyro.modes import Resonance
+from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.world import World
+
+PAPER = BenchParameters.paper()
+MODE = Resonance(2 * math.pi * 3488.9, 1395.0)
+AMPLITUDE = PAPER.drive_loop.amplitude_m
+
+
+def test_start_up_time_is_what_saturated_force_and_damping_say() -> None:
+    """Saturated, the amplitude grows as F/F0 (1 - exp(-t w/2Q)), F0 the force that holds A_x; the PI leaves
+    saturation only above 40 % of it. Then 1 % is reached within a quarter of a second.
+    """
+    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=10.0)
+    damping = MODE.natural_rad_s / (2 * MODE.quality)
+    holding = PAPER.drive_mode.mass_kg * MODE.natural_rad_s**2 * AMPLITUDE / MODE.quality
+    wanted = -math.log(1 - 0.4 * holding / (PAPER.drive_loop.force_limit_n_per_v * 10.0)) / damping
+    seen = next(each.stop_s for each in segments if abs(each.displacement_m) > 0.4 * AMPLITUDE)
+    assert seen == pytest.approx(wanted, abs=0.005)
+    settled = [each.stop_s for each in segments if abs(abs(each.displacement_m) / AMPLITUDE - 1) > 0.01]
+    assert 0.1 < settled[-1] < 0.25
+    assert max(abs(each.displacement_m) for each in segments) < 1.1 * AMPLITUDE
+
+
+def test_start_up_ends_locked_at_resonance_with_x_as_minus_cosine() -> None:
+    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=10.0)
+    *starting, last = segments
+    assert last.locked
+    assert math.isinf(last.stop_s)
+    assert last.displacement_m == -AMPLITUDE
+    assert starting[-1].displacement_m == pytest.approx(-AMPLITUDE, rel=1e-6)
+    assert starting[-1].stop_s < 1.2
+
+
+def test_ring_down_gives_back_frequency_and_quality_of_the_drive_within_0_1_percent() -> None:
+    """Seen on the oscilloscope: rails pulled below brown-out while the pick-off still works."""
+    clock, world = powered(PAPER)
+    world.set_rail("positive", 6.0)
+    start = clock.now()
+    capture = world.capture(start, start + 0.5)
+    clock.sleep_until(start + 0.5)
+    step = 1 / 40_000
+    x = capture.samples("drive", np.asarray(start + step * np.arange(18_000), float))
+    spans = [x[i : i + 2000] for i in (0, 14_000)]
+    (first, second), *_ = np.linalg.lstsq(np.column_stack((x[1:-1], x[:-2])), x[2:], rcond=None)
+    natural = math.acos(first / (2 * math.sqrt(-second))) / step
+    decay = math.log(np.std(spans[0]) / np.std(spans[1])) / (14_000 * step)
+    assert natural == pytest.approx(MODE.natural_rad_s, rel=1e-3)
+    assert natural / (2 * decay) == pytest.approx(MODE.quality, rel=1e-3)
+
+
+def test_nothing_is_left_after_a_ring_down() -> None:
+    parts = MODE.parts(-AMPLITUDE, -1j * MODE.natural_rad_s * AMPLITUDE)
+    segments = ring_down(MODE, parts, drive_rad_s=MODE.natural_rad_s, start_s=0.0, phase_rad=0.0)
+    assert abs(segments[-2].displacement_m) < 2e-7 * AMPLITUDE
+    assert segments[-1].displacement_m == 0
+
+
+def test_power_on_to_drive_amplitude_on_the_scope() -> None:
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.set_rail("positive", 10.0)
+    world.set_rail("negative", -10.0)
+    capture = world.capture(0.0, 2.0)
+    clock.sleep_until(2.0)
+    early = capture.samples("drive", np.linspace(0.010, 0.012, 400))
+    late = capture.samples("drive", np.linspace(1.990, 1.992, 400))
+    assert 0.3 < np.max(early) < 0.9
+    assert np.max(np.abs(late)) == pytest.approx(1.0, rel=1e-3)
+    assert capture.samples("drive", np.array([0.0]))[0] == 0.0
+
+
+def test_drive_is_continuous_from_one_control_step_to_the_next() -> None:
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.set_rail("positive", 10.0)
+    world.set_rail("negative", -10.0)
+    capture = world.capture(0.0, 1.2)
+    clock.sleep_until(1.2)
+    times = np.arange(0.0, 1.2, 1e-5)
+    x = capture.samples("drive", times)
+    assert np.max(np.abs(np.diff(x))) < 1.1 * 2 * math.pi * 3490 * 1e-5
+
+
+def test_brown_out_stops_the_drive_and_the_rails_start_it_again() -> None:
+    clock, world = powered(PAPER)
+    world.set_rail("negative", -6.9)
+    clock.sleep_until(clock.now() + 4.0)
+    assert abs(world.value_v("drive")) < 1e-6
+    world.set_rail("negative", -7.5)  # hysteresis: above brown-out, below start
+    clock.sleep_until(clock.now() + 2.0)
+    assert abs(world.value_v("drive")) < 1e-6
+    world.set_rail("negative", -10.0)
+    clock.sleep_until(clock.now() + 2.0)
+    capture = world.capture(clock.now(), clock.now() + 0.001)
+    clock.sleep_until(clock.now() + 0.001)
+    volts = capture.samples("drive", np.linspace(capture.start_s, capture.stop_s, 500))
+    assert np.max(np.abs(volts)) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_amplitude_follows_the_supply_by_its_coefficient() -> None:
+    clock, world = powered(PAPER)
+    world.set_rail("positive", 9.0)
+    start = clock.now()
+    capture = world.capture(start, start + 0.01)
+    clock.sleep_until(start + 0.01)
+    volts = capture.samples("drive", np.linspace(start, start + 0.01, 20_000))
+    assert np.max(volts) == pytest.approx(1 - 200e-6, abs=2e-6)

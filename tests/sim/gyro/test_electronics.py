@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vcfbench.sim.gyro.electronics import Oscillation, amplify, modulate, node_voltage, output_limits
+from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
+from vcfbench.sim.parameters import BenchParameters
+
+PAPER = BenchParameters.paper()
+
+
+@given(st.floats(-5, 5), st.floats(0.01, 5), st.floats(0, 6), st.floats(-1e-2, 1e-2), st.floats(-1e-2, 1e-2))
+def test_modulator_of_a_sine_is_its_polynomial_at_every_instant(
+    dc: float, amplitude: float, phase: float, second: float, third: float
+) -> None:
+    path = replace(PAPER.virtual_path, second_order_per_v=second, third_order_per_v2=third)
+    speed = 2 * math.pi * 10
+    node = Oscillation(dc, [(-1j * amplitude * cmath.exp(1j * phase), 1j * speed)])
+    made = modulate(path, node)
+    for t in np.linspace(0, 0.1, 7):
+        v = dc + amplitude * math.sin(speed * t + phase)
+        seen = made.constant_v + sum((a * cmath.exp(s * t)).real for a, s in made.terms)
+        assert seen == pytest.approx(path.offset_v + v + second * v**2 + third * v**3, abs=1e-9)
+
+
+def test_output_amplifier_is_a_clipped_polynomial() -> None:
+    stage = replace(PAPER.output_stage, gain=2.0, offset_v=0.1, second_order_per_v=0.01, third_order_per_v2=0.001)
+    assert amplify(stage, np.array([1.0, -1.0, 9.0]), (-8.5, 8.5)) == pytest.approx([2.148, -1.868, 8.5])
+    assert output_limits(stage, 10.0, -9.0) == (-7.5, 8.5)
+
+
+def test_the_generators_source_loads_against_the_pull_down() -> None:
+    assert node_voltage(5.0, 50.0, PAPER.virtual_path) == pytest.approx(5.0 * 1e6 / 1000050)
+
+
+def test_bands_of_temperature_are_entered_where_the_exponential_crosses_them() -> None:
+    thermal = replace(PAPER.thermal, refresh_k=0.1)
+    for start, goal in ((20.0, 21.0), (21.0, 20.0), (20.0, 20.0)):
+        warm_up = WarmUp(5.0, start, goal, 300.0)
+        bands = warm_up.bands(thermal)
+        assert bands[0] == (5.0, round(start / 0.1))
+        assert bands[-1][1] == round(goal / 0.1)
+        for instant, band in bands[1:]:
+            assert abs(warm_up.at(instant) - band * 0.1) == pytest.approx(0.05)
+
+
+def test_frequency_and_quality_follow_the_temperature() -> None:
+    mode = resonance_at(PAPER.drive_mode, PAPER.thermal, 30.0)
+    assert mode.natural_rad_s / (2 * math.pi) == pytest.approx(3488.9 * (1 - 300e-6), rel=1e-12)
+    assert mode.quality == pytest.approx(1395 * 0.98)

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+
+from vcfbench.clock import VirtualClock
+from vcfbench.sim.motion import TableMotion
+from vcfbench.sim.parameters import BenchParameters
+
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import TableMechanics
+
+PERFECT = BenchParameters.ideal().table
+REAL = BenchParameters.paper().table
+
+
+def table(mechanics: TableMechanics = PERFECT) -> tuple[VirtualClock, TableMotion]:
+    clock = VirtualClock()
+    motion = TableMotion(clock, mechanics, lambda: None)
+    motion.close_servo()
+    return clock, motion
+
+
+def test_profile_is_a_trapezoid() -> None:
+    clock, motion = table()
+    motion.demand_rate(200.0, 100.0)
+    seen = []
+    for instant in (0.5, 1.9, 2.0, 9.0):
+        clock.sleep_until(instant)
+        seen.append((motion.profile_rate_deg_s(), motion.profile_complete()))
+    assert seen == [(50.0, False), (190.0, False), (200.0, True), (200.0, True)]
+
+
+def test_true_rate_follows_the_second_order_loop() -> None:
+    clock, motion = table()
+    motion.demand_rate(100.0, 200.0)
+    w, z = 2 * math.pi * 25.0, 0.8
+    solved = solve_ivp(
+        lambda t, s: [s[1], w * w * (min(200.0 * t, 100.0) - s[0]) - 2 * z * w * s[1], s[0]],
+        (0.0, 0.8), [0.0, 0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-10, max_step=1e-3, dense_output=True,
+    )  # fmt: skip
+    for instant in (0.003, 0.05, 0.3, 0.5, 0.51, 0.55, 0.8):
+        clock.sleep_until(instant)
+        assert solved.sol is not None
+        rate, _, angle = solved.sol(instant)
+        assert motion.rate_deg_s() == pytest.approx(rate, abs=1e-5)
+        assert motion.angle_deg() == pytest.approx(angle, abs=1e-6)
+
+
+def test_mean_rate_error_scales_the_rate() -> None:
+    clock, motion = table(replace(PERFECT, rate_error=1e-3))
+    motion.demand_rate(50.0, 1000.0)
+    clock.sleep_until(2.0)
+    assert motion.rate_deg_s() == pytest.approx(50.05, rel=1e-12)
+
+
+def test_ripple_is_locked_to_the_angle_and_averages_out_over_a_turn() -> None:
+    """An angle error A sin(k angle + phase) makes the rate ripple by k A, 24 ppm for 5 arcsec once a turn."""
+    mechanics = replace(PERFECT, ripple_arcsec=(5.0,), ripple_harmonic=(1,), ripple_phase_rad=(0.4,))
+    clock, motion = table(mechanics)
+    motion.demand_rate(100.0, 200.0)
+    clock.sleep_until(2.0)
+    start = motion.angle_deg()
+    rates, angles = [], []
+    for step in range(1, 361):
+        clock.sleep_until(2.0 + 0.01 * step)
+        rates.append(motion.rate_deg_s())
+        angles.append(motion.angle_deg())
+    wanted = 100.0 * (1 + math.radians(5 / 3600) * np.cos(np.radians(angles) + 0.4))
+    assert np.max(np.abs(np.array(rates) - wanted)) < 1e-6  # 1e-8 of the rate: the ripple's own ripple
+    assert motion.angle_deg() - start == pytest.approx(360.0, abs=1e-9)
+
+
+def test_open_servo_coasts_down_by_dry_and_viscous_friction() -> None:
+    clock, motion = table(REAL)
+    motion.demand_rate(-100.0, 200.0)
+    clock.sleep_until(3.0)
+    rate = motion.rate_deg_s()
+    motion.open_servo()
+    assert not motion.servo_closed
+    assert motion.rate_deg_s() == pytest.approx(rate)
+    clock.sleep_until(4.0)
+    assert motion.rate_deg_s() == pytest.approx((rate - 100.0) * math.exp(-1 / 20.0) + 100.0)
+    clock.sleep_until(3.0 + 20.0 * math.log(1 + abs(rate) / 100.0) + 1e-6)
+    assert motion.rate_deg_s() == 0.0
+    with pytest.raises(RuntimeError, match="servo is open"):
+        motion.demand_rate(1.0, 1.0)
+
+
+def test_closing_the_servo_on_a_coasting_table_holds_its_rate() -> None:
+    clock, motion = table(REAL)
+    motion.demand_rate(100.0, 200.0)
+    clock.sleep_until(3.0)
+    motion.open_servo()
+    clock.sleep_until(4.0)
+    rate = motion.rate_deg_s()
+    motion.close_servo()
+    clock.sleep_until(6.0)
+    assert motion.rate_deg_s() == pytest.approx(rate, rel=1e-4)
+
+
+def test_a_demand_needs_an_acceleration() -> None:
+    _, motion = table()
+    with pytest.raises(ValueError, match="acceleration"):
+        motion.demand_rate(1.0, 0.0)
+
+
+demands = st.lists(
+    st.tuples(st.floats(-300, 300), st.floats(1.0, 1000.0), st.floats(0.001, 3.0)), min_size=1, max_size=4
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(demands)
+def test_the_angle_is_the_integral_of_the_rate_and_both_are_continuous(
+    orders: list[tuple[float, float, float]],
+) -> None:
+    clock, motion = table(replace(REAL, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=()))
+    for rate, acceleration, wait in orders:
+        before = (motion.rate_deg_s(), motion.angle_deg())
+        motion.demand_rate(rate, acceleration)
+        assert (motion.rate_deg_s(), motion.angle_deg()) == pytest.approx(before, rel=1e-9, abs=1e-9)
+        now = clock.now()
+        segment = motion.segment(now)
+        end = min(now + wait, segment.stop_s)
+        turned, _ = quad(segment.rate_at, now, end, limit=500)
+        assert segment.angle_at(end) - segment.angle_at(now) == pytest.approx(turned, rel=1e-6, abs=1e-6)
+        clock.sleep_until(now + wait)
+
+
+@settings(max_examples=50, deadline=None)
+@given(demands)
+def test_reversed_demands_give_the_reversed_motion(orders: list[tuple[float, float, float]]) -> None:
+    (clock, motion), (other_clock, mirror) = table(), table()
+    for rate, acceleration, wait in orders:
+        motion.demand_rate(rate, acceleration)
+        mirror.demand_rate(-rate, acceleration)
+        clock.sleep_until(clock.now() + wait)
+        other_clock.sleep_until(other_clock.now() + wait)
+        assert mirror.rate_deg_s() == -motion.rate_deg_s()
