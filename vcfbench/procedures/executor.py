@@ -208,7 +208,12 @@ class Executor:
         return error
 
     def _keep(self, error: BenchError) -> None:
-        """Keep the first error: what follows it while the bench comes to rest is a consequence."""
+        """Keep the first error: what follows it while the bench comes to rest is a consequence.
+
+        A plan knows roles only; where an instrument answers is added here.
+        """
+        if error.instrument is not None and error.resource is None:
+            error.resource = getattr(getattr(self.bench, error.instrument, None), "resource", None)
         self._error = self._error or error
 
     def _heard(self, reading: Reading) -> None:

@@ -124,7 +124,7 @@ class LiveProgress(NoProgress):
         from rich.text import Text  # noqa: PLC0415
 
         left_s = max(0.0, self._estimate_s - self._t_s)
-        text = Text(f"{self._heading}\n", style="bold")
+        text = Text(f"{self._heading}\n", style="bold", no_wrap=True, overflow="ellipsis")
         return text.append(
             f"{self._t_s:8.1f} s  {left_s:5.0f} s left  {self._reading:>12}  {self._step}", style="not bold"
         )

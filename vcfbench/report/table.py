@@ -82,8 +82,8 @@ def _fit(name: str, column: Mapping[str, Any]) -> str:
             ),
             (
                 f"  non-linearity {_ppm(ppm['max_span'])} ppm of the span (max_span), "
-                f"{_ppm(ppm['max_span_rounded'])} as the paper computes it (max_span_rounded), "
-                f"{_ppm(ppm['max_fs'])} of one-sided full scale (max_fs)"
+                f"{_ppm(ppm['max_span_rounded'])} the paper's way (max_span_rounded), "
+                f"{_ppm(ppm['max_fs'])} of full scale (max_fs)"
             ),
         ]
     )
