@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from itertools import pairwise
 from textwrap import dedent
 from typing import TYPE_CHECKING, Any
@@ -75,6 +76,7 @@ def _rows(group: Any, path: str) -> Iterator[Row]:
             yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), told, "")
 
 
+@cache  # finding a class in its file takes a while
 def _field_docstrings(kind: type) -> dict[str, str]:
     """Return the docstrings that follow the fields of a dataclass; Python itself forgets them."""
     (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
