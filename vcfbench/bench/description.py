@@ -186,7 +186,7 @@ class ProcedureSettings(_Part, frozen=True, kw_only=True):
         *(-1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0),
     )
     match_rate_deg_s: float = 10.0
-    k_vc_guess_deg_s_per_v: float = 40.0
+    k_vc_guess_deg_s_per_v: float = 150.0
     drive: DriveWindow = field(default_factory=DriveWindow)
 
 

@@ -42,7 +42,7 @@ class Targets:
     switch_on_shift_v: float
 
 
-IDEAL_TARGETS = Targets(0.0, -12.542052e-3, 0.0, 0.0, 40.0, 0.0)
+IDEAL_TARGETS = Targets(0.0, -12.542052e-3, 0.0, 0.0, 150.0, 0.0)
 # Wang et al. Table 1, turntable column: c2 and c3 are those of a cubic fitted to it. Over the paper's 17 rates they add
 # mean(r^2) c2 = 6238.8 c2 to the intercept and sum(r^4)/sum(r^2) c3 = 32178 c3 to the slope of the least-squares line.
 PAPER_TARGETS = Targets(
@@ -50,7 +50,7 @@ PAPER_TARGETS = Targets(
     scale_factor_v_s_deg=-12.542052e-3 - 3.3e-10 * 32178.0,
     second_order=-1.06e-7,
     third_order=3.3e-10,
-    virtual_scale_deg_s_v=40.0,
+    virtual_scale_deg_s_v=150.0,
     switch_on_shift_v=51.7e-3,
 )
 
@@ -230,8 +230,8 @@ def _imperfect() -> BenchParameters:
             carrier_phase_rad=math.pi + math.radians(0.3),
             left_comb_n_per_v2=1.01e-8,
             right_comb_n_per_v2=0.99e-8,
-            second_order_per_v=2e-4,
-            third_order_per_v2=2e-5,
+            second_order_per_v=13e-3,
+            third_order_per_v2=14.5e-3,
         ),
         noise=replace(
             perfect.noise, angle_random_walk_deg_sqrt_s=0.21 / 60, bias_instability_deg_s=3.7 / 0.6642824702679 / 3600
