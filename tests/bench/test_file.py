@@ -240,7 +240,7 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         (("procedure", "rates_deg_s"), [5, 5, 5], "procedure.rates_deg_s: expected at least three different rates"),
         (("procedure", "match_rate_deg_s"), 0, "procedure.match_rate_deg_s: expected a rate of at most 300"),
         (("procedure", "acceleration_deg_s2"), 201, "procedure.acceleration_deg_s2: expected at most 200"),
-        (("limits", "max_v_vc_v"), 4, "procedure.k_vc_guess_deg_s_per_v: expected at least 50"),
+        (("procedure", "k_vc_guess_deg_s_per_v"), -19, "procedure.k_vc_guess_deg_s_per_v: expected at least 20"),
         (("limits", "min_rail_v"), 11, "limits.min_rail_v: expected less than limits.max_rail_v = 10.5 V, came 11"),
         (("procedure", "positive_rail_v"), 12, "procedure.positive_rail_v: expected a rail of 9.5 to 10.5 V"),
         (("procedure", "negative_rail_v"), -9, "procedure.negative_rail_v: expected a rail of 9.5 to 10.5 V"),

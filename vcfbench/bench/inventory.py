@@ -63,7 +63,8 @@ def inventory(description: BenchDescription, seed: int | None = None) -> list[Ro
 
 
 def _rows(group: Any, path: str) -> Iterator[Row]:
-    meanings = _field_docstrings(type(group))
+    kind: type = type(group)
+    meanings = _field_docstrings(kind)
     for each in fields(group):
         here, value = f"{path}.{each.name}", getattr(group, each.name)
         if is_dataclass(value):
