@@ -270,46 +270,56 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         opened = self._session(session)
         self._check_owner(session, opened)
         terminator = opened.terminator
-        if not opened.rest and not opened.stream:
+        if not opened.rest:
             with opened.bench.lock:
                 data, end = opened.place.device.read(count)
-            if end and (terminator is None or data.find(terminator) in (-1, len(data) - 1)):
+            if end and not opened.stream and (terminator is None or data.find(terminator) in (-1, len(data) - 1)):
                 # what nearly every read is: a whole response, as it came
                 self._last_status = self._last_status_in_session[session] = StatusCode.success
                 return data, StatusCode.success
             opened.rest, opened.offset, opened.ended = data, 0, end
         data, status = self._collect(opened, count, terminator)
-        return data, self._done(session, status)
+        if status is not StatusCode.success:
+            return data, self._done(session, status)
+        self._last_status = self._last_status_in_session[session] = status
+        return data, status
 
     def _collect(self, opened: _Session, count: int, terminator: int | None) -> tuple[bytes, StatusCode]:
         """Put a read together from what is there and what comes before the time-out."""
         deadline = opened.bench.clock.now() + opened.timeout_s
         parts: list[bytes] = []
+        if not opened.rest and not self._await(opened, count, deadline):
+            return b"", StatusCode.error_timeout
         while True:
             part, status = _take(opened, count, terminator)
             parts.append(part)
             count -= len(part)
             if status is not None:
                 return b"".join(parts), status
-            if not self._refill(opened, count, deadline):
+            if not self._fetch(opened, count) and not self._await(opened, count, deadline):
                 return b"".join(parts), StatusCode.error_timeout
 
     @staticmethod
-    def _refill(opened: _Session, count: int, deadline: float) -> bool:
-        """Fetch what the device says next; False when nothing comes before `deadline`."""
+    def _fetch(opened: _Session, count: int) -> bool:
+        """Take what the device says now; False when it says nothing."""
+        with opened.bench.lock:
+            opened.rest, opened.ended = opened.place.device.read(count)
+        opened.offset = 0
+        return bool(opened.rest)
+
+    def _await(self, opened: _Session, count: int, deadline: float) -> bool:
+        """Wait until a device that is silent now says something; False when it does not before `deadline`."""
         clock, device = opened.bench.clock, opened.place.device
-        while True:
+        while (now := clock.now()) < deadline:
             with opened.bench.lock:
-                data, end = device.read(count)
-                wake = device.wake_at() if not data else None
-            if data:
-                opened.rest, opened.offset, opened.ended = data, 0, end
-                return True
-            now = clock.now()
+                wake = device.wake_at()
             instant = deadline if wake is None or wake <= now else min(wake, deadline)
-            if now >= deadline or math.isinf(instant):
+            if math.isinf(instant):
                 return False
             clock.sleep_until(instant)
+            if self._fetch(opened, count):
+                return True
+        return False
 
     def buffer_read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
         """Receive like :meth:`read`: there is no formatted buffer in between."""

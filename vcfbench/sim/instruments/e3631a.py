@@ -378,6 +378,7 @@ class E3631A(ScpiInstrument):
         self.local = True
         self.initiated = False
         self.transfer_at_s: float | None = None
+        self._next_s: float | None = None
         self.calibration = _Calibration()
         self.display_on = True
         self.display_text = ""
@@ -401,27 +402,36 @@ class E3631A(ScpiInstrument):
 
     def service(self) -> None:
         """Advance ramps and the trigger delay."""
-        now = self.world.clock.now()
-        if self.transfer_at_s is not None and self.transfer_at_s <= now:
-            self.transfer_at_s = None
-            self.transfer()
-        for output in self.outputs.values():
-            if output.ramp is not None:
-                output.advance(now)
+        if self._next_s is not None and self._next_s <= self.world.clock.now():
+            self._advance()
         if self.instrument_summary.enable:
             self.observe()
 
     def next_event_s(self) -> float | None:
         """Return the next step of a ramp, or the end of the trigger delay."""
+        return self._next_s
+
+    def _advance(self) -> None:
+        now = self.world.clock.now()
+        if self.transfer_at_s is not None and self.transfer_at_s <= now:
+            self.transfer_at_s = None
+            self.transfer()
+        for output in self.outputs.values():
+            output.advance(now)
+        self.plan()
+
+    def plan(self) -> None:
+        """Work out when something next happens by itself."""
         instants = [output.ramp.instant_s() for output in self.outputs.values() if output.ramp is not None]
         if self.transfer_at_s is not None:
             instants.append(self.transfer_at_s)
-        return min(instants, default=None)
+        self._next_s = min(instants, default=None)
 
     def abort(self) -> None:
         """Device clear: the trigger system goes idle."""
         self.initiated = False
         self.transfer_at_s = None
+        self.plan()
 
     def operations_end_s(self) -> float:
         """Return when the triggered change is through: an INITiate waits for its trigger."""
@@ -446,6 +456,7 @@ class E3631A(ScpiInstrument):
         for name, output in self.outputs.items():
             output.head_for(self.open_circuit_v(name) if self.output_on else 0.0)
             output.regulate()
+        self.plan()
 
     def open_circuit_v(self, name: str) -> float:
         """Return what output `name` gives without load when it is on."""
@@ -673,6 +684,7 @@ def _trigger(supply: E3631A) -> None:
         raise ScpiError(-211)
     supply.initiated = False
     supply.transfer_at_s = supply.world.clock.now() + supply.trigger_delay_s
+    supply.plan()
     supply.service()
 
 
