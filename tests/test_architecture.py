@@ -23,7 +23,10 @@ FLOORS = [
     {"interfaces", "errors", "clock"},
 ]
 SEALED = {"drivers", "record", "analysis", "sim"}
-KNOW_THE_SIMULATION = ("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.sim", "vcfbench.testing", "pyvisa_vcfbench")
+KNOW_THE_SIMULATION = (
+    *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
+    "pyvisa_vcfbench",
+)
 HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba"}
 
 
