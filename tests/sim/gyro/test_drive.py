@@ -18,8 +18,9 @@ AMPLITUDE = PAPER.drive_loop.amplitude_m
 
 
 def test_start_up_time_is_what_saturated_force_and_damping_say() -> None:
-    """Saturated, the amplitude grows as F/F0 (1 - exp(-t w/2Q)), F0 the force that holds A_x; the PI leaves
-    saturation only above 40 % of it. Then 1 % is reached within a quarter of a second.
+    """Saturated, the amplitude grows as F/F0 (1 - exp(-t w/2Q)), F0 the force that holds A_x.
+
+    The PI leaves saturation only above 40 % of it. Then 1 % is reached within a quarter of a second.
     """
     segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=10.0)
     damping = MODE.natural_rad_s / (2 * MODE.quality)

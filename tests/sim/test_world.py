@@ -1,0 +1,323 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.sim.gyro.bench import mean_v, powered
+from tests.sim.gyro.plain import output_v, steady_output_v
+from vcfbench.clock import VirtualClock
+from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.world import NODES, Drive, World
+
+IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
+QUIET = replace(PAPER, noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0))
+K_IDEAL = -12.542052e-3
+
+
+def k_vc_deg_s_v(bench: BenchParameters) -> float:
+    """Equation (16) with the left combs' K_FBY, deg/s per V."""
+    omega = 2 * math.pi * bench.drive_mode.frequency_hz
+    force = bench.virtual_path.left_comb_n_per_v2 * bench.sense_path.reference_amplitude_v
+    return math.degrees(force / (2 * bench.drive_loop.amplitude_m * omega * bench.virtual_path.mass_kg))
+
+
+def modulated_v(bench: BenchParameters, v: float) -> float:
+    path = bench.virtual_path
+    return path.offset_v + v + path.second_order_per_v * v**2 + path.third_order_per_v2 * v**3
+
+
+def steady_v(bench: BenchParameters, rate_deg_s: float, virtual_v: float = 0.0) -> float:
+    earth = 15.041067 / 3600 * math.sin(math.radians(bench.site.latitude_deg))
+    return output_v(bench, steady_output_v(bench, math.radians(rate_deg_s + earth), virtual_v))
+
+
+def test_without_supply_there_is_no_signal_and_no_current() -> None:
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.drive_v_vc(Drive(5.0))
+    world.table.close_servo()
+    world.table.demand_rate(100.0, 100.0)
+    clock.sleep_until(5.0)
+    for node in ("output", "drive", "carrier", "sense", "rail_positive", "rail_negative"):
+        assert world.value_v(node) == 0.0
+    assert mean_v(clock, world, 1.0) == 0.0
+    assert world.rail_current_a("positive", 0.0) == 0.0
+
+
+def test_one_rail_alone_is_no_supply() -> None:
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.set_rail("positive", 10.0)
+    clock.sleep_until(2.0)
+    assert world.value_v("output") == world.value_v("carrier") == 0.0
+    assert world.value_v("rail_positive") == 10.0
+
+
+def test_a_negative_rail_of_the_wrong_sign_does_not_power_the_board() -> None:
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.set_rail("positive", 10.0)
+    world.set_rail("negative", 10.0)
+    clock.sleep_until(2.0)
+    assert world.value_v("carrier") == 0.0
+
+
+def test_supply_current_is_resistive_below_brown_out_and_larger_while_starting() -> None:
+    clock = VirtualClock()
+    world, supply = World(clock, PAPER, 0), PAPER.supply
+    assert world.rail_current_a("positive", 3.5) == pytest.approx(0.5 * supply.quiescent_a)
+    assert world.rail_current_a("positive", 10.0) == pytest.approx(supply.quiescent_a)
+    world.set_rail("positive", 10.0)
+    world.set_rail("negative", -10.0)
+    assert world.rail_current_a("negative", -10.0) > supply.quiescent_a + 0.9 * supply.start_up_a
+    clock.sleep_until(2.0)
+    assert world.rail_current_a("negative", -10.0) == pytest.approx(supply.quiescent_a)
+
+
+@pytest.mark.parametrize("rate", [200.0, -50.0, 1.0])
+def test_the_table_turns_into_the_scale_factor_on_ideal_within_1e_9(rate: float) -> None:
+    clock, world = powered(IDEAL)
+    world.table.demand_rate(rate, 100.0)
+    clock.sleep_until(12.0)
+    assert mean_v(clock, world, 10.0) == pytest.approx(K_IDEAL * rate, rel=1e-9)
+
+
+def test_v_vc_by_equation_16_gives_the_output_of_the_rate_on_ideal_within_1e_9() -> None:
+    clock, world = powered(IDEAL)
+    world.table.demand_rate(80.0, 100.0)
+    clock.sleep_until(12.0)
+    turned = mean_v(clock, world, 1.0)
+    world.table.demand_rate(0.0, 100.0)
+    v_vc = 80.0 / k_vc_deg_s_v(IDEAL)
+    loaded = (1e6 + 50.0) / 1e6  # the generator's 50 ohm against the pull-down
+    world.drive_v_vc(Drive(v_vc * loaded))
+    clock.sleep_until(22.0)
+    assert world.value_v("v_vc") == pytest.approx(v_vc, rel=1e-12)
+    assert mean_v(clock, world, 1.0) == pytest.approx(turned, rel=1e-9)
+
+
+def test_generator_switched_on_at_0_v_shifts_the_output_of_paper_by_the_modulators_leakage() -> None:
+    clock, world = powered(QUIET, wait_s=20.0)
+    before = mean_v(clock, world, 1.0)
+    world.drive_v_vc(Drive(0.0))
+    clock.sleep_until(25.0)
+    shift = steady_v(PAPER, 0.0, PAPER.virtual_path.offset_v) - steady_v(PAPER, 0.0)
+    assert mean_v(clock, world, 1.0) - before == pytest.approx(shift, abs=0.1e-3)
+    assert 0.03 < shift < 0.08
+    world.drive_v_vc(None)
+    clock.sleep_until(30.0)
+    assert mean_v(clock, world, 1.0) == pytest.approx(before, abs=1e-5)
+
+
+@pytest.mark.parametrize(("latitude", "earth_deg_h"), [(0.0, 0.0), (38.0, 9.26), (52.0, 11.85), (-38.0, -9.26)])
+def test_earth_rate_by_latitude(latitude: float, earth_deg_h: float) -> None:
+    clock, world = powered(replace(IDEAL, site=replace(IDEAL.site, latitude_deg=latitude)))
+    assert mean_v(clock, world, 1.0) / K_IDEAL * 3600 == pytest.approx(earth_deg_h, abs=0.006)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_output_is_linear_at_200_and_saturates_below_the_rails(sign: float) -> None:
+    clock, world = powered(IDEAL)
+    world.table.demand_rate(sign * 200.0, 100.0)
+    clock.sleep_until(15.0)
+    assert world.value_v("output") == pytest.approx(sign * 200 * K_IDEAL, rel=1e-6)
+    world.table.demand_rate(sign * 1000.0, 1000.0)
+    clock.sleep_until(25.0)
+    assert world.value_v("output") == -sign * 8.5
+    assert mean_v(clock, world, 1.0) == pytest.approx(-sign * 8.5)
+
+
+def test_warm_up_moves_the_bias_as_one_exponential() -> None:
+    """Bias coefficient times self-heating; the rest of the drift is that of scale factor and quadrature."""
+    clock, world = powered(QUIET)
+    seen = []
+    for instant in (10.0, 310.0, 610.0):
+        clock.sleep_until(instant)
+        seen.append(mean_v(clock, world, 1.0))
+    bias = replace(QUIET, thermal=replace(QUIET.thermal, bias_coefficient_deg_s_k=0.0))
+    clock, world = powered(bias)
+    for index, instant in enumerate((10.0, 310.0, 610.0)):
+        clock.sleep_until(instant)
+        seen[index] -= mean_v(clock, world, 1.0)
+    thermal = QUIET.thermal
+    end = -12.5527e-3 * thermal.bias_coefficient_deg_s_k * thermal.self_heating_k
+    wanted = [end * (1 - math.exp(-(t + 0.5) / thermal.time_constant_s)) for t in (10.0, 310.0, 610.0)]
+    assert seen == pytest.approx(wanted, rel=2e-3)
+
+
+def test_1_ppm_of_the_modes_difference_is_141_ppm_of_the_scale_factor() -> None:
+    """K goes as 1/df, a single mode at 24.8 Hz: 3.5 mHz/K."""
+    sense = replace(IDEAL.sense_anti_phase, frequency_coefficient_per_k=1e-6)
+    other = replace(IDEAL.sense_in_phase, pick_off_v_per_m=0.0)
+    gains = []
+    for heating in (0.0, 1.0):
+        warm = replace(IDEAL.thermal, self_heating_k=heating, time_constant_s=1.0)
+        bench = replace(IDEAL, sense_anti_phase=sense, sense_in_phase=other, thermal=warm)
+        clock, world = powered(bench, wait_s=30.0)
+        world.table.demand_rate(100.0, 100.0)
+        clock.sleep_until(40.0)
+        gains.append(mean_v(clock, world, 1.0))
+    assert gains[1] / gains[0] - 1 == pytest.approx(141e-6, rel=0.02)
+
+
+steps = st.lists(st.floats(1e-4, 1.5), min_size=1, max_size=30)
+
+
+@settings(max_examples=15, deadline=None)
+@given(steps)
+def test_any_partition_of_time_gives_the_same_state_within_1e_12(cuts: list[float]) -> None:
+    """Through start-up, a ramp, a V_Vc sine, warm-up bands: asking in between changes nothing."""
+
+    def run(looks: list[float]) -> float:
+        clock = VirtualClock()
+        world = World(clock, QUIET, 0)
+        world.set_rail("positive", 10.0)
+        world.set_rail("negative", -10.0)
+        world.drive_v_vc(Drive(1.0, 0.5, 7.0, 0.3))
+        world.table.close_servo()
+        world.table.demand_rate(50.0, 40.0)
+        for wait in looks:
+            if clock.now() + wait < 30.0:
+                clock.sleep_until(clock.now() + wait)
+                world.advance()
+        clock.sleep_until(30.0)
+        return world.value_v("output")
+
+    assert run(cuts) == pytest.approx(run([]), rel=1e-12)
+
+
+def test_a_thousand_intervals_are_one_within_1e_12() -> None:
+    (clock, world), (other_clock, other) = powered(QUIET), powered(QUIET)
+    for each in (world, other):
+        each.table.demand_rate(-30.0, 100.0)
+        each.drive_v_vc(Drive(1.0))
+    clock.sleep_until(14.0)
+    for index in range(1, 1001):
+        other_clock.sleep_until(4.0 + 0.01 * index)
+        other.advance()
+    assert other.value_v("output") == pytest.approx(world.value_v("output"), rel=1e-12)
+
+
+def test_a_seed_repeats_itself_and_another_does_not() -> None:
+    def record(seed: int) -> list[float]:
+        clock, world = powered(PAPER, seed)
+        return [mean_v(clock, world, 0.2) for _ in range(20)]
+
+    assert record(5) == record(5)
+    assert record(5) != record(6)
+
+
+def test_window_over_a_transient_is_the_mean_of_what_a_capture_shows() -> None:
+    clock, world = powered(QUIET)
+    start = clock.now()
+    world.table.demand_rate(200.0, 1000.0)
+    world.drive_v_vc(Drive(0.0, 8.0 / k_vc_deg_s_v(PAPER), 24.0))
+    window, capture = world.window("output", start + 0.05, start + 0.65), world.capture(start, start + 1.0)
+    node = world.window("v_vc", start + 0.01, start + 0.02)
+    clock.sleep_until(start + 1.0)
+    middles = np.asarray(start + 0.05 + (np.arange(60_000) + 0.5) * 1e-5, float)
+    assert window.mean_v() == pytest.approx(float(capture.samples("output", middles).mean()), abs=2e-9)
+    fine = np.linspace(start + 0.01, start + 0.02, 20_001)
+    assert node.mean_v() == pytest.approx(float(capture.samples("v_vc", fine).mean()), abs=1e-4)
+
+
+def test_a_window_in_which_the_output_clips_is_right_to_a_thousandth() -> None:
+    clock, world = powered(QUIET)
+    start = clock.now()
+    world.drive_v_vc(Drive(120.0 / k_vc_deg_s_v(PAPER), 80.0 / k_vc_deg_s_v(PAPER), 24.0))
+    window, capture = world.window("output", start + 0.05, start + 0.65), world.capture(start, start + 1.0)
+    clock.sleep_until(start + 1.0)
+    middles = np.asarray(start + 0.05 + (np.arange(60_000) + 0.5) * 1e-5, float)
+    volts = capture.samples("output", middles)
+    assert volts.min() == -8.5
+    assert window.mean_v() == pytest.approx(float(volts.mean()), abs=8.5e-3)
+
+
+def test_overlapping_windows_do_not_disturb_each_other() -> None:
+    clock, world = powered(QUIET)
+    start = clock.now()
+    world.drive_v_vc(Drive(1.0))
+    alone = [world.window("output", start + a, start + b) for a, b in ((0.1, 0.3), (0.2, 0.4), (0.1, 0.4))]
+    clock.sleep_until(start + 1.0)
+    first, second, both = (each.mean_v() for each in alone)
+    clock, world = powered(QUIET)
+    world.drive_v_vc(Drive(1.0))
+    middle = world.window("output", start + 0.2, start + 0.3)
+    clock.sleep_until(start + 1.0)
+    assert 0.3 * both == pytest.approx(0.2 * first + 0.2 * second - 0.1 * middle.mean_v(), rel=1e-12)
+
+
+def test_phases_on_the_scope_are_those_of_the_model() -> None:
+    """Drive -cos(th), carrier V_dac sin(th + phi_c), V_s for a rate close to antiphase with the Coriolis force."""
+    clock, world = powered(IDEAL)
+    world.table.demand_rate(100.0, 100.0)
+    clock.sleep_until(10.0)
+    capture = world.capture(10.0, 10.01)
+    clock.sleep_until(10.01)
+    times = 10.0 + np.arange(0, 34 / 3488.9, 1e-7)
+    phasors = {
+        node: 2 * np.mean(capture.samples(node, times) * np.exp(-2j * math.pi * 3488.9 * times))
+        for node in ("drive", "carrier", "sense")
+    }
+    assert abs(phasors["carrier"]) == pytest.approx(2.0, rel=1e-3)
+    assert abs(phasors["drive"]) == pytest.approx(1.0, rel=1e-3)
+    lead = np.degrees(np.angle(phasors["carrier"] / phasors["drive"]))
+    assert lead == pytest.approx(-90.0, abs=0.1)  # -sin(th) against -cos(th)
+    response = np.degrees(np.angle(phasors["sense"] / phasors["carrier"]))
+    # V_s follows the Coriolis force, which has the carrier's phase, by -(180 - 3.28) deg for the anti-phase mode
+    # and -(180 - 0.5) deg for the in-phase one.
+    assert response == pytest.approx(-176.9, abs=0.4)
+
+
+def test_slow_time_base_shows_the_output_over_events() -> None:
+    clock, world = powered(QUIET)
+    capture = world.capture(4.0, 14.0)
+    world.table.demand_rate(100.0, 50.0)
+    clock.sleep_until(8.0)
+    v_vc = 40.0 / k_vc_deg_s_v(PAPER)
+    world.drive_v_vc(Drive(v_vc))
+    clock.sleep_until(14.0)
+    volts = capture.samples("output", np.linspace(4.0, 14.0, 1001))
+    before, after = steady_v(PAPER, 100.0), steady_v(PAPER, 100.0, modulated_v(PAPER, v_vc))
+    assert volts[0] == pytest.approx(steady_v(PAPER, 0.0), abs=1e-3)
+    assert volts[399] == pytest.approx(before, abs=1e-3)
+    assert volts[-1] == pytest.approx(after, abs=1e-3)
+    assert np.max(np.abs(volts[400:])) < abs(before + 2 * (after - before))  # a step overshoots to twice its size
+    assert capture.samples("rail_negative", np.array([5.0]))[0] == -10.0
+
+
+def test_a_window_or_capture_that_is_not_over_has_nothing_to_say() -> None:
+    clock, world = powered(QUIET)
+    window, capture = world.window("output", 5.0, 6.0), world.capture(5.0, 6.0)
+    clock.sleep_until(5.5)
+    with pytest.raises(RuntimeError, match="not over"):
+        window.mean_v()
+    with pytest.raises(RuntimeError, match="not over"):
+        capture.samples("output", np.array([5.2]))
+
+
+def test_observations_of_the_past_and_unknown_names_are_refused() -> None:
+    _, world = powered(QUIET)
+    with pytest.raises(ValueError, match="cannot be registered"):
+        world.window("output", 3.0, 5.0)
+    with pytest.raises(ValueError, match="cannot be registered"):
+        world.capture(5.0, 5.0)
+    with pytest.raises(ValueError, match="none of output"):
+        world.window("outptu", 5.0, 6.0)
+    with pytest.raises(ValueError, match="none of positive"):
+        world.set_rail("plus", 10.0)
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_every_node_can_be_seen_all_ways(node: str) -> None:
+    clock, world = powered(PAPER)
+    window, capture = world.window(node, 4.0, 4.5), world.capture(4.0, 4.5)
+    clock.sleep_until(4.5)
+    assert math.isfinite(world.value_v(node))
+    assert math.isfinite(window.mean_v())
+    assert np.all(np.isfinite(capture.samples(node, np.linspace(4.0, 4.5, 100))))
