@@ -56,6 +56,7 @@ class E3631A(ScpiInstrument):
     """The three outputs ``P6V``, ``P25V``, ``N25V`` share one switch; N25V takes negative voltages."""
 
     model: ClassVar[str] = "E3631A"
+    serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)

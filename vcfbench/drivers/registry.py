@@ -22,6 +22,7 @@ from vcfbench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
+    from vcfbench.drivers.scpi_instrument import ScpiInstrument
     from vcfbench.drivers.visa_wire import SerialParameters
     from vcfbench.interfaces import Instrument
 
@@ -36,9 +37,6 @@ __all__ = [
 ]
 
 _S = TypeVar("_S")
-
-_SERIAL_PAUSE_S = 0.5
-"""On RS-232 an E3631A loses what comes within 0.3 to 0.5 s of a command that changes its state (seen by users)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +118,9 @@ def open_table(role: str, resource: str, library: str, clock: Clock, settings: M
         raise
 
 
-def _visa(model: str, driver_class: type, make: Callable[[Session, VisaSettings], Instrument]) -> Driver:
-    slow_s: float = driver_class.first_answer_s  # type: ignore[attr-defined]
-
+def _visa(
+    model: str, driver_class: type[ScpiInstrument], make: Callable[[Session, VisaSettings], Instrument]
+) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
         told = _settings(VisaSettings, role, settings)
         session = open_session(
@@ -131,9 +129,9 @@ def _visa(model: str, driver_class: type, make: Callable[[Session, VisaSettings]
             clock=clock,
             name=role,
             timeout_s=told.timeout_s,
-            open_timeout_s=max(told.timeout_s, slow_s),
+            open_timeout_s=max(told.timeout_s, driver_class.first_answer_s),
             serial=told.serial,
-            write_pause_s=_SERIAL_PAUSE_S if resource.upper().startswith("ASRL") else 0.0,
+            write_pause_s=driver_class.serial_pause_s if resource.upper().startswith("ASRL") else 0.0,
         )
         try:
             return make(session, told)

@@ -25,7 +25,10 @@ class ScpiInstrument:
 
     model: ClassVar[str]
     first_answer_s: ClassVar[float] = 0.0
-    """How long the first answer after connecting may take beyond the session's time-out."""
+    """How long the first answer after connecting may take, s, where that is longer than the session's time-out."""
+
+    serial_pause_s: ClassVar[float] = 0.0
+    """What the instrument needs to be left in peace after a command on RS-232, s."""
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         self._session = session

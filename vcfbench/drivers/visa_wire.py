@@ -121,7 +121,7 @@ def _dress(opened: MessageBasedResource, serial: SerialParameters | None) -> Wir
         if interface in ("asrl", "socket"):  # a byte stream knows no END: the newline is the only end there is
             opened.set_visa_attribute(ResourceAttribute.termchar, ord("\n"))
             opened.set_visa_attribute(ResourceAttribute.termchar_enabled, True)  # noqa: FBT003 - PyVISA's signature
-    except (pyvisa.errors.Error, OSError, ValueError) as error:
+    except Exception as error:  # a line that the port cannot do is a termios.error, which is a bare Exception too
         raise ConnectFailed(_words(error)) from error
     return VisaWire(opened, interface)
 

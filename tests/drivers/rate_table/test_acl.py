@@ -242,7 +242,7 @@ def test_answers_that_stay_away_close_the_line() -> None:
         driver.rate_deg_s()
 
 
-SAFE_STOP: list[Exchange] = [(":Limit:Acceleration R,1,20;:Demand:Rate 1,0", None), FINE]
+SAFE_STOP: list[Exchange] = [(":Read:Rate? 1", "10.5"), (":Limit:Acceleration R,1,20;:Demand:Rate 1,0", None), FINE]
 
 
 def test_safe_is_rest_by_read_back_then_servo_open_then_remote_given_back() -> None:
@@ -256,8 +256,21 @@ def test_safe_is_rest_by_read_back_then_servo_open_then_remote_given_back() -> N
         assert report.detail == "at rest (|rate| below 0.05 deg/s), servo open"
 
 
+def test_safe_brakes_harder_when_the_deadline_asks_for_it() -> None:
+    stop: list[Exchange] = [
+        (":Read:Rate? 1", "10.5"),
+        (":Limit:Acceleration R,1,42;:Demand:Rate 1,0", None),  # 10.5 deg/s within a fifth of half of 2.5 s
+        FINE,
+    ]
+    exchanges = [*ENABLING, *TURNING, *stop, *[STILL] * 3, *RELEASING, *UNLOCKING]
+    with expected_exchange(table(), [IDN, *exchanges]) as driver:
+        driver.enable()
+        driver.set_rate(10.5, 20.0)
+        assert driver.make_safe(Deadline.after(driver.clock, 2.5)).safe
+
+
 def test_safe_without_ever_having_been_enabled() -> None:
-    stop: list[Exchange] = [(":Limit:Acceleration R,1,50;:Demand:Rate 1,0", None), FINE]
+    stop: list[Exchange] = [STILL, (":Limit:Acceleration R,1,50;:Demand:Rate 1,0", None), FINE]
     with expected_exchange(table(), [IDN, *stop, *[STILL] * 3, *RELEASING, *UNLOCKING]) as driver:
         assert driver.make_safe(Deadline.after(driver.clock, 30.0)).safe
 

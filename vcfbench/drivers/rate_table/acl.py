@@ -95,6 +95,8 @@ class AclDialect:
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask ``*IDN?``; its answer serves to find the place again after a failed exchange."""
+        if not self._identity:
+            line.take_unasked()  # what an earlier program left
         answer = self._ask(line, "*IDN?", deadline)
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")

@@ -190,10 +190,20 @@ class RateTableDriver:
     def _prove_at_rest(self, deadline: Deadline) -> str:
         self._line.revive(deadline)
         with suppress(DeadlineExceeded, FramingError, InstrumentError):  # it counts what is read back next
-            self._stop_within(self._stop_acceleration_deg_s2, self._share(deadline, 0.2))
+            share = self._share(deadline, 0.2)
+            self._stop_within(self._braking_deg_s2(share), share)
         if not self._wait_for_rest(self._share(deadline, 0.8)):
             self._abort(deadline)
         return self._release_at_rest(deadline)
+
+    def _braking_deg_s2(self, deadline: Deadline) -> float:
+        """Return the acceleration last used, or more, within the limit, when that would take longer than there is."""
+        try:
+            rate_deg_s = abs(self._ask(self._dialect.rate_deg_s, deadline))
+        except (DeadlineExceeded, FramingError):
+            return self._stop_acceleration_deg_s2
+        needed_deg_s2 = rate_deg_s / max(deadline.remaining(), _POLL_S)
+        return min(max(self._stop_acceleration_deg_s2, needed_deg_s2), self._limits.max_acceleration_deg_s2)
 
     def _share(self, deadline: Deadline, part: float) -> Deadline:
         return Deadline.after(self.clock, deadline.remaining() * part)

@@ -52,7 +52,7 @@ def _open_port(url: str, baud_rate: int, timeout_s: float) -> serial.Serial:
         if isinstance(port, serial.Serial):
             port.exclusive = True  # one owner a connection; only real ports know how
         port.open()
-    except (OSError, ValueError) as error:
+    except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
         raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
     return port
 
