@@ -62,7 +62,7 @@ def test_a_stop_without_a_terminator_does_nothing(host: Host) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["JOG", "JOG361", "JOGfast", "ACL0", "ACL-1", "SRV2", "STO1", "PPO1", "HOM", "jo", "°"]
+    "command", ["JOG", "JOG361", "JOGfast", "ACL0", "ACL-1", "SRV2", "STO1", "PPO1", "HOM1", "jo", "°"]
 )
 def test_refusals_contain_a_question_mark(host: Host, command: str) -> None:
     assert host.ask(command) == "?\r\n>\r\n"

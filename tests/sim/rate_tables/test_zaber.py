@@ -64,7 +64,7 @@ def test_replies_carry_checksums_when_asked(host: Host) -> None:
         ("/2 1 get pos", ""),
         ("/1 1 move vel fast", "@01 1 RJ IDLE -- BADDATA"),
         ("/1 1 move vel 99999999", "@01 1 RJ IDLE -- BADDATA"),
-        ("/1 1 move abs 100", "@01 1 RJ IDLE -- BADCOMMAND"),
+        ("/1 1 move sin 100", "@01 1 RJ IDLE -- BADCOMMAND"),
         ("/1 1 set accel 0", "@01 1 RJ IDLE -- BADDATA"),
         ("/1 1 warnings", "@01 1 OK IDLE -- 00"),
         ("get pos", ""),

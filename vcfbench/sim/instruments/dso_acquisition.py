@@ -20,6 +20,7 @@ __all__ = ["Acquisition", "ChannelView", "Digitised", "EdgeTrigger", "Record", "
 AUTO_TRIGGER_S = 0.02
 """How long AUTO waits for a trigger; the guide says that AUTO suits signals above 50 Hz (unverified)."""
 _SEARCH_S = 1e-3
+_LONGEST_SEARCH_S = 0.05
 _SEARCH_POINTS = 4000
 _REFINE_POINTS = 33
 _REFINE_ROUNDS = 3
@@ -248,6 +249,7 @@ class Acquisition:
         if self._found is None:
             self._found = self._look()
             if self._found is None:
+                self._search_longer()
                 self._arm()
                 return None
             if self._repeats > 1:
@@ -255,6 +257,13 @@ class Acquisition:
                 self.due_s += (self._repeats - 1) * (self._before_s + self._after_s)
                 return None
         return self._found
+
+    def _search_longer(self) -> None:
+        """Look for the trigger in longer and longer stretches, but not past the patience of AUTO."""
+        longest = _LONGEST_SEARCH_S
+        if self._auto:
+            longest = self._armed_s + AUTO_TRIGGER_S - self._world.clock.now()
+        self._search_s = max(self._search_s, min(2.0 * self._search_s, longest))
 
     def _look(self) -> tuple[Capture, float] | None:
         opening = self._start_s + self._before_s

@@ -8,13 +8,14 @@ coding of the mode bits, and what a faulty command answers.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from vcfbench.sim.rate_tables.acl_language import MAX_MESSAGE_CHARS, BadCommand, Request, parse_message
-from vcfbench.sim.rate_tables.axis import Axis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.axis import Axis, PositionMoves, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
@@ -44,6 +45,11 @@ _WORDS = {
 
 _MODES = ("Position", "Rate", "Arate", "Synthesis", "Track", "Abort", "Off")
 """In the order of TM-8004-C 4.7; their place is taken as the code in A1STATE bits 0-3 (inferred)."""
+
+_POLL_S = 0.002
+"""How often the measured rate is looked at when it decides what happens next."""
+_AT_REST_DEG_S = 0.02
+"""Measured rate at which an orderly shutdown opens the servo."""
 
 _STB_INTERLOCK, _STB_AXIS, _STB_SUMMARY, _STB_QUEUE = 0x01, 0x02, 0x40, 0x80
 _SOFT_ABORT_BIT, _RATE_TRIP_BIT = 0, 1
@@ -107,6 +113,7 @@ class AclTable(LineDevice):
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=MAX_MESSAGE_CHARS)
         self._motion = world.table
         self._axis = Axis(world, errors)
+        self._moves = PositionMoves(world, self._axis)
         self._header = header
         self.remote_active = True
         """The front panel's ACTIVATE REMOTE; while it is off no command acts, queries do."""
@@ -203,9 +210,38 @@ class AclTable(LineDevice):
         self._close_when_due()
         self._check_interlocks()
         self._check_rate()
-        if self._aborting and self._motion.servo_closed and self._motion.profile_complete():
+        self._moves.advance()
+        if self._aborting and self._motion.profile_complete() and abs(self._axis.rate_deg_s()) <= _AT_REST_DEG_S:
             self._aborting = False
             self._motion.open_servo()
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        instants = (self._closing_at_s, self._moves.due_s, self._abort_ends_s(), self._trip_due_s())
+        return tuple(instant for instant in instants if instant is not None)
+
+    def _abort_ends_s(self) -> float | None:
+        acceleration = self._limits["Abort"].acceleration_deg_s2
+        if not self._aborting or acceleration == 0.0:
+            return None
+        return self._clock.now() + max(abs(self._motion.profile_rate_deg_s()) / acceleration, _POLL_S)
+
+    def _trip_due_s(self) -> float | None:
+        """Return when the rate may trip: the crossing of a ramp beyond the trip, then every poll while it ramps."""
+        direction = self._ramp_direction()
+        if self._aborting or not direction:
+            return None
+        goal, rate = self._goal_deg_s(), self._motion.profile_rate_deg_s()
+        if abs(goal) <= self._global.trip_deg_s:
+            return None
+        distance = self._global.trip_deg_s - math.copysign(rate, rate * goal if rate else 1.0)
+        wait = distance / self._limits[self._mode].acceleration_deg_s2
+        return self._clock.now() + max(wait, _POLL_S)
+
+    def _goal_deg_s(self) -> float:
+        """Return the rate that the profile goes to."""
+        if self._aborting:
+            return 0.0
+        return self._moves.goal_deg_s if self._moves.active else self._profiled_rate()
 
     def _close_when_due(self) -> None:
         if self._closing_at_s is None or self._clock.now() < self._closing_at_s:
@@ -222,6 +258,7 @@ class AclTable(LineDevice):
         self._closing_at_s = None
         self._aborting = False
         self._unservo_bit = 7
+        self._moves.cancel()
         self._motion.open_servo()
         self._fault("HARDWARE INTERLOCK")
 
@@ -240,6 +277,7 @@ class AclTable(LineDevice):
     def _abort(self, reason_bit: int) -> None:
         """Ramp to rest by the ABORT profile, then open the servo; `reason_bit` of A1STATE says why."""
         self._aborting = True
+        self._moves.cancel()
         self._unservo_bit = reason_bit
         acceleration = self._limits["Abort"].acceleration_deg_s2
         if acceleration > 0.0:
@@ -250,8 +288,22 @@ class AclTable(LineDevice):
         if not self._motion.servo_closed or self._aborting:
             return
         limits = self._limits[self._mode]
-        if limits.acceleration_deg_s2 > 0.0:
+        if limits.acceleration_deg_s2 == 0.0:
+            return
+        self._moves.cancel()
+        if self._mode == "Position" and limits.rate_deg_s > 0.0:
+            self._moves.start(self._nearest_target(), limits.rate_deg_s, limits.acceleration_deg_s2)
+        else:
             self._motion.demand_rate(self._profiled_rate(), limits.acceleration_deg_s2)
+
+    def _nearest_target(self) -> float:
+        """Return the accumulated angle nearest to the present one that shows the demanded position (shortest path)."""
+        present = self._axis.angle_deg()
+        return present + math.remainder(self._demand.position_deg - present, 360.0)
+
+    def _follow_position(self) -> None:
+        if self._mode == "Position":
+            self._follow()
 
     def _profiled_rate(self) -> float:
         if self._mode not in {"Rate", "Arate"}:
@@ -314,10 +366,12 @@ class AclTable(LineDevice):
 
     def _demand_position(self, arguments: tuple[str, ...]) -> None:
         (self._demand.position_deg,) = _axis_values(arguments, 1)
+        self._follow_position()
 
     def _demand_delta(self, arguments: tuple[str, ...]) -> None:
         (self._demand.delta_deg,) = _axis_values(arguments, 1)
         self._demand.position_deg += self._demand.delta_deg
+        self._follow_position()
 
     def _demand_acceleration(self, arguments: tuple[str, ...]) -> None:
         (self._demand.acceleration_deg_s2,) = _axis_values(arguments, 1)
@@ -337,7 +391,7 @@ class AclTable(LineDevice):
         self._demand.position_deg, self._demand.rate_deg_s = values[:2]
         if size == 3:
             self._demand.acceleration_deg_s2 = values[2]
-        if self._mode in {"Rate", "Arate"}:
+        if self._mode in {"Rate", "Arate", "Position"}:
             self._follow()
 
     def _interlock_close(self, arguments: tuple[str, ...]) -> None:
@@ -486,8 +540,7 @@ class AclTable(LineDevice):
     def _ramp_direction(self) -> int:
         if not self._motion.servo_closed or self._motion.profile_complete():
             return 0
-        target = 0.0 if self._aborting else self._profiled_rate()
-        return 1 if target > self._motion.profile_rate_deg_s() else -1
+        return 1 if self._goal_deg_s() > self._motion.profile_rate_deg_s() else -1
 
     def _ask_oscillator(self, arguments: tuple[str, ...]) -> str:
         _axis(arguments, everything=False)
@@ -583,7 +636,8 @@ class AclTable(LineDevice):
         direction, complete = self._ramp_direction(), self._motion.profile_complete()
         limited = self._mode in {"Rate", "Arate"} and complete and self._demand.rate_deg_s != self._profiled_rate()
         rate_bit = 4 if self._demand.rate_deg_s > 0 else 5
-        return (direction > 0) << 2 | (direction < 0) << 3 | limited << rate_bit | complete << 9
+        arrived = self._mode == "Position" and complete and not self._moves.active
+        return (direction > 0) << 2 | (direction < 0) << 3 | limited << rate_bit | arrived << 8 | complete << 9
 
 
 # --- arguments and replies ------------------------------------------------------------------------------------

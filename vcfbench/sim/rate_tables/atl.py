@@ -1,8 +1,8 @@
 """A simulated Ideal Aerosmith rate table, experimental: the subset that independent users agree on.
 
-No manual is public. JOG, STO, ACL, PPO and the framing stand in two or three independent user programs; PVE, SRV and
-ZER in one. Three letters and a value without a blank, carriage return; the reply is the data, if any, then a prompt
-line. Whether the prompt follows a motion command at once is disputed, hence `prompt_after_motion`.
+No manual is public. JOG, STO, ACL, PPO, HOM and the framing stand in two or three independent user programs; PVE,
+SRV and ZER in one. Three letters and a value without a blank, carriage return; the reply is the data, if any, then a
+prompt line. Whether the prompt follows a motion command at once is disputed, hence `prompt_after_motion`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ __all__ = ["AtlTable", "TableErrors"]
 _TIMING = SerialTiming(baud=9600.0, processing_s=0.005)
 _MAX_RATE_DEG_S = 360.0
 """Limit of the 1270VS."""
+_HOMING_DEG_S = 20.0
 _PROMPT = ">\r\n"
 _REFUSED = "?"
 _COMMAND = re.compile(r"([A-Za-z]{3})([+-]?\d+(?:\.\d*)?|[+-]?\.\d+)?")
@@ -37,11 +38,18 @@ class AtlTable(LineDevice):
             "JOG": self._jog,
             "STO": self._stop,
             "ACL": self._accelerate,
+            "HOM": self._home,
             "PPO": self._position,
             "PVE": self._velocity,
             "SRV": self._servo,
             "ZER": self._zero,
         }
+
+    def _advance(self) -> None:
+        self._axis.moves.advance()
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        return self._axis.own_events_s()
 
     def _answer(self, message: bytes) -> bytes | None:
         match = _COMMAND.fullmatch(message.decode("latin-1").strip())
@@ -57,6 +65,14 @@ class AtlTable(LineDevice):
             return _REFUSED
         self._axis.enable()
         self._axis.run(rate_deg_s)
+        return ""
+
+    def _home(self, value: float | None) -> str:
+        """Move to zero; whether the real prompt waits for the end is unknown, here it does not."""
+        if value is not None:
+            return _REFUSED
+        self._axis.enable()
+        self._axis.go_to(0.0, _HOMING_DEG_S)
         return ""
 
     def _stop(self, value: float | None) -> str:

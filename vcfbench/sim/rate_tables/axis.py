@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["Axis", "Motion", "ServoAxis", "TableErrors", "TableWorld"]
+__all__ = ["Axis", "Motion", "PositionMoves", "ServoAxis", "TableErrors", "TableWorld"]
+
+_REACHED_DEG = 1e-4
+_SETTLE_S = 0.15
+"""Pause at the end of a ramp for the rate loop, before the position is looked at again."""
 
 
 class Motion(Protocol):
@@ -121,6 +125,60 @@ def _quantised(value: float, quantum: float) -> float:
     return round(value / quantum) * quantum if quantum else value
 
 
+class PositionMoves:
+    """Brings the axis to an angle by ramps of the rate, correcting what is left until the encoder is satisfied.
+
+    :meth:`advance` must be called at `due_s`: the corners of the trapezoid are commands given then.
+    """
+
+    def __init__(self, world: TableWorld, axis: Axis) -> None:
+        self._clock = world.clock
+        self._motion = world.table
+        self._axis = axis
+        self._target_deg = 0.0
+        self._rate_deg_s = 0.0
+        self._acceleration_deg_s2 = 1.0
+        self.goal_deg_s = 0.0
+        self.due_s: float | None = None
+
+    @property
+    def active(self) -> bool:
+        """Tell whether a move is under way."""
+        return self.due_s is not None
+
+    def start(self, target_deg: float, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        """Move to the accumulated angle `target_deg`; a turning table is brought to rest first."""
+        self._target_deg, self._rate_deg_s = target_deg, rate_deg_s
+        self._acceleration_deg_s2 = acceleration_deg_s2
+        self._next()
+
+    def cancel(self) -> None:
+        """Forget the move; the motion is not touched."""
+        self.due_s = None
+
+    def advance(self) -> None:
+        """Give the commands that are due."""
+        while self.due_s is not None and self._clock.now() >= self.due_s:
+            self._next()
+
+    def _next(self) -> None:
+        rate = abs(self._motion.profile_rate_deg_s())
+        left_deg = self._target_deg - self._axis.angle_deg()
+        if rate > 1e-9:
+            self._ramp(0.0, rate / self._acceleration_deg_s2 + _SETTLE_S)
+        elif abs(left_deg) <= _REACHED_DEG:
+            self.due_s = None
+        else:
+            # up, along and down again: the area of the trapezoid up to its second corner takes distance over rate
+            peak = min(self._rate_deg_s, math.sqrt(self._acceleration_deg_s2 * abs(left_deg)))
+            self._ramp(math.copysign(peak, left_deg), abs(left_deg) / peak)
+
+    def _ramp(self, rate_deg_s: float, lasts_s: float) -> None:
+        self.goal_deg_s = rate_deg_s
+        self._motion.demand_rate(rate_deg_s, self._acceleration_deg_s2)
+        self.due_s = self._clock.now() + lasts_s
+
+
 class ServoAxis(Axis):
     """An axis whose controller knows one acceleration and runs at a commanded rate while its drive is on."""
 
@@ -128,6 +186,7 @@ class ServoAxis(Axis):
         super().__init__(world, errors)
         self._motion = world.table
         self.acceleration_deg_s2 = acceleration_deg_s2
+        self.moves = PositionMoves(world, self)
         self._zero_deg = 0.0
 
     @property
@@ -143,19 +202,29 @@ class ServoAxis(Axis):
 
     def disable(self) -> None:
         """Switch the drive off; the table coasts."""
+        self.moves.cancel()
         self._motion.open_servo()
 
     def run(self, rate_deg_s: float) -> None:
         """Ramp to a rate."""
+        self.moves.cancel()
         self._motion.demand_rate(rate_deg_s, self.acceleration_deg_s2)
+
+    def go_to(self, position_deg: float, rate_deg_s: float) -> None:
+        """Move to a position, counted from the zero that was set."""
+        self.moves.start(position_deg + self._zero_deg, rate_deg_s, self.acceleration_deg_s2)
+
+    def own_events_s(self) -> tuple[float, ...]:
+        """Return when the next command of a move is due."""
+        return () if self.moves.due_s is None else (self.moves.due_s,)
 
     def change_acceleration(self, acceleration_deg_s2: float) -> None:
         """Take another acceleration for the ramps that follow; the running one keeps its own."""
         self.acceleration_deg_s2 = acceleration_deg_s2
 
     def moving(self) -> bool:
-        """Tell whether the profile turns or ramps."""
-        return not self._motion.profile_complete() or self._motion.profile_rate_deg_s() != 0.0
+        """Tell whether a move is under way, or the profile turns or ramps."""
+        return self.moves.active or not self._motion.profile_complete() or self._motion.profile_rate_deg_s() != 0.0
 
     def position_deg(self) -> float:
         """Return the measured angle from the zero that was set, deg."""

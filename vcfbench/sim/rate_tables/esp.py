@@ -1,8 +1,7 @@
 """A simulated Newport ESP300/301 motion controller with one rotary stage on axis 1.
 
 Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
-``;`` chains; replies end in CR LF. Unverified: 19200 Bd, the digits of numbers, the stage's limits. Position moves
-(PA, PR, OR) are refused, because the World's table takes rates only.
+``;`` chains; replies end in CR LF. Unverified: 19200 Bd, the digits of numbers, the stage's limits.
 """
 
 from __future__ import annotations
@@ -68,12 +67,21 @@ class EspTable(LineDevice):
             "AC": self._acceleration,
             "AG": self._deceleration,
             "MV": self._move,
+            "PA": lambda value: self._go_to(0.0, value),
+            "PR": lambda value: self._go_to(self._axis.position_deg(), value),
+            "OR": lambda _: self._go_to(0.0, "0"),
             "ST": lambda _: self._stop(),
             "MD": lambda _: str(int(not self._axis.moving())),
             "TP": lambda _: f"{self._axis.position_deg() + 0.0:.4f}",
             "TV": lambda _: f"{self._axis.rate_deg_s() + 0.0:.4f}",
             "DH": self._define_home,
         }
+
+    def _advance(self) -> None:
+        self._axis.moves.advance()
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        return self._axis.own_events_s()
 
     def _answer(self, message: bytes) -> bytes | None:
         replies = []
@@ -154,6 +162,16 @@ class EspTable(LineDevice):
         self._axis.run(self._direction * self._velocity_deg_s)
         return None
 
+    def _go_to(self, start_deg: float, value: str) -> str | None:
+        """Move to `start_deg` and `value`; with a question mark tell where a move would start."""
+        if value == "?":
+            return f"{self._axis.position_deg() + 0.0:.4f}"
+        if not self._axis.enabled:
+            raise _Refused(_NOT_ENABLED)
+        self._direction = 0
+        self._axis.go_to(start_deg + _signed(value), self._velocity_deg_s)
+        return None
+
     def _stop(self) -> None:
         self._direction = 0
         if not self._axis.enabled:
@@ -173,11 +191,15 @@ class EspTable(LineDevice):
         return None
 
 
-def _number(value: str, high: float) -> float:
+def _signed(value: str) -> float:
     try:
-        number = float(value)
+        return float(value)
     except ValueError:
         raise _Refused(_AXIS_RANGE) from None
+
+
+def _number(value: str, high: float) -> float:
+    number = _signed(value)
     if not 0.0 <= number <= high:
         raise _Refused(_AXIS_RANGE)
     return number

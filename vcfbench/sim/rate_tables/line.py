@@ -68,9 +68,21 @@ class LineDevice:
         return part, not reply
 
     def wake_at(self) -> float | None:
-        """Return when the next reply is complete, None when none is under way."""
+        """Do what is due; return when the next reply is complete or something happens by itself, None for never.
+
+        A reply that is complete and not read yet must not hide what happens later.
+        """
         self._advance()
+        now = self._clock.now()
+        coming = [*self._own_events_s(), *(ready for ready, _ in self._output if ready > now)]
+        if coming:
+            return min(coming)
         return self._output[0][0] if self._output else None
+
+    @property
+    def answering(self) -> bool:
+        """Whether a reply is under way or waits to be read; motion by itself does not count."""
+        return bool(self._output)
 
     def clear(self) -> None:
         """Drop input and output; settings and motion stay."""
@@ -109,6 +121,10 @@ class LineDevice:
 
     def _advance(self) -> None:
         """Bring what happens by itself up to now."""
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        """Return the future instants at which :meth:`_advance` will have something to do, as far as known."""
+        return ()
 
     def _answer(self, message: bytes) -> bytes | None:
         """Act on one message; return the reply as sent, terminator included, or None."""

@@ -2,8 +2,7 @@
 
 Grammar after zaber.serial and zaber-motion: request ``/device axis [id] command[:LRC]``, reply
 ``@dd a [id] OK|RJ BUSY|IDLE flag data[:LRC]``. Unverified: the factor 1.6384 of velocities, 1.6384e-4 of accelerations,
-the stage's microsteps and limits. Position moves are not among what this stage can do: the World's table takes
-rates only.
+the stage's microsteps and limits.
 """
 
 from __future__ import annotations
@@ -60,9 +59,16 @@ class ZaberTable(LineDevice):
             "move": self._move,
             "stop": lambda _: self._stop(),
             "estop": lambda _: self._stop(),
+            "home": lambda _: self._go_to(0.0),
             "driver": self._driver,
             "warnings": self._warnings,
         }
+
+    def _advance(self) -> None:
+        self._axis.moves.advance()
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        return self._axis.own_events_s()
 
     def _answer(self, message: bytes) -> bytes | None:
         text = message.decode("latin-1")
@@ -138,15 +144,27 @@ class ZaberTable(LineDevice):
             self._max_speed_deg_s = value / self._per_deg / _VELOCITY_UNIT
 
     def _move(self, words: tuple[str, ...]) -> str:
-        if len(words) != 2 or words[0] != "vel":
+        if len(words) != 2 or words[0] not in {"vel", "abs", "rel"}:
             raise _Rejected("BADCOMMAND")
-        rate = _number(words[1]) / self._per_deg / _VELOCITY_UNIT
-        if not self._axis.enabled:
-            raise _Rejected("DRIVERDISABLED")
+        value = _number(words[1])
+        if words[0] != "vel":
+            start = self._axis.position_deg() if words[0] == "rel" else 0.0
+            return self._go_to(start + value / self._per_deg)
+        rate = value / self._per_deg / _VELOCITY_UNIT
+        self._require_driver()
         if abs(rate) > self._max_speed_deg_s:
             raise _Rejected("BADDATA")
         self._axis.run(rate)
         return "0"
+
+    def _go_to(self, position_deg: float) -> str:
+        self._require_driver()
+        self._axis.go_to(position_deg, self._max_speed_deg_s)
+        return "0"
+
+    def _require_driver(self) -> None:
+        if not self._axis.enabled:
+            raise _Rejected("DRIVERDISABLED")
 
     def _stop(self) -> str:
         if self._axis.enabled:
