@@ -111,122 +111,130 @@ def design(bench: BenchParameters, targets: Targets) -> BenchParameters:
     return replace(bench, virtual_path=virtual, output_stage=output)
 
 
-def _perfect() -> BenchParameters:
-    """Return the perfect bench before its gains are computed; round numbers are chosen, the others are the paper's."""
-    return BenchParameters(
-        drive_mode=DriveMode(
-            frequency_hz=3488.9,
-            quality=1395.0,
-            mass_kg=5e-7,
-            frequency_coefficient_per_k=0.0,
-            quality_coefficient_per_k=0.0,
-        ),
-        sense_in_phase=SenseMode(
-            frequency_hz=3342.0,
-            quality=1224.0,
-            left_participation=0.8,
-            right_participation=0.2,
-            pick_off_v_per_m=2e5,
-            quadrature_rad_s=0.0,
-            frequency_coefficient_per_k=0.0,
-            quality_coefficient_per_k=0.0,
-        ),
-        sense_anti_phase=SenseMode(
-            frequency_hz=3464.1,
-            quality=1224.0,
-            left_participation=0.5,
-            right_participation=0.5,
-            pick_off_v_per_m=2e5,
-            quadrature_rad_s=0.0,
-            frequency_coefficient_per_k=0.0,
-            quality_coefficient_per_k=0.0,
-        ),
-        drive_loop=DriveLoop(
-            amplitude_m=5e-6,
-            pick_off_v_per_m=2e5,
-            agc_proportional=7.0,
-            agc_integral_per_s=200.0,
-            force_limit_n_per_v=3.5e-7,
-            pll_proportional_per_s=90.0,
-            pll_integral_per_s2=4000.0,
-            pll_free_running_offset_hz=5.0,
-            amplitude_supply_coefficient_per_v=0.0,
-        ),
-        sense_path=SensePath(
-            preamplifier_gain=10.0,
-            amplifier_gain=10.0,
-            reference_amplitude_v=2.0,
-            demodulator_phase_rad=math.pi,
-            multiplier_per_v=0.1,
-            low_pass_hz=100.0,
-            low_pass_order=4,
-        ),
-        virtual_path=VirtualPath(
-            pull_down_ohm=1e6,
-            carrier_phase_rad=math.pi,
-            left_comb_n_per_v2=1e-8,
-            right_comb_n_per_v2=1e-8,
-            mass_kg=5e-7,
-            offset_v=0.0,
-            second_order_per_v=0.0,
-            third_order_per_v2=0.0,
-        ),
-        output_stage=OutputStage(
-            gain=1.0, offset_v=0.0, second_order_per_v=0.0, third_order_per_v2=0.0, headroom_v=1.5
-        ),
-        supply=Supply(nominal_v=10.0, start_v=8.0, brown_out_v=7.0, dead_v=4.0, quiescent_a=0.028, start_up_a=0.012),
-        noise=NoiseSources(
-            angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0, flicker_shortest_s=0.125, flicker_processes=9
-        ),
-        thermal=Thermal(
-            ambient_c=20.0,
-            reference_c=20.0,
-            self_heating_k=0.0,
-            time_constant_s=300.0,
-            bias_coefficient_deg_s_k=0.0,
-            refresh_k=0.02,
-        ),
-        table=TableMechanics(
-            loop_hz=25.0,
-            loop_damping=0.8,
-            rate_error=0.0,
-            ripple_arcsec=(),
-            ripple_harmonic=(),
-            ripple_phase_rad=(),
-            friction_deg_s2=5.0,
-            friction_time_s=20.0,
-        ),
-        site=Site(latitude_deg=0.0),
-    )
+# The perfect bench before its gains are computed; round numbers are chosen, the others are the paper's.
+DRIVE_MODE = DriveMode(
+    frequency_hz=3488.9,
+    quality=1395.0,
+    mass_kg=5e-7,
+    frequency_coefficient_per_k=0.0,
+    quality_coefficient_per_k=0.0,
+)
+SENSE_IN_PHASE = SenseMode(
+    frequency_hz=3342.0,
+    quality=1224.0,
+    left_participation=0.8,
+    right_participation=0.2,
+    pick_off_v_per_m=2e5,
+    quadrature_rad_s=0.0,
+    frequency_coefficient_per_k=0.0,
+    quality_coefficient_per_k=0.0,
+)
+SENSE_ANTI_PHASE = SenseMode(
+    frequency_hz=3464.1,
+    quality=1224.0,
+    left_participation=0.5,
+    right_participation=0.5,
+    pick_off_v_per_m=2e5,
+    quadrature_rad_s=0.0,
+    frequency_coefficient_per_k=0.0,
+    quality_coefficient_per_k=0.0,
+)
+DRIVE_LOOP = DriveLoop(
+    amplitude_m=5e-6,
+    pick_off_v_per_m=2e5,
+    agc_proportional=7.0,
+    agc_integral_per_s=200.0,
+    force_limit_n_per_v=3.5e-7,
+    pll_proportional_per_s=90.0,
+    pll_integral_per_s2=4000.0,
+    pll_free_running_offset_hz=5.0,
+    amplitude_supply_coefficient_per_v=0.0,
+)
+SENSE_PATH = SensePath(
+    preamplifier_gain=10.0,
+    amplifier_gain=10.0,
+    reference_amplitude_v=2.0,
+    demodulator_phase_rad=math.pi,
+    multiplier_per_v=0.1,
+    low_pass_hz=100.0,
+    low_pass_order=4,
+)
+VIRTUAL_PATH = VirtualPath(
+    pull_down_ohm=1e6,
+    carrier_phase_rad=math.pi,
+    left_comb_n_per_v2=1e-8,
+    right_comb_n_per_v2=1e-8,
+    mass_kg=5e-7,
+    offset_v=0.0,
+    second_order_per_v=0.0,
+    third_order_per_v2=0.0,
+)
+OUTPUT_STAGE = OutputStage(gain=1.0, offset_v=0.0, second_order_per_v=0.0, third_order_per_v2=0.0, headroom_v=1.5)
+SUPPLY = Supply(nominal_v=10.0, start_v=8.0, brown_out_v=7.0, dead_v=4.0, quiescent_a=0.028, start_up_a=0.012)
+NOISE = NoiseSources(
+    angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0, flicker_shortest_s=0.125, flicker_processes=9
+)
+THERMAL = Thermal(
+    ambient_c=20.0,
+    reference_c=20.0,
+    self_heating_k=0.0,
+    time_constant_s=300.0,
+    bias_coefficient_deg_s_k=0.0,
+    refresh_k=0.02,
+)
+TABLE = TableMechanics(
+    loop_hz=25.0,
+    loop_damping=0.8,
+    rate_error=0.0,
+    ripple_arcsec=(),
+    ripple_harmonic=(),
+    ripple_phase_rad=(),
+    friction_deg_s2=5.0,
+    friction_time_s=20.0,
+)
+SITE = Site(latitude_deg=0.0)
+PERFECT = BenchParameters(
+    drive_mode=DRIVE_MODE,
+    sense_in_phase=SENSE_IN_PHASE,
+    sense_anti_phase=SENSE_ANTI_PHASE,
+    drive_loop=DRIVE_LOOP,
+    sense_path=SENSE_PATH,
+    virtual_path=VIRTUAL_PATH,
+    output_stage=OUTPUT_STAGE,
+    supply=SUPPLY,
+    noise=NOISE,
+    thermal=THERMAL,
+    table=TABLE,
+    site=SITE,
+)
 
 
 def ideal_bench() -> BenchParameters:
     """Return the shipped set `ideal`."""
-    return design(_perfect(), IDEAL_TARGETS)
+    return design(PERFECT, IDEAL_TARGETS)
 
 
 def _imperfect() -> BenchParameters:
     """Return the specimen of the set `paper` before its gains are computed; every imperfection here was chosen."""
-    perfect = _perfect()
     return replace(
-        perfect,
-        drive_mode=replace(perfect.drive_mode, frequency_coefficient_per_k=-30e-6, quality_coefficient_per_k=-2e-3),
+        PERFECT,
+        drive_mode=replace(PERFECT.drive_mode, frequency_coefficient_per_k=-30e-6, quality_coefficient_per_k=-2e-3),
         sense_in_phase=replace(
-            perfect.sense_in_phase,
+            PERFECT.sense_in_phase,
             quadrature_rad_s=math.radians(5.0),
             frequency_coefficient_per_k=-31e-6,
             quality_coefficient_per_k=-2e-3,
         ),
         sense_anti_phase=replace(
-            perfect.sense_anti_phase,
+            PERFECT.sense_anti_phase,
             quadrature_rad_s=math.radians(20.0),
             frequency_coefficient_per_k=-31e-6,
             quality_coefficient_per_k=-2e-3,
         ),
-        drive_loop=replace(perfect.drive_loop, amplitude_supply_coefficient_per_v=200e-6),
-        sense_path=replace(perfect.sense_path, demodulator_phase_rad=math.pi - math.radians(0.5)),
+        drive_loop=replace(PERFECT.drive_loop, amplitude_supply_coefficient_per_v=200e-6),
+        sense_path=replace(PERFECT.sense_path, demodulator_phase_rad=math.pi - math.radians(0.5)),
         virtual_path=replace(
-            perfect.virtual_path,
+            PERFECT.virtual_path,
             carrier_phase_rad=math.pi + math.radians(0.3),
             left_comb_n_per_v2=1.01e-8,
             right_comb_n_per_v2=0.99e-8,
@@ -234,11 +242,11 @@ def _imperfect() -> BenchParameters:
             third_order_per_v2=14.5e-3,
         ),
         noise=replace(
-            perfect.noise, angle_random_walk_deg_sqrt_s=0.21 / 60, bias_instability_deg_s=3.7 / 0.6642824702679 / 3600
+            PERFECT.noise, angle_random_walk_deg_sqrt_s=0.21 / 60, bias_instability_deg_s=3.7 / 0.6642824702679 / 3600
         ),
-        thermal=replace(perfect.thermal, self_heating_k=0.3, bias_coefficient_deg_s_k=30.0 / 3600),
+        thermal=replace(PERFECT.thermal, self_heating_k=0.3, bias_coefficient_deg_s_k=30.0 / 3600),
         table=replace(
-            perfect.table,
+            PERFECT.table,
             rate_error=5e-6,
             ripple_arcsec=(5.0, 0.5),
             ripple_harmonic=(1, 8),
