@@ -203,6 +203,13 @@ def test_a_thousand_intervals_are_one_within_1e_12() -> None:
     assert other.value_v("output") == pytest.approx(world.value_v("output"), rel=1e-12)
 
 
+def test_a_day_of_dwell_is_one_step() -> None:
+    """Every noise process but the slowest has long forgotten; nothing overflows, nothing is lost."""
+    clock, world = powered(PAPER)
+    clock.sleep_until(86_400.0)
+    assert mean_v(clock, world, 1.0) == pytest.approx(-42e-3, abs=2e-3)
+
+
 def test_a_seed_repeats_itself_and_another_does_not() -> None:
     def record(seed: int) -> list[float]:
         clock, world = powered(PAPER, seed)

@@ -125,7 +125,7 @@ class NoisyChain:
 
     def _gathered(self, interval_s: float, other: np.ufunc | _AsArray) -> NDArray[np.complex128]:
         total = np.add.outer(self._exponents, other(self._exponents))
-        safe = np.where(total == 0, 1.0, total)
+        safe = np.where(total == 0, -1.0, total)
         grown = np.where(total == 0, interval_s, np.expm1(safe * interval_s) / safe)
         return np.asarray((self._input @ other(self._input).T) * grown)
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Stretch"]
 
-STEADY_V = 1e-4
+STEADY_V = 1e-3
 PANEL_S = 0.02
 PANEL_NODES = 16
 
@@ -65,7 +65,7 @@ class Stretch:
         """Integrate the output: exactly where it is linear, the curvature by Gauss-Legendre nodes.
 
         A filtered signal that moves by less than `STEADY_V` (at the output) needs none: the curvature then adds less
-        than 1e-11 V. Otherwise 16 nodes each 20 ms integrate what is left after the tangent is taken off. Where the
+        than 1e-9 V. Otherwise 16 nodes each 20 ms integrate what is left after the tangent is taken off. Where the
         output clips within the stretch, the kinks leave an error of some 1e-3 of the swing. Noise enters by its mean
         over the stretch; its own variance times the curvature, below 1e-12 V, is left out.
         """
