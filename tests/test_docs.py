@@ -8,6 +8,7 @@ a `text` block right after a `python` one is what that prints;
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -59,7 +60,13 @@ def run(command: str, folder: Path) -> str:
         assert words.pop() == ">"
     program = {"vcfbench": VCFBENCH, "python": [sys.executable]}[words[0]]
     done = subprocess.run(  # noqa: S603 - our own documentation
-        [*program, *words[1:]], cwd=folder, capture_output=True, text=True, encoding="utf-8", timeout=120, check=False
+        [*program, *words[1:]],
+        cwd=folder,
+        env={**os.environ, "PYTHONUTF8": "1"},
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr

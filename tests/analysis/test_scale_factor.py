@@ -75,6 +75,23 @@ def test_noise_is_kept_apart_from_lack_of_fit() -> None:
     assert result.type_a.u_scale_factor < result.line.u_scale_factor / 50
 
 
+def test_no_uncertainty_is_stated_that_is_less_than_the_noise() -> None:
+    """Points that lie on a line by luck, or by their resolution, are known no better than their readings."""
+    exact = characterise([-1, 0, 1], [-2.0, 0.0, 2.0], 1e-3)
+    result = exact.as_json()
+    assert result["scale_factor"]["u"] == pytest.approx(1e-3 / np.sqrt(2))
+    assert result["bias"]["u"] == pytest.approx(1e-3 / np.sqrt(3))
+    other = characterise([-1, 0, 1], [-2.001, 0.0, 2.001], 1e-3)
+    assert compare(exact, other).e_n == pytest.approx(1e-3 / (12.7062 * 1e-3), rel=1e-5)
+    noisy = characterise(RATE, TURNTABLE, 1e-5)
+    assert noisy.u_scale_factor == noisy.line.u_scale_factor
+
+
+def test_residuals_are_compared_where_the_rates_nearly_agree() -> None:
+    stretched = compare(characterise(RATE, TURNTABLE), characterise(1.001 * np.array(RATE), VIRTUAL))
+    assert stretched.residual_correlation == pytest.approx(0.5924, abs=1e-3)
+
+
 def test_unequal_noise_weighs_where_it_is() -> None:
     """Noise at one end alone: u(K) is that point's weight in the slope times its noise."""
     u_output = np.zeros(17)

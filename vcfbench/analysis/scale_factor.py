@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
-from vcfbench.analysis.quantile import student_t
 from vcfbench.analysis.regression import (
     LineFit,
     Polynomial,
@@ -68,6 +67,16 @@ class ScaleFactorResult:
     type_a: TypeA | None
 
     @property
+    def u_scale_factor(self) -> float:
+        """Standard uncertainty of the slope: from the scatter about the line, never less than the noise alone."""
+        return max(self.line.u_scale_factor, 0.0 if self.type_a is None else self.type_a.u_scale_factor)
+
+    @property
+    def u_bias(self) -> float:
+        """Standard uncertainty of the intercept, likewise."""
+        return max(self.line.u_bias, 0.0 if self.type_a is None else self.type_a.u_bias)
+
+    @property
     def asymmetry_ppm(self) -> float | None:
         """Difference of the slopes on the two sides of zero, each with its own intercept."""
         return self.nonlinearity_ppm["asym"]
@@ -82,8 +91,8 @@ class ScaleFactorResult:
         """Return the result as plain values ready for JSON; full precision, the unit beside or in the name."""
         line = self.line
         return {
-            "scale_factor": {"value": line.scale_factor, "u": line.u_scale_factor, "unit": SCALE_FACTOR_UNIT},
-            "bias": {"value": line.bias, "u": line.u_bias, "unit": BIAS_UNIT},
+            "scale_factor": {"value": line.scale_factor, "u": self.u_scale_factor, "unit": SCALE_FACTOR_UNIT},
+            "bias": {"value": line.bias, "u": self.u_bias, "unit": BIAS_UNIT},
             "nonlinearity_ppm": self.nonlinearity_ppm,
             "asymmetry_ppm": self.asymmetry_ppm,
             "bias_deg_s": line.bias_deg_s,
@@ -92,7 +101,7 @@ class ScaleFactorResult:
             "s_v": line.s_v,
             "dof": line.dof,
             "coverage_factor": line.coverage_factor,
-            "u95_scale_factor_ppm": 1e6 * line.coverage_factor * line.u_scale_factor / abs(line.scale_factor),
+            "u95_scale_factor_ppm": 1e6 * line.coverage_factor * self.u_scale_factor / abs(line.scale_factor),
             "covariance": line.covariance,
             "type_a": None if self.type_a is None else asdict(self.type_a),
             "polynomial": None if self.polynomial is None else self._polynomial_json(self.polynomial),
@@ -177,7 +186,7 @@ class Comparison:
     zero_difference_v: float | None
     """Difference of the outputs at zero, V: the same physical state, reached in two ways."""
     residual_correlation: float | None
-    """Correlation of the two columns' residuals, where both were measured at the same rates."""
+    """Correlation of the two columns' residuals, where both were measured at the same rates, to 5 %."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the comparison as plain values ready for JSON."""
@@ -188,7 +197,7 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
     """Compare `other` with `reference`."""
     first, second = reference.line, other.line
     ratio = second.scale_factor / first.scale_factor
-    relative = math.hypot(first.u_scale_factor / first.scale_factor, second.u_scale_factor / second.scale_factor)
+    relative = math.hypot(reference.u_scale_factor / first.scale_factor, other.u_scale_factor / second.scale_factor)
     error = scale_factor_error_percent(first.scale_factor, second.scale_factor)
     assert error is not None  # noqa: S101 - `characterise` refuses a scale factor of zero
     return Comparison(
@@ -197,17 +206,17 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
             first.scale_factor, second.scale_factor, PAPER_DECIMALS
         ),
         u_scale_factor_error_percent=100.0 * abs(ratio) * relative,
-        e_n=_e_n(first, second),
+        e_n=_e_n(reference, other),
         bias_difference_v=second.bias - first.bias,
         zero_difference_v=_difference(reference.zero_v, other.zero_v),
         residual_correlation=_residual_correlation(reference, other),
     )
 
 
-def _e_n(first: LineFit, second: LineFit) -> float | None:
-    expanded = [student_t(line.dof) * line.u_scale_factor for line in (first, second)]
+def _e_n(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
+    expanded = [result.line.coverage_factor * result.u_scale_factor for result in (first, second)]
     both = math.hypot(*expanded)
-    return abs(second.scale_factor - first.scale_factor) / both if both > 0.0 else None
+    return abs(second.line.scale_factor - first.line.scale_factor) / both if both > 0.0 else None
 
 
 def _difference(first: float | None, second: float | None) -> float | None:
@@ -215,7 +224,8 @@ def _difference(first: float | None, second: float | None) -> float | None:
 
 
 def _residual_correlation(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
-    if not np.array_equal(first.rate_deg_s, second.rate_deg_s):
+    rates = first.rate_deg_s, second.rate_deg_s
+    if rates[0].shape != rates[1].shape or not np.allclose(*rates, rtol=0.05, atol=0.0):
         return None
     residuals = first.line.residuals_v, second.line.residuals_v
     if any(np.ptp(column) == 0.0 for column in residuals):

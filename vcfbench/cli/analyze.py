@@ -139,9 +139,9 @@ def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
     lines = [result.line for result in results.values()]
     rows = {
         "scale factor, mV/(deg/s)": [f"{1e3 * line.scale_factor:.6f}" for line in lines],
-        "  u, mV/(deg/s)": [f"{1e3 * line.u_scale_factor:.2g}" for line in lines],
+        "  u, mV/(deg/s)": [f"{1e3 * result.u_scale_factor:.2g}" for result in results.values()],
         "bias, mV": [f"{1e3 * line.bias:.4f}" for line in lines],
-        "  u, mV": [f"{1e3 * line.u_bias:.2g}" for line in lines],
+        "  u, mV": [f"{1e3 * result.u_bias:.2g}" for result in results.values()],
         "bias, deg/s": [f"{line.bias_deg_s:.4f}" for line in lines],
         "residual std, mV": [f"{1e3 * line.s_v:.4f}" for line in lines],
         "degrees of freedom": [str(line.dof) for line in lines],
