@@ -52,8 +52,8 @@ def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
     """A bench that answers at once leaves nothing but physics."""
     bench = FakeBench()
     execution = run("virtual-coriolis", bench)
-    ramps_s = (10.0 + 10.0 + 200.0 + 400.0 + 200.0) / 100.0
-    states, windows = 5 + 17 + 17, 17 + 17 + 17
+    ramps_s = (4 * 10.0 + 200.0 + 400.0 + 200.0) / 100.0
+    states, windows = 5 + 7 + 17 + 17, 8 + 9 + 17 + 17
     by_hand_s = SETTLE_S + states * SETTLE_S + windows * WINDOW_S + ramps_s
     assert execution.physical_minimum_s == pytest.approx(by_hand_s, abs=1e-6)
     # the fake's AGC is settled at the first look, so nothing comes on top
@@ -244,7 +244,7 @@ def test_a_dead_v_vc_lead_ends_step_2() -> None:
     bench = FakeBench(Gyro(k_vc=0.0))
     execution = run("virtual-coriolis", bench)
     assert str(execution.error).startswith("rate_source at FAKE::10: the output does not answer to V_Vc")
-    assert [point.step for point in execution.points] == [1] * 8 + [2] * 5
+    assert [point.step for point in execution.points] == [1] * 8 + [2] * 2
 
 
 def test_a_generator_whose_relay_sticks_is_found_out() -> None:

@@ -104,29 +104,43 @@ def test_turntable_reads_like_the_work_instruction() -> None:
     ]
 
 
+def table_at(rate: float) -> list[str]:
+    return [f"rate {rate:g}", "AwaitRate", "settle 2"]
+
+
+def v_vc_at(volts: float) -> list[str]:
+    return [f"V_Vc {volts:g}", "settle 2", f"acquire 2: 0 deg/s, {volts:g} V"]
+
+
 def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
     assert words(steps_of("virtual-coriolis")) == [
         *START_UP,
         "# Step 1: the table turns at 10 deg/s, generator off",
         "settle 2",
-        *["acquire 1: 0 deg/s, 0 V"] * 4,
-        "rate 10",
-        "AwaitRate",
-        "settle 2",
-        *["acquire 1: 10 deg/s, 0 V"] * 4,
+        "acquire 1: 0 deg/s, 0 V",
+        *table_at(10.0),
+        *["acquire 1: 10 deg/s, 0 V"] * 2,
+        *table_at(0.0),
+        *["acquire 1: 0 deg/s, 0 V"] * 2,
+        *table_at(10.0),
+        *["acquire 1: 10 deg/s, 0 V"] * 2,
+        *table_at(0.0),
+        "acquire 1: 0 deg/s, 0 V",
         "rate 0",
         "AwaitRate",
         "# Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1",
         "V_Vc 0",
         "EnableVvc",
         "settle 2",
-        *["acquire 2: 0 deg/s, 0 V"] * 4,
-        "V_Vc 0.25",
-        "settle 2",
+        "acquire 2: 0 deg/s, 0 V",
+        *v_vc_at(0.25),
+        *v_vc_at(0.25),
+        *v_vc_at(0.0),
+        *v_vc_at(0.25),
         "acquire 2: 0 deg/s, 0.25 V",
-        "V_Vc 0.25",
-        "settle 2",
-        *["acquire 2: 0 deg/s, 0.25 V"] * 4,
+        *v_vc_at(0.0),
+        "acquire 2: 0 deg/s, 0 V",
+        *v_vc_at(0.25),
         "# Step 3: the table turns at each rate, generator off",
         "DisableVvc",
         *table_sweep(3),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import groupby
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
@@ -41,7 +40,7 @@ class Mean:
 
     @classmethod
     def of(cls, points: Iterable[Point]) -> Mean:
-        """Return the mean of windows that were taken one after the other at the same setting."""
+        """Return the mean of windows that were taken at the same setting."""
         windows = tuple(points)
         count = sum(point.n for point in windows)
         output_v = math.fsum(point.n * point.output_v for point in windows) / count
@@ -70,11 +69,13 @@ class Matching:
         """Do the arithmetic of steps 1 and 2 on their points.
 
         Step 1 holds the zero and the output at the matching rate, step 2 the zero with the generator on and at least
-        one setting of V_Vc; windows in a row with the same rate and V_Vc are one mean.
+        one setting of V_Vc; all windows of a step with the same rate and V_Vc are one mean.
         """
-        of_steps = (point for point in points if point.step in {1, 2})
-        groups = groupby(of_steps, key=lambda point: (point.step, point.rate_deg_s, point.v_vc_v))
-        zero_table, turning, zero_virtual, *tries = (Mean.of(group) for _, group in groups)
+        groups: dict[tuple[int, float, float], list[Point]] = {}
+        for point in points:
+            if point.step in {1, 2}:
+                groups.setdefault((point.step, point.rate_deg_s, point.v_vc_v), []).append(point)
+        zero_table, turning, zero_virtual, *tries = (Mean.of(group) for group in groups.values())
         return cls(match, rate_deg_s, zero_table, turning, zero_virtual, tuple(tries))
 
     @property

@@ -16,6 +16,8 @@ from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle, S
 from vcfbench.procedures.turntable import table_sweep
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.record.schema import Point
 
@@ -41,33 +43,65 @@ def _four_steps(settings: CalibrationSettings) -> Phrase[Outcome]:
 
 
 def _table_reference(settings: CalibrationSettings) -> Phrase[list[Point]]:
-    """Step 1: the zero output and the output at the matching rate."""
-    rate_deg_s = settings.match_rate_deg_s
+    """Step 1: the zero output and the output at the matching rate, in turn."""
     yield Settle(settings.settle_s, "gyro settles, table at rest")
-    zero = yield from _take_repeatedly(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
-    yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
-    turning = yield from _take_repeatedly(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0)
-    yield from ramp_to(settings, 0.0, previous_deg_s=rate_deg_s)
-    return [*zero, *turning]
+    points: list[Point] = []
+    previous_deg_s = 0.0
+    for turning in _in_turn(settings.match_windows):
+        rate_deg_s = settings.match_rate_deg_s if turning else 0.0
+        if rate_deg_s != previous_deg_s:
+            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+        points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+        previous_deg_s = rate_deg_s
+    yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
+    return points
 
 
 def _match(settings: CalibrationSettings, points: list[Point]) -> Phrase[Matching]:
     """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal."""
     yield from v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
-    points += yield from _take_repeatedly(settings, 2, rate_deg_s=0.0, v_vc_v=0.0)
+    points.append((yield from _take_virtual(settings, 0.0)))
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess
     for number in range(settings.match_iterations):
         v_vc_v = yield from set_v_vc(settings, v_vc_v)
-        points.append((yield from take(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0)))
+        points.append((yield from _take_virtual(settings, v_vc_v)))
         matching = Matching.of(points, settings.match, settings.match_rate_deg_s)
         if number > 0 and matching.equal():  # one lucky guess proves nothing
             break
         v_vc_v = matching.v_vc_equal_v
     if not matching.usable():
         raise _no_match(matching, settings)
-    points += yield from _take_repeatedly(settings, 2, rate_deg_s=0.0, v_vc_v=points[-1].v_vc_v, taken=1)
+    points += yield from _confirm(settings, points[-1].v_vc_v)
     return Matching.of(points, settings.match, settings.match_rate_deg_s)
+
+
+def _confirm(settings: CalibrationSettings, equal_v: float) -> Phrase[list[Point]]:
+    """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn."""
+    points: list[Point] = []
+    previous_v = equal_v
+    for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
+        v_vc_v = equal_v if pushed else 0.0
+        if v_vc_v != previous_v:
+            yield from set_v_vc(settings, v_vc_v)
+        points.append((yield from _take_virtual(settings, v_vc_v)))
+        previous_v = v_vc_v
+    return points
+
+
+def _in_turn(windows: int) -> Iterator[bool]:
+    """Yield `windows` zeros and as many levels as zero, level, level, zero, ...: linear drift cancels, flicker nearly.
+
+    K_Vc hangs on four means 125 mV apart, where one window of ten readings each would leave 0.06 % of noise and a
+    wandering zero half as much again; the sweeps, over 5 V, need no more than one window a level.
+    """
+    for number in range(windows):
+        second = number % 2 == 0
+        yield from (not second, second)
+
+
+def _take_virtual(settings: CalibrationSettings, v_vc_v: float) -> Phrase[Point]:
+    return (yield from take(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
 def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementError:
@@ -78,21 +112,6 @@ def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementE
         step="2",
         hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
     )
-
-
-def _take_repeatedly(
-    settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, taken: int = 0
-) -> Phrase[list[Point]]:
-    """Take the windows of steps 1 and 2 one after the other, less those `taken` already.
-
-    K_Vc hangs on four means 125 mV apart, where a window of ten readings each would leave 0.06 % of noise; the
-    sweeps, over 5 V, need no more than one.
-    """
-    points = []
-    for _ in range(settings.match_windows - taken):
-        point = yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=rate_deg_s)
-        points.append(point)
-    return points
 
 
 def _virtual_sweep(settings: CalibrationSettings, k_vc: float) -> Phrase[None]:
