@@ -1,0 +1,202 @@
+"""The session's promise: the answer to the question, or an error; never another answer."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vcfbench.clock import Deadline, VirtualClock, sleep
+from vcfbench.drivers.session import Session
+from vcfbench.errors import (
+    BenchError,
+    DeadlineExceeded,
+    InstrumentError,
+    LinkLost,
+    MeasurementError,
+    OutOfSync,
+    TransportError,
+)
+from vcfbench.testing import Exchange, expected_exchange, over_visa
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.drivers.wire import Interface
+
+IDENTITY = "ACME,X1,0,1"
+OPEN = over_visa(lambda session: session, name="device", timeout_s=1.0)
+SYNC: list[Exchange] = [("*IDN?", IDENTITY), ("*OPC?", "1"), ("SYST:ERR?", '+0,"No error"')]
+
+
+class SlowWire:
+    """An instrument that answers in order, each time after a delay of its own, not always, and not always whole."""
+
+    def __init__(self, clock: VirtualClock, moods: Sequence[tuple[float, str]]) -> None:
+        self.interface: Interface = "socket"
+        self._clock = clock
+        self._moods = deque(moods)
+        self._free_s = 0.0
+        self._coming: deque[tuple[float, bytes]] = deque()
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        del deadline
+        question = data.decode().strip()
+        delay_s, mood = self._moods.popleft() if self._moods else (0.0, "well")
+        self._free_s = max(self._free_s, self._clock.now()) + delay_s
+        known = {"*IDN?": IDENTITY, "*OPC?": "1", "SYST:ERR?": '+0,"No error"'}
+        answer = known.get(question, question.removesuffix("?")).encode() + b"\n"
+        shapes = {"well": answer, "lost": b"", "cut": answer[:-2], "twice": answer * 2, "noise": b"\xff" + answer}
+        if shapes[mood]:
+            self._coming.append((self._free_s, shapes[mood]))
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        if not self._coming or self._coming[0][0] > deadline.expires_s:
+            self._clock.sleep_until(deadline.expires_s)
+            raise DeadlineExceeded("no answer")
+        at_s, data = self._coming.popleft()
+        self._clock.sleep_until(at_s)
+        return data, False
+
+    def pending(self) -> bytes:
+        data = b""
+        while self._coming and self._coming[0][0] <= self._clock.now():
+            data += self._coming.popleft()[1]
+        return data
+
+    def clear(self, deadline: Deadline) -> None:
+        del deadline
+        self.pending()
+
+    def close(self) -> None: ...
+
+
+MOODS = st.tuples(
+    st.sampled_from([0.0, 0.0, 0.0, 0.4, 0.9, 1.1, 2.5]),
+    st.sampled_from(["well", "well", "well", "lost", "cut", "twice", "noise"]),
+)
+
+
+@given(st.lists(MOODS, max_size=12), st.lists(st.sampled_from(["Q", "*IDN?", "*OPC?"]), min_size=1, max_size=12))
+def test_an_answer_is_the_answer_to_the_question_or_there_is_none(
+    moods: list[tuple[float, str]], asked: list[str]
+) -> None:
+    clock = VirtualClock()
+    session = Session(SlowWire(clock, moods), name="device", resource="X", clock=clock, timeout_s=1.0)
+    session._identity = IDENTITY
+    named: list[str | None] = []
+    for n, kind in enumerate(asked):
+        question = f"Q{n}?" if kind == "Q" else kind
+        begin_s = clock.now()
+        try:
+            answer = session.query(question)
+        except TransportError as error:
+            named.append(error.instrument)
+        else:
+            assert answer == {"*IDN?": IDENTITY, "*OPC?": "1"}.get(question, f"Q{n}")
+        assert clock.now() - begin_s <= 1.0 + 1e-9
+        if n % 3 == 2:
+            sleep(clock, 3.0)
+    assert set(named) <= {"device"}
+
+
+def test_a_write_is_followed_by_the_error_queue() -> None:
+    with expected_exchange(OPEN, [("A 1", None), ("B 2", None), ("SYST:ERR?", '+0,"No error"')]) as session:
+        session.write("A 1", "B 2")
+
+
+def test_an_error_queue_that_does_not_empty_does_not_hang() -> None:
+    with (
+        expected_exchange(OPEN, [("SYST:ERR?", '-350,"Queue overflow"')] * 64) as session,
+        pytest.raises(InstrumentError),
+    ):
+        session.check_errors()
+
+
+def test_errors_found_while_resynchronising_are_raised_at_the_next_check() -> None:
+    exchanges: list[Exchange] = [
+        ("*IDN?", IDENTITY),
+        ("READ?", None),
+        *SYNC[:2],
+        ("SYST:ERR?", '-410,"Query INTERRUPTED"'),
+        ("SYST:ERR?", '+550,"Command not allowed in local"'),
+        ("SYST:ERR?", '+0,"No error"'),
+        ("A?", "1"),
+        ("SYST:ERR?", '+0,"No error"'),
+        ("SYST:ERR?", '+0,"No error"'),
+    ]
+    with expected_exchange(OPEN, exchanges) as session:
+        session.identify()
+        with pytest.raises(DeadlineExceeded):
+            session.query("READ?")
+        assert session.query("A?") == "1"
+        with pytest.raises(InstrumentError, match="550") as caught:
+            session.check_errors()
+        assert "-410" not in str(caught.value)
+        session.check_errors()
+
+
+def test_no_time_left_sends_nothing_and_gives_nothing_up() -> None:
+    with expected_exchange(OPEN, []) as session:
+        with pytest.raises(DeadlineExceeded, match="before anything was sent"):
+            session.query("A?", Deadline.after(session.clock, 0.0))
+        session._dirty = True
+        with pytest.raises(DeadlineExceeded, match="before anything was sent"):
+            session.query("A?", Deadline.after(session.clock, 0.0))
+        assert not session.closed
+
+
+def test_without_a_known_answer_a_failed_session_is_closed() -> None:
+    with expected_exchange(OPEN, [("A?", None)]) as session:
+        with pytest.raises(DeadlineExceeded):
+            session.query("A?")
+        with pytest.raises(OutOfSync):
+            session.query("B?")
+        with pytest.raises(LinkLost, match="connection is closed"):
+            session.query("C?")
+
+
+def test_the_deadline_covers_command_pause_and_error_queue() -> None:
+    opener = over_visa(lambda session: session, timeout_s=1.0, write_pause_s=0.4)
+    with expected_exchange(opener, [("A", None), ("B", None), ("SYST:ERR?", None)]) as session:
+        with pytest.raises(DeadlineExceeded):
+            session.write("A", "B")
+        assert session.clock.now() == 1.0
+
+
+def test_every_kind_of_question() -> None:
+    exchanges: list[Exchange] = [
+        ("F?", "+1.5E+00"),
+        ("N?", "9.9E37"),
+        ("L?", "1,2,3"),
+        ("I?", "+7"),
+        ("B?", "0"),
+        ("S?", '"VOLT"'),
+        ("D?", "#13abc"),
+    ]
+    with expected_exchange(OPEN, exchanges) as session:
+        assert session.query_reading("F?") == 1.5
+        assert session.query_number("N?") == 9.9e37
+        assert session.query_numbers("L?") == (1.0, 2.0, 3.0)
+        assert session.query_int("I?") == 7
+        assert session.query_bool("B?") is False
+        assert session.query_string("S?") == "VOLT"
+        assert session.query_block("D?") == b"abc"
+
+
+def test_errors_say_who_where_what_and_after_how_long() -> None:
+    with expected_exchange(OPEN, [("READ?", None)]) as session:
+        with pytest.raises(BenchError) as caught:
+            session.query("READ?")
+        assert str(caught.value) == "device at SCRIPT: no answer, command 'READ?', after 1 s"
+
+
+def test_overload_says_who_where_and_what() -> None:
+    with (
+        expected_exchange(OPEN, [("READ?", "+9.90000000E+37")]) as session,
+        pytest.raises(MeasurementError, match=r"device at SCRIPT: overload .*, command 'READ\?'"),
+    ):
+        session.query_float("READ?")
