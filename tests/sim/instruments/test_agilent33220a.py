@@ -338,6 +338,19 @@ def test_a_triggered_burst_runs_its_cycles_and_wai_waits_for_it(box: Socket) -> 
     assert box.drive.amplitude_v == 0.0
 
 
+def test_a_burst_starts_after_the_trigger_delay(box: Socket) -> None:
+    box.send("FREQ 100;:BURS:NCYC 10;:TRIG:SOUR BUS;DEL 0.2;:BURS:STAT ON;:OUTP ON")
+    start = box.clock.now()
+    box.generator.write(b"*TRG\n")
+    assert box.drive.amplitude_v == 0.0
+    instants = []
+    while (wake := box.generator.wake_at()) is not None:
+        box.clock.sleep_until(wake)
+        box.generator.service()
+        instants.append((box.clock.now() - start, box.drive.amplitude_v))
+    assert instants == [pytest.approx((0.2, 0.1)), pytest.approx((0.3, 0.0))]
+
+
 def test_an_infinite_burst_changes_the_trigger_source(box: Socket) -> None:
     box.send("BURS:NCYC INF")
     assert box.ask("BURS:NCYC?") == "+9.9000000000000E+37"

@@ -73,6 +73,14 @@ def test_the_over_rate_trip_acts_at_the_crossing_though_nobody_asks(host: AclHos
     assert host.ask(":Status:CSR? A1SWFLT,1") == "1"
 
 
+def test_a_rate_just_beyond_the_trip_trips_too(host: AclHost) -> None:
+    host.servo("Rate")
+    host.ask(":Limit:Acceleration R,1,50;Vtrip R,1,60")
+    host.acl.write(b":Demand:Rate 1,60.01\n")
+    host.wait(5.0)
+    assert not host.world.table.servo_closed
+
+
 def test_an_orderly_shutdown_opens_the_servo_at_rest_though_nobody_asks(host: AclHost) -> None:
     host.servo("Rate")
     host.ask(":Demand:Rate 1,50;:Limit:Acceleration Abort,1,100")

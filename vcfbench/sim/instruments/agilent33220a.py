@@ -315,6 +315,7 @@ class Agilent33220A(ScpiInstrument):
         }
         self.panel |= {"host": "A-33220A-21876"}
         self.remote = "LOC"
+        self._burst_from_s = math.inf
         self._burst_until_s = -math.inf
         self._phase_rad = 0.0
         self._frequency_hz = 0.0
@@ -351,14 +352,19 @@ class Agilent33220A(ScpiInstrument):
         self.update()
 
     def service(self) -> None:
-        """End a burst that is over."""
-        if self._burst_until_s != -math.inf and self.engine.clock.now() >= self._burst_until_s:
+        """Begin a burst after its delay, end one that is over."""
+        now = self.engine.clock.now()
+        if now >= self._burst_from_s:
+            self._burst_from_s = math.inf
+            self.update()
+        if self._burst_until_s != -math.inf and now >= self._burst_until_s:
             self._burst_until_s = -math.inf
             self.update()
 
     def next_event_s(self) -> float | None:
-        """Return the end of the running burst."""
-        return self._burst_until_s if math.isfinite(self._burst_until_s) else None
+        """Return the delayed start or the end of the burst."""
+        instant = min(self._burst_from_s, abs(self._burst_until_s))
+        return instant if math.isfinite(instant) else None
 
     def operations_end_s(self) -> float:
         """*OPC, *OPC? and *WAI wait for a triggered burst."""
@@ -569,8 +575,9 @@ class Agilent33220A(ScpiInstrument):
             raise ScpiError(-211)
         burst_s, sweep_s = self.state["cycles"] / self.state["freq"], self.state["sweep_s"]
         length = burst_s if self.state["mode"] == "BURS" else sweep_s
-        self._burst_until_s = self.engine.clock.now() + self.state["delay"] + length
-        self.update()
+        self._burst_from_s = self.engine.clock.now() + self.state["delay"]
+        self._burst_until_s = self._burst_from_s + length
+        self.service()
 
     # --- the output ---------------------------------------------------------------------------------------------------
 
@@ -600,7 +607,7 @@ class Agilent33220A(ScpiInstrument):
     def _running(self) -> bool:
         """Tell whether the waveform runs: a triggered burst only does between trigger and end."""
         waiting = self.state["mode"] == "BURS" and self.state["trigger"] != "IMM"
-        return not waiting or self._burst_until_s != -math.inf
+        return not waiting or (self._burst_until_s != -math.inf and math.isinf(self._burst_from_s))
 
     def _continuous_phase(self, frequency_hz: float) -> float:
         """Return the phase that lets a change of frequency go without a jump."""

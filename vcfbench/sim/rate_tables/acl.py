@@ -48,6 +48,8 @@ _MODES = ("Position", "Rate", "Arate", "Synthesis", "Track", "Abort", "Off")
 
 _POLL_S = 0.002
 """How often the measured rate is looked at when it decides what happens next."""
+_LAZY_POLL_S = 0.05
+"""The same at constant rate."""
 _AT_REST_DEG_S = 0.02
 """Measured rate at which an orderly shutdown opens the servo."""
 
@@ -226,15 +228,14 @@ class AclTable(LineDevice):
         return self._clock.now() + max(abs(self._motion.profile_rate_deg_s()) / acceleration, _POLL_S)
 
     def _trip_due_s(self) -> float | None:
-        """Return when the rate may trip: the crossing of a ramp beyond the trip, then every poll while it ramps."""
-        direction = self._ramp_direction()
-        if self._aborting or not direction:
+        """Return when the rate may trip: the crossing of a ramp beyond the trip, then poll by poll."""
+        goal, trip = self._goal_deg_s(), self._global.trip_deg_s
+        if self._aborting or not self._motion.servo_closed or abs(goal) <= trip:
             return None
-        goal, rate = self._goal_deg_s(), self._motion.profile_rate_deg_s()
-        if abs(goal) <= self._global.trip_deg_s:
-            return None
-        distance = self._global.trip_deg_s - math.copysign(rate, rate * goal if rate else 1.0)
-        wait = distance / self._limits[self._mode].acceleration_deg_s2
+        if not self._ramp_direction():
+            return self._clock.now() + _LAZY_POLL_S
+        along = math.copysign(1.0, goal) * self._motion.profile_rate_deg_s()
+        wait = (trip - along) / self._limits[self._mode].acceleration_deg_s2
         return self._clock.now() + max(wait, _POLL_S)
 
     def _goal_deg_s(self) -> float:
