@@ -6,7 +6,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock, sleep
@@ -80,6 +80,7 @@ MOODS = st.tuples(
 )
 
 
+@settings(max_examples=400)
 @given(st.lists(MOODS, max_size=12), st.lists(st.sampled_from(["Q", "*IDN?", "*OPC?"]), min_size=1, max_size=12))
 def test_an_answer_is_the_answer_to_the_question_or_there_is_none(
     moods: list[tuple[float, str]], asked: list[str]

@@ -403,6 +403,15 @@ class Session:
             if deadline.expired():  # no time to find the place in is no reason to give the connection up
                 raise self._located(DeadlineExceeded("the time was up before anything was sent"), None, deadline)
             self.resync(deadline)
+            self._forget_what_is_unasked(deadline)
+
+    def _forget_what_is_unasked(self, deadline: Deadline) -> None:
+        """Drop what is there although every question has been answered: second answers, noise."""
+        self._received = b""
+        try:
+            self._wire.pending()
+        except TransportError as error:
+            raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
 
     def _say(self, command: str, deadline: Deadline) -> None:
         if deadline.remaining() <= 0.0:

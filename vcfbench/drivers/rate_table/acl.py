@@ -116,6 +116,7 @@ class AclDialect:
             line.send(b":Status:STB?\n", deadline)
             while self._body(line, deadline).encode("ascii") == self._identity:
                 pass
+            line.take_unasked()  # every question has been answered: a second answer, or noise
         except LinkLost as error:
             raise line.locate(error, "*IDN?", deadline)  # noqa: B904 - the same error, now knowing where
         except TransportError as error:
