@@ -1,0 +1,256 @@
+"""The whole simulated bench on its wires, and the commands that serve and control it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import pyvisa
+import serial
+import typer
+from typer.testing import CliRunner
+
+from tests.sim.serve.lamp import ALL, Lamp, served_lamp, serving
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.simulated import SimulatedBench
+from vcfbench.cli.serve import register
+from vcfbench.clock import VirtualClock, WallClock, sleep
+from vcfbench.sim.serve import (
+    MAX_SPEED,
+    BenchServer,
+    Control,
+    RemoteClock,
+    ServedBench,
+    ServedClock,
+    ServerSettings,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+HAS_PTYS = hasattr(os, "openpty")
+needs_ptys = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+SCRIPT = "import typer; from vcfbench.cli.serve import register; app = typer.Typer(); register(app); app()"
+
+
+@contextmanager
+def paper_bench(speed: float) -> Iterator[Any]:
+    clock = ServedClock(speed)
+    built = SimulatedBench.build(load_bench(None), 0, clock)
+    with serving(dict(built.devices), clock, world=built.world) as served:
+        yield served
+
+
+@contextmanager
+def command(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(  # noqa: S603
+        [sys.executable, "-c", SCRIPT, "serve", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def described() -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    with command("--json", "--speed", "max") as process:
+        assert process.stdout is not None
+        yield process, json.loads(process.stdout.readline())
+
+
+def test_the_first_line_says_where_everything_is(described: tuple[Any, dict[str, Any]]) -> None:
+    instruments = described[1]["instruments"]
+    assert {role: wires["model"] for role, wires in instruments.items()} == {
+        "power": "E3631A",
+        "rate_source": "33220A",
+        "multimeter": "34401A",
+        "oscilloscope": "DSO7104B",
+        "rate_table": "acl",
+    }
+    offered = {
+        role: {kind for kind, where in wires.items() if where is not None} for role, wires in instruments.items()
+    }
+    serial_line = {"model", "tcp", "pty"} if HAS_PTYS else {"model", "tcp"}
+    assert offered == {
+        "power": serial_line,
+        "rate_source": {"model", "tcp", "vxi11"},
+        "multimeter": serial_line,
+        "oscilloscope": {"model", "tcp", "vxi11"},
+        "rate_table": serial_line,
+    }
+
+
+def test_every_instrument_answers_everywhere(described: tuple[Any, dict[str, Any]]) -> None:
+    manager = pyvisa.ResourceManager("@py")
+    for role, wires in described[1]["instruments"].items():
+        for kind in {"tcp", "vxi11", "hislip", "pty"} & set(wires):
+            if wires[kind] is None or role == "rate_table":
+                continue
+            instrument: Any = manager.open_resource(wires[kind], read_termination="\n", write_termination="\n")
+            assert wires["model"] in instrument.query("*IDN?"), (role, kind)
+            instrument.close()
+    for where in (described[1]["instruments"]["rate_table"]["tcp"], described[1]["instruments"]["rate_table"]["pty"]):
+        if where is not None:
+            with serial.serial_for_url(where, timeout=5.0) as port:
+                port.write(b"*IDN?\n")
+                assert b"Acutronic" in port.read_until(b"\n")
+    manager.close()
+
+
+def test_a_reading_over_the_wires_sees_the_world_that_another_wire_sets(described: tuple[Any, dict[str, Any]]) -> None:
+    instruments = described[1]["instruments"]
+    manager = pyvisa.ResourceManager("@py")
+    supply: Any = manager.open_resource(instruments["power"]["tcp"], read_termination="\n", write_termination="\n")
+    supply.write("APPL P25V,10,0.5")
+    supply.write("APPL N25V,-10,0.5")
+    supply.write("OUTP ON")
+    assert float(supply.query("MEAS:VOLT? P25V")) == pytest.approx(10.0, abs=0.1)
+    supply.close()
+    manager.close()
+    with Control(described[1]["control"]["port"]) as control:
+        assert control.request("get", name="rail.positive.voltage_v") == pytest.approx(10.0, abs=0.1)
+
+
+def test_ctl_talks_to_it(described: tuple[Any, dict[str, Any]]) -> None:
+    port = str(described[1]["control"]["port"])
+    app = typer.Typer()
+    register(app)
+    asked = CliRunner().invoke(app, ["ctl", "--port", port, "status"])
+    assert asked.exit_code == 0, asked.output
+    assert json.loads(asked.stdout)["speed"] == "max"
+    turned = CliRunner().invoke(app, ["ctl", "--port", port, "set", "applied_rate_deg_s", "5"])
+    assert turned.exit_code == 0, turned.output
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows knows no SIGTERM")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_serves_until_it_is_told_to_stop(number: signal.Signals) -> None:
+    with command("--speed", "10", "--offer", "rate_source:hislip") as process:
+        assert process.stdout is not None
+        lines = [process.stdout.readline() for _ in range(7)]
+        assert "hislip0," in lines[2]
+        assert "vcfbench sim ctl --port" in lines[6]
+        process.send_signal(number)
+        assert process.wait(10) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--speed", "fast"],
+        ["--speed", "0"],
+        ["--ports", "many"],
+        ["--offer", "rate_source"],
+        ["--offer", "toaster:tcp"],
+        ["--offer", "rate_source:smoke"],
+        ["--faults", "nowhere.toml"],
+    ],
+)
+def test_what_cannot_be_served_is_a_usage_error(arguments: list[str]) -> None:
+    app = typer.Typer()
+    register(app)
+    refused = CliRunner().invoke(app, ["serve", *arguments])
+    assert getattr(refused.exception, "exit_code", None) == 2
+
+
+def exchanges(ask: Any) -> list[str]:
+    """Switch the bench on and take some readings, with a wait of bench time between."""
+    return [
+        ask("power", "APPL P25V,10,0.5;:APPL N25V,-10,0.5;:OUTP ON;*OPC?"),
+        ask(None, 8.0),
+        ask("rate_source", "APPL:DC DEF,DEF,0.5;*OPC?"),
+        ask("multimeter", "CONF:VOLT:DC 10;:SAMP:COUN 3;:READ?"),
+        ask(None, 2.0),
+        ask("multimeter", "READ?"),
+        ask("power", "MEAS:CURR? P25V"),
+        ask("rate_source", "VOLT:OFFS?"),
+        ask("multimeter", "SYST:ERR?"),
+    ]
+
+
+def test_a_led_bench_gives_the_readings_of_a_simulation_in_one_process_to_the_last_digit() -> None:
+    clock = VirtualClock()
+    alone = SimulatedBench.build(load_bench(None), 0, clock)
+
+    def ask_alone(role: str | None, message: Any) -> str:
+        if role is None:
+            sleep(alone.clock, message)
+            return ""
+        device = alone.devices[role]
+        device.write(message.encode() + b"\n")
+        while True:
+            data, end = device.read(4096)
+            if end:
+                return data.decode().strip()
+            wake = device.wake_at()
+            assert wake is not None
+            alone.clock.sleep_until(wake)
+
+    expected = exchanges(ask_alone)
+    manager = pyvisa.ResourceManager("@py")
+    with paper_bench(MAX_SPEED) as served, Control(served.server.control.port) as control:
+        remote = RemoteClock(control)
+        opened: dict[str, Any] = {}
+
+        def ask_served(role: str | None, message: Any) -> str:
+            if role is None:
+                sleep(remote, message)
+                return ""
+            if role not in opened:
+                opened[role] = manager.open_resource(
+                    served.resource("tcp", role), read_termination="\n", write_termination="\n"
+                )
+            return str(opened[role].query(message))
+
+        got = exchanges(ask_served)
+        for instrument in opened.values():
+            instrument.close()
+    manager.close()
+    assert got == expected
+
+
+def test_ports_count_up_from_a_base() -> None:
+    base = 47300
+    with served_lamp(settings=ServerSettings(base_port=base, offers={"lamp": ALL})) as served:
+        assert served.server.control.port == base
+        assert [served.port(kind) for kind in ("tcp", "vxi11", "hislip")] == [base + 1, base + 2, base + 3]
+
+
+def test_what_is_taken_is_given_back_when_a_port_is_not_free() -> None:
+    with served_lamp() as served:
+        clock = ServedClock()
+        bench = ServedBench(None, {"lamp": Lamp(clock)}, {"lamp": "lamp"})  # type: ignore[arg-type]  # not looked at
+        with pytest.raises(OSError, match="in use"):
+            BenchServer(bench, clock, ServerSettings(base_port=served.server.control.port))
+
+
+def test_a_mistake_in_one_instrument_ends_that_connection_only(capfd: pytest.CaptureFixture[str]) -> None:
+    with served_lamp() as served:
+
+        def break_down(*_: object, **__: object) -> None:
+            raise ZeroDivisionError
+
+        manager = pyvisa.ResourceManager("@py")
+        good: Any = manager.open_resource(served.resource("tcp"), read_termination="\n", write_termination="\n")
+        bad: Any = manager.open_resource(served.resource("tcp"), read_termination="\n", write_termination="\n")
+        bad.timeout = 300
+        good.query("*IDN?")
+        served.lamp.write = break_down  # type: ignore[method-assign]
+        wall = WallClock()
+        with pytest.raises(pyvisa.errors.VisaIOError):
+            bad.query("*IDN?")
+        assert wall.now() < 3.0
+        del served.lamp.write
+        assert good.query("*IDN?").startswith("Nobody")
+        good.close()
+        bad.close()
+        manager.close()
+    assert "ZeroDivisionError" in capfd.readouterr().err

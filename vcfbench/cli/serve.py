@@ -1,0 +1,206 @@
+"""``vcfbench sim serve`` and ``vcfbench sim ctl``: the simulated bench on real wires, and its remote control."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from vcfbench.errors import BenchError, ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.sim.serve import BenchServer, Offer, ServedBench, ServedClock, ServerSettings
+
+__all__ = ["ctl", "register", "serve"]
+
+_CONTROL_PORT = 46100
+
+
+def register(app: typer.Typer) -> None:
+    """Hang the commands under `app`, which is ``vcfbench sim``."""
+    app.command("serve")(serve)
+    app.command("ctl")(ctl)
+
+
+def serve(
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
+    ] = None,
+    *,
+    speed: Annotated[
+        str, typer.Option("--speed", metavar="X|max", help="Times real time; max jumps to whatever a client waits for.")
+    ] = "1",
+    host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
+    ports: Annotated[
+        str, typer.Option("--ports", metavar="auto|BASE", help="Ports: any that are free, or from BASE on.")
+    ] = "auto",
+    faults: Annotated[
+        Path | None, typer.Option("--faults", metavar="FILE", help="What goes wrong on the wires, and when (TOML).")
+    ] = None,
+    offer: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--offer", metavar="ROLE:KIND,...", help="Further interfaces: tcp, vxi11, hislip, pty. May be repeated."
+        ),
+    ] = None,
+    port_mapper: Annotated[
+        int | None,
+        typer.Option("--port-mapper", metavar="PORT", help="Also run a port mapper for VXI-11 clients (111)."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of every random stream.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
+) -> None:
+    """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
+    from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.sim.serve import BenchServer, ServedClock  # noqa: PLC0415
+
+    description = load_bench(bench)
+    settings = _settings(host, ports, offer or [], port_mapper, faults)
+    clock = ServedClock(_speed(speed))
+    built = _built(description, seed, clock)
+    try:
+        server = BenchServer(built, clock, settings)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    except OSError as error:
+        raise BenchError(f"cannot serve on {host}, ports {ports}: {error}") from error
+    with server, _stopped_by_signals(server):
+        _announce(server, description.title, json=json)
+        gc.freeze()  # what is here now stays: collections in between the answers are short
+        server.run()
+
+
+def ctl(
+    command: Annotated[list[str], typer.Argument(help="Command and its arguments, e.g. set applied_rate_deg_s 10.")],
+    port: Annotated[
+        int, typer.Option("--port", help="Control port that serve has printed.", envvar="VCFBENCH_CONTROL_PORT")
+    ] = _CONTROL_PORT,
+) -> None:
+    """Read and change a served bench from outside its wires.
+
+    status; list [PART]; get NAME; set NAME VALUE; speed X|max; pause; resume; now; advance SECONDS;
+    fault INSTRUMENT KIND [DURATION_S]; clear_faults [INSTRUMENT]; stop
+    """
+    import json  # noqa: PLC0415
+
+    from vcfbench.sim.serve import Control, ControlError  # noqa: PLC0415
+
+    name, arguments = command[0], command[1:]
+    try:
+        with Control(port) as control:
+            result = control.request(name, **_arguments(name, arguments))
+    except ControlError as error:
+        raise BenchError(str(error), instrument="control port", resource=str(port)) from error
+    typer.echo(json.dumps(result, indent=2))
+
+
+_ARGUMENTS: dict[str, tuple[str, ...]] = {
+    "list": ("match",),
+    "get": ("name",),
+    "set": ("name", "value"),
+    "speed": ("value",),
+    "advance": ("seconds",),
+    "fault": ("instrument", "kind", "duration_s"),
+    "clear_faults": ("instrument",),
+}
+
+
+def _arguments(command: str, given: list[str]) -> dict[str, Any]:
+    """Return the arguments of a control command by name; numbers, true, false and null are what they are in JSON."""
+    names = _ARGUMENTS.get(command, ())
+    if len(given) > len(names):
+        raise ConfigError(f"ctl {command} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
+    return {name: _value(text) for name, text in zip(names, given, strict=False)}
+
+
+def _value(text: str) -> Any:
+    import json  # noqa: PLC0415
+
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _speed(text: str) -> float:
+    from vcfbench.sim.serve import MAX_SPEED  # noqa: PLC0415
+
+    with contextlib.suppress(ValueError):
+        speed = MAX_SPEED if text == "max" else float(text)
+        if speed > 0:
+            return speed
+    raise ConfigError(f"--speed {text}: expected a number above 0, or 'max'")
+
+
+def _settings(host: str, ports: str, offers: list[str], port_mapper: int | None, faults: Path | None) -> ServerSettings:
+    from vcfbench.sim.serve import ServerSettings, read_faults  # noqa: PLC0415
+
+    if ports != "auto" and not (ports.isdigit() and 0 < int(ports) < 65536):
+        raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
+    base = None if ports == "auto" else int(ports)
+    try:
+        planned = () if faults is None else tuple(read_faults(faults))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--faults {error}") from error
+    return ServerSettings(host, base, dict(map(_offer, offers)), port_mapper, planned)
+
+
+def _offer(text: str) -> tuple[str, frozenset[Offer]]:
+    role, colon, kinds = text.partition(":")
+    if not colon or not kinds:
+        raise ConfigError(f"--offer {text}: expected ROLE:KIND,... as in rate_source:hislip")
+    return role, frozenset(cast("list[Offer]", kinds.split(",")))
+
+
+def _built(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
+    from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415
+    from vcfbench.sim.serve import ServedBench  # noqa: PLC0415
+
+    bench = SimulatedBench.build(description, chosen_seed(description, seed), clock)
+    return ServedBench(bench.world, bench.devices, {role: _model(description, role) for role in bench.devices})
+
+
+def _model(description: BenchDescription, role: str) -> str:
+    part = getattr(description, role)
+    return str(part.dialect if role == "rate_table" else part.model)
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(server: BenchServer) -> Iterator[None]:
+    """Let SIGTERM and SIGINT end the server, and nothing else."""
+
+    def stop(_number: int, _frame: object) -> None:
+        server.stop()
+
+    wanted = (signal.SIGTERM, signal.SIGINT)
+    before = [signal.signal(number, stop) for number in wanted]
+    try:
+        yield
+    finally:
+        for number, handler in zip(wanted, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _announce(server: BenchServer, title: str, *, json: bool) -> None:
+    """Say where everything is, at once: whoever started the server reads it from a pipe."""
+    import sys  # noqa: PLC0415
+
+    if json:
+        import json as encoder  # noqa: PLC0415
+
+        typer.echo(encoder.dumps(server.as_json()))
+    else:
+        typer.echo(f"{title}, served until Ctrl-C")
+        for role, wires in server.wires.items():
+            where = [text for text in (wires.tcp, wires.vxi11, wires.hislip, wires.pty) if text is not None]
+            typer.echo(f"{role:<16} {wires.model:<9} {'  '.join(where)}")
+        typer.echo(f"{'control':<16} {'':<9} vcfbench sim ctl --port {server.control.port} status")
+    sys.stdout.flush()

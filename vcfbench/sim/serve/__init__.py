@@ -1,0 +1,33 @@
+"""Serves a simulated bench on real wires: raw sockets, VXI-11, HiSLIP, pseudo-terminals, and a control port.
+
+One thread serves everything. The caller builds the bench on a :class:`ServedClock` and hands it over::
+
+    clock = ServedClock(speed=10.0)
+    bench = ...                                     # a World and its devices, built on `clock`
+    with BenchServer(ServedBench(world, devices, models), clock) as server:
+        print(server.as_json())
+        server.run()                                # until server.stop()
+"""
+
+from vcfbench.sim.serve.adjust import Adjustable, Adjustment
+from vcfbench.sim.serve.clock import MAX_SPEED, ServedClock
+from vcfbench.sim.serve.faults import Fault, read_faults
+from vcfbench.sim.serve.remote import Control, ControlError, RemoteClock
+from vcfbench.sim.serve.server import BenchServer, Offer, ServedBench, ServerSettings, Wires
+
+__all__ = [
+    "MAX_SPEED",
+    "Adjustable",
+    "Adjustment",
+    "BenchServer",
+    "Control",
+    "ControlError",
+    "Fault",
+    "Offer",
+    "RemoteClock",
+    "ServedBench",
+    "ServedClock",
+    "ServerSettings",
+    "Wires",
+    "read_faults",
+]

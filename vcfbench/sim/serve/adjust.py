@@ -1,0 +1,112 @@
+"""What can be seen and changed of a served World from outside the wire.
+
+A World or a device that has more to offer than is known here has a method `adjustments()` that returns
+:class:`Adjustment` values (:class:`Adjustable`): temperature, loads, swapped leads. Names are dotted; those of a
+device get its role in front.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from vcfbench.sim.world import NODES, RAILS, Drive
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from vcfbench.sim.device import Device
+    from vcfbench.sim.world import World
+
+__all__ = ["Adjustable", "Adjustment", "adjustments_of"]
+
+_SUDDEN_DEG_S2 = 1e4
+
+
+@dataclass(frozen=True, slots=True)
+class Adjustment:
+    """One quantity: its dotted name, unit, meaning, how to read it, and how to change it (None: it cannot be)."""
+
+    name: str
+    unit: str
+    meaning: str
+    read: Callable[[], Any]
+    write: Callable[[Any], None] | None = None
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """What offers adjustments of its own."""
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return what can be seen and changed."""
+        ...
+
+
+def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:
+    """Return everything that can be seen and changed, by name."""
+    found = [*_motion(world), *_nodes(world), *_rails(world), *_parameters(world), *_own(world, "")]
+    for role, device in devices.items():
+        found += _own(device, f"{role}.")
+    return {each.name: each for each in found}
+
+
+def _own(thing: object, prefix: str) -> Iterator[Adjustment]:
+    if isinstance(thing, Adjustable):
+        for each in thing.adjustments():
+            yield Adjustment(prefix + each.name, each.unit, each.meaning, each.read, each.write)
+
+
+def _motion(world: World) -> Iterator[Adjustment]:
+    table = world.table
+    turn = partial(_turn, world)
+    yield Adjustment(
+        "applied_rate_deg_s", "deg/s", "true rate about the axis, whoever turns it", table.rate_deg_s, turn
+    )
+    yield Adjustment("angle_deg", "deg", "true angle turned so far", table.angle_deg)
+
+
+def _turn(world: World, rate_deg_s: Any) -> None:
+    """Turn the gyro by hand: the table's controller is not asked, and does not learn of it."""
+    world.table.close_servo()
+    world.table.demand_rate(float(rate_deg_s), _SUDDEN_DEG_S2)
+
+
+def _nodes(world: World) -> Iterator[Adjustment]:
+    for node in NODES:
+        write = partial(_drive, world) if node == "v_vc" else None
+        yield Adjustment(f"node.{node}", "V", "voltage of the node now", partial(world.value_v, node), write)
+
+
+def _drive(world: World, volts: Any) -> None:
+    """Put a voltage on the V_Vc input instead of the generator, or nothing (null)."""
+    world.drive_v_vc(None if volts is None else Drive(float(volts)))
+
+
+def _rails(world: World) -> Iterator[Adjustment]:
+    for rail in RAILS:
+        read = partial(_rail_current, world, rail)
+        yield Adjustment(f"rail.{rail}.current_a", "A", "current that the PCB draws from the rail", read)
+        write = partial(_set_rail, world, rail)
+        yield Adjustment(
+            f"rail.{rail}.voltage_v", "V", "voltage at the pin", partial(world.value_v, f"rail_{rail}"), write
+        )
+
+
+def _rail_current(world: World, rail: str) -> float:
+    return world.rail_current_a(rail, world.value_v(f"rail_{rail}"))
+
+
+def _set_rail(world: World, rail: str, volts: Any) -> None:
+    """Put a voltage on the pin instead of the supply, until that changes its own."""
+    world.set_rail(rail, float(volts))
+
+
+def _parameters(world: World) -> Iterator[Adjustment]:
+    for row in world.parameters.rows():
+        yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(_constant, row.value))
+
+
+def _constant(value: Any) -> Any:
+    return value

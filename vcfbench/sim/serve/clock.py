@@ -1,0 +1,119 @@
+"""The clock of a served bench: bench time stands still while an instrument is asked, and passes in between.
+
+Other programs wait with clocks of their own, so bench time follows the wall clock. It is brought up to date once per
+turn of the server's loop, never in the middle of a command: whatever a command does, it does at one instant.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vcfbench.clock import WallClock
+
+__all__ = ["MAX_SPEED", "ServedClock"]
+
+MAX_SPEED = math.inf
+"""As a speed: bench time passes as wall time does, and jumps to whatever a client waits for."""
+
+
+class ServedClock:
+    """Bench time at `speed` times the wall clock's; it stands at 0 until :meth:`start`.
+
+    At :data:`MAX_SPEED` it runs like the wall clock, for programs that wait by themselves, and jumps to the end of
+    whatever a client waits for. A *led* clock does not run at all: one client says how far it goes, and the results
+    are those of a simulation in one process.
+    """
+
+    __slots__ = ("_anchor_s", "_anchor_wall_s", "_led", "_now", "_paused", "_speed", "_started", "_wall")
+
+    def __init__(self, speed: float = 1.0, wall: WallClock | None = None) -> None:
+        self._wall = WallClock() if wall is None else wall
+        self._now = 0.0
+        self._speed = _checked(speed)
+        self._started = False
+        self._paused = False
+        self._led = False
+        self._anchor()
+
+    def start(self) -> None:
+        """Let time begin: the first client is here. So a run sees the same bench however long that took."""
+        if not self._started:
+            self._started = True
+            self._anchor()
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        return self._now
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Jump to `instant_s`; time goes on from there."""
+        self.move(instant_s)
+        self._anchor()
+
+    def move(self, instant_s: float) -> None:
+        """Bring bench time up to `instant_s`, which the wall clock has reached; it never goes back."""
+        self._now = max(self._now, instant_s)
+
+    def reached(self) -> float:
+        """Return the bench time that the wall clock has reached."""
+        return self._anchor_s + (self._wall.now() - self._anchor_wall_s) * self.rate
+
+    def wall_until(self, instant_s: float) -> float:
+        """Return the wall seconds until bench time `instant_s`, inf while time stands still."""
+        rate = self.rate
+        if math.isinf(instant_s) or rate == 0:
+            return math.inf
+        return max(0.0, (instant_s - self.reached()) / rate)
+
+    @property
+    def rate(self) -> float:
+        """Bench seconds per wall second now."""
+        if self._paused or self._led or not self._started:
+            return 0.0
+        return 1.0 if math.isinf(self._speed) else self._speed
+
+    @property
+    def jumps(self) -> bool:
+        """Whether time jumps to what a client waits for."""
+        return (self._led or math.isinf(self._speed)) and not self._paused
+
+    @property
+    def speed(self) -> float:
+        """The speed asked for."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        speed = _checked(speed)
+        self._anchor()
+        self._speed = speed
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still, whoever waits."""
+        return self._paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        self._anchor()
+        self._paused = paused
+
+    @property
+    def led(self) -> bool:
+        """Whether a client says how far time goes."""
+        return self._led
+
+    @led.setter
+    def led(self, led: bool) -> None:
+        self._anchor()
+        self._led = led
+
+    def _anchor(self) -> None:
+        self._anchor_s = self._now
+        self._anchor_wall_s = self._wall.now()
+
+
+def _checked(speed: float) -> float:
+    if not speed > 0:
+        raise ValueError(f"a speed is greater than 0, not {speed}")
+    return speed

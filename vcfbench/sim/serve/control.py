@@ -1,0 +1,206 @@
+"""The control port: reads and changes the World while it is served, from outside the instruments' wires.
+
+A request is one line of JSON, an object with the command under `do` and its arguments beside it; the reply is one line,
+``{"ok": true, "result": ...}`` or ``{"ok": false, "error": "..."}``. Requests of a connection are answered in order.
+
+======================  =============================================  ======================================
+do                      arguments                                      result
+======================  =============================================  ======================================
+status                                                                 bench time, speed, instruments
+list                    match (part of a name, optional)               name, unit, meaning, writable
+get                     name                                           value
+set                     name, value                                    value
+speed                   value (a number, or "max")                     speed
+pause, resume                                                          bench time
+now                                                                    bench time
+advance                 seconds (of bench time)                        bench time
+lead                                                                   bench time; until the connection ends,
+                                                                       time passes only as far as it says
+sleep_until             instant_s (of bench time)                      bench time
+fault                   instrument, kind, duration_s, number           bench time
+clear_faults            instrument (optional)                          bench time
+stop                                                                   the server ends
+======================  =============================================  ======================================
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.serve.clock import MAX_SPEED
+from vcfbench.sim.serve.faults import Fault
+from vcfbench.sim.serve.loop import READ, WRITE
+from vcfbench.sim.serve.raw import Listener, Outbox
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable
+
+    from vcfbench.sim.serve.server import BenchServer
+
+__all__ = ["ControlServer", "Refused"]
+
+_LONGEST_REQUEST = 1 << 16
+
+
+class Refused(Exception):
+    """A request that cannot be fulfilled; the words go back to who asked."""
+
+
+class ControlServer:
+    """Listens for control connections, on the loopback interface only."""
+
+    def __init__(self, server: BenchServer, address: tuple[str, int]) -> None:
+        self.server = server
+        self.leader: _Control | None = None
+        self.connections: set[_Control] = set()
+        self._listener = Listener(server.loop, address, self._accept)
+        self.port = self._listener.port
+
+    def close(self) -> None:
+        """Stop listening and end the connections."""
+        self._listener.close()
+        for connection in tuple(self.connections):
+            connection.close()
+
+    def _accept(self, connection: socket.socket) -> None:
+        self.connections.add(_Control(self, connection))
+
+
+class _Control:
+    """One control connection."""
+
+    def __init__(self, control: ControlServer, connection: socket.socket) -> None:
+        self._control = control
+        self._server = control.server
+        self._socket = connection
+        self._fd = connection.fileno()
+        self._input = bytearray()
+        self._outbox = Outbox()
+        self._closed = False
+        self._commands: dict[str, Callable[..., Any]] = {
+            "status": self._server.status,
+            "list": self._server.listed,
+            "get": self._server.get,
+            "set": self._server.set,
+            "speed": self._speed,
+            "pause": lambda: self._pause(paused=True),
+            "resume": lambda: self._pause(paused=False),
+            "now": self._server.clock.now,
+            "advance": self._advance,
+            "lead": self._lead,
+            "sleep_until": self._sleep_until,
+            "fault": self._fault,
+            "clear_faults": self._clear_faults,
+            "stop": self._server.stop,
+        }
+        self._server.loop.watch(self._fd, self._on_ready)
+
+    def close(self) -> None:
+        """End the connection; a lead ends with it."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._control.leader is self:
+            self._control.leader = None
+            self._server.clock.led = False
+        self._server.loop.unwatch(self._fd)
+        self._socket.close()
+        self._control.connections.discard(self)
+
+    def _on_ready(self, mask: int) -> None:
+        if mask & WRITE:
+            self._flush()
+        if mask & ~WRITE and not self._closed:
+            self._receive()
+
+    def _receive(self) -> None:
+        try:
+            data = self._socket.recv(_LONGEST_REQUEST)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data or len(self._input) > _LONGEST_REQUEST:
+            self.close()
+            return
+        self._input += data
+        while (end := self._input.find(b"\n")) >= 0:
+            line = bytes(self._input[:end])
+            del self._input[: end + 1]
+            # what was sent to an instrument before this request comes before it
+            self._server.loop.call_last(lambda line=line: self._answer(line))  # type: ignore[misc]
+
+    def _answer(self, line: bytes) -> None:
+        if self._closed:
+            return
+        try:
+            reply = {"ok": True, "result": self._obey(line)}
+        except (Refused, ValueError, TypeError, RuntimeError) as error:
+            reply = {"ok": False, "error": str(error)}
+        self._outbox.add(json.dumps(reply).encode() + b"\n")
+        self._flush()
+
+    def _obey(self, line: bytes) -> Any:
+        request = json.loads(line)
+        if not isinstance(request, dict) or request.get("do") not in self._commands:
+            raise Refused(f'a request is an object whose "do" is one of {", ".join(self._commands)}')
+        command = self._commands[request.pop("do")]
+        return command(**request)
+
+    def _flush(self) -> None:
+        try:
+            self._outbox.flush(self._socket.send)
+        except OSError:
+            self.close()
+            return
+        self._server.loop.change(self._fd, WRITE if self._outbox.size else READ)
+
+    # --- time ---------------------------------------------------------------------------------------------
+
+    def _speed(self, value: Any) -> Any:
+        self._server.clock.start()
+        self._server.clock.speed = MAX_SPEED if value == "max" else float(value)
+        return "max" if math.isinf(self._server.clock.speed) else self._server.clock.speed
+
+    def _pause(self, *, paused: bool) -> float:
+        self._server.clock.start()
+        self._server.clock.paused = paused
+        return self._server.clock.now()
+
+    def _advance(self, seconds: float) -> float:
+        return self._sleep_until(self._server.clock.now() + _positive(seconds))
+
+    def _lead(self) -> float:
+        if self._control.leader not in (None, self):
+            raise Refused("another connection leads the clock")
+        self._control.leader = self
+        self._server.clock.start()
+        self._server.clock.led = True
+        return self._server.clock.now()
+
+    def _sleep_until(self, instant_s: float) -> float:
+        if self._control.leader not in (None, self):
+            raise Refused("another connection leads the clock")
+        self._server.clock.start()
+        self._server.passage.jump_to(float(instant_s))
+        return self._server.clock.now()
+
+    # --- faults -------------------------------------------------------------------------------------------
+
+    def _fault(self, instrument: str, kind: Any, duration_s: float | None = None, number: int = -300) -> float:
+        now = self._server.clock.now()
+        self._server.begin_fault(Fault(instrument, kind, now, duration_s, number))
+        return now
+
+    def _clear_faults(self, instrument: str | None = None) -> float:
+        self._server.end_faults(instrument)
+        return self._server.clock.now()
+
+
+def _positive(seconds: float) -> float:
+    if not 0 <= seconds < math.inf:
+        raise Refused(f"time goes forwards, not by {seconds} s")
+    return float(seconds)

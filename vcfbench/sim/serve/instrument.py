@@ -1,0 +1,502 @@
+"""One instrument behind many connections: whose message it executes, and who gets the answer.
+
+An instrument has one parser and one output. Connections take turns, a message each, and while a query of one is
+being answered the messages of the others wait. Each message is executed with the personality of the connector it came
+through (terminator, IEEE 488.2 message exchange), as in a box with several.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from vcfbench.sim.rate_tables.line import LineDevice
+from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiInstrument
+from vcfbench.sim.scpi.lexer import find_message_end
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.sim.device import Device
+    from vcfbench.sim.serve.clock import ServedClock
+
+__all__ = ["HISLIP", "RS232", "SOCKET", "VXI11", "Client", "Instrument", "Passage"]
+
+Bytes: TypeAlias = bytes | bytearray
+
+SOCKET = Interface("lan", message_exchange=False)
+HISLIP = Interface("hislip", message_exchange=False)
+VXI11 = Interface("vxi11")
+
+WHOLE_RESPONSE = 1 << 25
+_PASSED_WHILE_BUSY = 256
+_KNOWN_MESSAGES = 2048
+_KNOWN_LENGTH = 256
+_LONGEST_LINE = 1 << 16
+_TRIGGER = b"*TRG"
+_NOTHING = math.inf
+
+
+class Client:
+    """A connection to an instrument. Subclasses carry the bytes.
+
+    Args:
+        instrument: what it is connected to.
+        interface: the personality that the instrument shows it.
+    """
+
+    pushes = True
+    """Whether answers are sent as soon as they are there; otherwise they stay in the instrument until fetched."""
+
+    comes_and_goes = True
+    """Whether it is there because somebody connected; a serial line always is."""
+
+    def __init__(self, instrument: Instrument, interface: Interface) -> None:
+        self.instrument = instrument
+        self.interface = interface
+        self.backlog: deque[tuple[bytes, bool, Any]] = deque()
+        self.partial = bytearray()
+        self.overlong = b""
+        self.queued = False
+        self.closed = False
+        self.tag: Any = None
+        instrument.clients.add(self)
+        if self.comes_and_goes:
+            instrument.clock.start()
+
+    @property
+    def blocked(self) -> bool:
+        """Whether its messages must wait because it does not take its answers."""
+        return False
+
+    @property
+    def awaits(self) -> bool:
+        """Whether it waits for the answer that it is owed."""
+        return self.pushes
+
+    def deliver(self, data: bytes, *, end: bool) -> None:
+        """Take (a part of) a response."""
+        raise NotImplementedError
+
+    def refill(self) -> None:
+        """Called when the instrument has gone on: a pending read may find something now."""
+
+    def relieved(self) -> None:
+        """Called when none of its messages waits any more."""
+
+    def service_requested(self) -> None:
+        """Called when the instrument begins to request service."""
+
+    def take(self, data: bytes, *, end: bool = False, tag: Any = None) -> None:
+        """Cut bytes into messages and hand those over; the rest stays until its end comes."""
+        instrument = self.instrument
+        if self.overlong:
+            data = self._skip(data, end=end, tag=tag)
+        self.partial += data
+        while (size := instrument.message_size(self.partial)) > 0:
+            message = bytes(self.partial[:size])
+            del self.partial[:size]
+            instrument.submit(self, message, tag)
+        if end and self.partial:
+            message = bytes(self.partial)
+            self.partial.clear()
+            instrument.submit(self, message, tag)
+        elif len(self.partial) > instrument.longest:
+            # enough to be refused for its length; what is still to come of it changes nothing
+            self.overlong = bytes(self.partial[: instrument.longest])
+            self.partial.clear()
+
+    def _skip(self, data: bytes, *, end: bool, tag: Any) -> bytes:
+        """Drop the rest of a message that is too long, hand over its beginning; return what follows it."""
+        size = self.instrument.line_size(data)
+        if not size and not end:
+            return b""
+        message, self.overlong = self.overlong + b"\n", b""
+        self.instrument.submit(self, message, tag)
+        return data[size:] if size else b""
+
+    def cut(self) -> None:
+        """Lose the connection."""
+
+    def leave(self) -> None:
+        """Be forgotten by the instrument."""
+        self.closed = True
+        self.backlog.clear()
+        self.partial.clear()
+        self.instrument.forget(self)
+
+
+class _Nobody(Client):
+    """Takes the answer to a question whose asker has left."""
+
+    def deliver(self, data: bytes, *, end: bool) -> None:
+        """Drop it."""
+
+
+class Instrument:
+    """A device and its connections.
+
+    Args:
+        role: its role on the bench.
+        device: the simulated instrument.
+        clock: bench time.
+    """
+
+    def __init__(self, role: str, device: Device, clock: ServedClock) -> None:
+        self.role = role
+        self.device = device
+        self.clock = clock
+        self.engine = device.engine if isinstance(device, ScpiInstrument) else None
+        self.due_s = _NOTHING
+        self.clients: set[Client] = set()
+        self.holder: Client | None = None
+        """The connection whose query is being answered, or whose answer it has not fetched."""
+        self.waiting: deque[Client] = deque()
+        self.known: dict[bytes, bool] = {}
+        """Whole messages seen before: whether they ask something."""
+        self.lock: Client | None = None
+        self.lock_waiters: list[Callable[[], None]] = []
+        self.fault: Callable[[Client, bytes, bool], tuple[bytes, bool] | None] | None = None
+        self.passage: Passage | None = None
+        self.watches_service = False
+        self._requested = False
+        self._passed = 0
+        limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
+        self.longest = limit + 8
+        self.message_size, self.line_size = _framing(device)
+
+    # --- messages -----------------------------------------------------------------------------------------
+
+    def submit(self, client: Client, message: bytes, tag: Any = None) -> None:
+        """Execute `message` now, or when its turn comes."""
+        asks = self.asks(message)
+        if self._open() and not self.waiting and not client.blocked:
+            self.execute(client, message, tag, asks=asks)
+            return
+        if self._passes(message):
+            self.device.write(message, end=True)  # with the personality of whose measurement waits for it
+            self.serve()
+            return
+        client.backlog.append((message, asks, tag))
+        self.resume(client)
+
+    def resume(self, client: Client) -> None:
+        """Give `client` its turn if it has something to say."""
+        if client.backlog and not client.queued and not client.blocked:
+            client.queued = True
+            self.waiting.append(client)
+        self.turn()
+
+    def asks(self, message: bytes) -> bool:
+        """Whether `message` may be answered; remembers messages, which are mostly the same few."""
+        if self.engine is None:
+            return True
+        asks = b"?" in message
+        if len(message) <= _KNOWN_LENGTH and message not in self.known and message.endswith(b"\n"):
+            if len(self.known) >= _KNOWN_MESSAGES:
+                self.known.clear()
+            if message.count(b"\n") == 1 and b"#" not in message and b"\x03" not in message:
+                self.known[message] = asks
+        return asks
+
+    def execute(self, client: Client, message: bytes, tag: Any = None, *, asks: bool) -> None:
+        """Hand `message` to the device, and the answer to `client` if it is there at once."""
+        device, engine = self.device, self.engine
+        client.tag = tag
+        if engine is not None:
+            engine.interface = client.interface
+        device.write(message, end=True)
+        if not asks:
+            if self.busy:
+                self._passed += 1
+        elif not client.pushes:
+            self.holder = client
+        else:
+            data, end = device.read(WHOLE_RESPONSE)
+            if data:
+                self._hand_out(client, data, end=end)
+            if not end or self.busy:
+                self.holder = client
+                self._drain()
+        self.touched()
+
+    def collect(self, client: Client, limit: int) -> tuple[bytes, bool]:
+        """Fetch up to `limit` bytes of the response to `client`, which keeps it in the instrument."""
+        if self.holder is not client and self.holder is not None:
+            return b"", False
+        if self.engine is not None:
+            self.engine.interface = client.interface
+        data, end = self.device.read(limit)
+        if end:
+            self.release()
+        else:
+            self.touched()
+        if self.fault is not None and data:
+            return self.fault(client, data, end) or (b"", False)
+        return data, end
+
+    def release(self) -> None:
+        """The response has been fetched: nobody holds the instrument."""
+        if not self.busy:
+            self.holder = None
+        self.touched()
+        self.turn()
+
+    def turn(self) -> None:
+        """Execute messages that waited, one of each connection in turn."""
+        while self.waiting and self._available():
+            client = self.waiting.popleft()
+            message, asks, tag = client.backlog.popleft()
+            client.queued = bool(client.backlog) and not client.blocked
+            if client.queued:
+                self.waiting.append(client)
+            elif not client.backlog:
+                client.relieved()
+            self.execute(client, message, tag, asks=asks)
+
+    def serve(self) -> None:
+        """Do what is due, deliver what is finished, let the next in."""
+        self.device.wake_at()
+        self._drain()
+        if self.holder is not None and not self.holder.pushes:
+            self.holder.refill()
+        self.turn()
+        self.touched()
+
+    def clear(self, client: Client) -> None:
+        """Device clear from `client`: whatever runs is ended, and nobody is owed an answer."""
+        client.partial.clear()
+        client.backlog.clear()
+        if self.engine is not None:
+            self.engine.interface = client.interface
+        self.device.clear()
+        self.holder = None
+        self._passed = 0
+        self.turn()
+        self.touched()
+
+    def trigger(self, client: Client) -> None:
+        """Group execute trigger from `client`, whatever runs."""
+        if self.engine is not None and self.holder is None:
+            self.engine.interface = client.interface
+        self.device.trigger()
+        self.serve()
+
+    def status_byte(self) -> int:
+        """Serial poll."""
+        byte = self.device.status_byte()
+        self._requested = False
+        self.touched()
+        return byte
+
+    def complain(self, number: int) -> None:
+        """Queue an error of the message exchange that the transport has seen."""
+        if self.engine is not None:
+            self.engine.report(ScpiError(number))
+
+    def forget(self, client: Client) -> None:
+        """Do without `client`; the answer that it is owed goes nowhere."""
+        self.clients.discard(client)
+        if client.queued:
+            self.waiting.remove(client)
+        if self.holder is client:
+            nobody = _Nobody(self, SOCKET)
+            self.clients.discard(nobody)
+            self.holder = nobody
+            self._drain()
+        if self.lock is client:
+            self.unlock()
+        self.turn()
+        self.touched()
+
+    def unlock(self) -> None:
+        """Give the lock back and let those who wait for it try again."""
+        self.lock = None
+        waiters, self.lock_waiters = self.lock_waiters, []
+        for retry in waiters:
+            retry()
+        for client in tuple(self.clients):
+            self.resume(client)
+
+    # --- time ---------------------------------------------------------------------------------------------
+
+    @property
+    def busy(self) -> bool:
+        """Whether the device works on a message."""
+        engine = self.engine
+        if engine is None:
+            return self.device.wake_at() is not None
+        # the seam does not tell a command under way from an event that the model has planned
+        return engine._pending is not None or bool(engine._queue)  # noqa: SLF001
+
+    @property
+    def engaged(self) -> bool:
+        """Whether a message may have to wait for its turn."""
+        return self.holder is not None or bool(self.waiting) or self._passed > 0
+
+    @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for the device to go on."""
+        return bool(self.waiting) or (self.holder is not None and self.holder.awaits)
+
+    def touched(self) -> None:
+        """Note when the device next does something by itself."""
+        wake = self.device.wake_at()
+        self.due_s = _NOTHING if wake is None or wake <= self.clock.now() else wake
+        if self.passage is not None and self.due_s < self.passage.next_due_s:
+            self.passage.next_due_s = self.due_s
+        if self.watches_service and self.engine is not None:
+            self._watch_service()
+
+    def _watch_service(self) -> None:
+        assert self.engine is not None  # noqa: S101  (for the type checker)
+        requested = self.engine.requests_service()
+        if requested and not self._requested:
+            for client in tuple(self.clients):
+                client.service_requested()
+        self._requested = requested
+
+    # --- whose turn it is ---------------------------------------------------------------------------------
+
+    def _open(self) -> bool:
+        """Whether a message can be handed over now: nobody is owed an answer."""
+        if self.holder is not None:
+            return False
+        if self._passed and not self.busy:
+            self._passed = 0
+        return self._passed < _PASSED_WHILE_BUSY
+
+    def _available(self) -> bool:
+        """Whether the next in the queue can have its turn; an answer that lies unread is put aside for its owner."""
+        holder = self.holder
+        if holder is None or holder.pushes:
+            return self._open()
+        if self.waiting[0] is holder:
+            return True  # its own business: an unread answer is lost to the next message
+        if self.busy:
+            return False
+        self._put_aside(holder)
+        return self._open()
+
+    def _put_aside(self, holder: Client) -> None:
+        if self.engine is None or self.engine.status_now() & 16:
+            data, end = self.device.read(WHOLE_RESPONSE)
+            if data:
+                self._hand_out(holder, data, end=end)
+        self.holder = None
+
+    def _passes(self, message: bytes) -> bool:
+        """Whether `message` is a trigger, which must reach a measurement that waits for one."""
+        return self.engine is not None and message.strip().upper() == _TRIGGER
+
+    def _drain(self) -> None:
+        """Hand a pushing holder what there is; let go of it when there is nothing more to come."""
+        holder = self.holder
+        if holder is None or not holder.pushes:
+            return
+        while True:
+            data, end = self.device.read(WHOLE_RESPONSE)
+            if not data:
+                break
+            self._hand_out(holder, data, end=end)
+        if not self.busy:
+            self.holder = None
+
+    def _hand_out(self, client: Client, data: bytes, *, end: bool) -> None:
+        if self.fault is not None:
+            changed = self.fault(client, data, end)
+            if changed is None:
+                return
+            data, end = changed
+        client.deliver(data, end=end)
+
+
+def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
+    """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
+    if isinstance(device, ScpiInstrument):
+        return _scpi_size, _newline_size
+    return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
+
+
+def _newline_size(data: Bytes) -> int:
+    return data.find(b"\n") + 1
+
+
+def _line_size(data: Bytes) -> int:
+    """Return the length of the first line in `data`, ended by CR or LF, 0 while it is incomplete."""
+    ends = [index for index in (data.find(b"\r"), data.find(b"\n")) if index >= 0]
+    return min(ends) + 1 if ends else 0
+
+
+def _scpi_size(data: Bytes) -> int:
+    """Return the length of the first message in `data`, 0 while it is incomplete."""
+    return find_message_end(data) + 1
+
+
+class Passage:
+    """Lets bench time pass, and looks in on the devices at the instants at which they do something by themselves."""
+
+    def __init__(self, clock: ServedClock) -> None:
+        self.clock = clock
+        self.instruments: list[Instrument] = []
+        self.next_due_s = _NOTHING
+        self.errands: list[tuple[float, Callable[[], None]]] = []
+        """Other things to do at bench times, in order (scheduled faults)."""
+
+    def add(self, instrument: Instrument) -> None:
+        """Look in on `instrument` too."""
+        self.instruments.append(instrument)
+        instrument.passage = self
+        instrument.touched()
+
+    def at(self, instant_s: float, action: Callable[[], None]) -> None:
+        """Do `action` at bench time `instant_s`."""
+        self.errands.append((instant_s, action))
+        self.errands.sort(key=lambda errand: errand[0])
+        self.next_due_s = min(self.next_due_s, instant_s)
+
+    def tick(self) -> None:
+        """Bring bench time up to date with the wall clock."""
+        reached = self.clock.reached()
+        if reached < self.next_due_s:
+            self.clock.move(reached)
+        else:
+            self.pass_to(reached)
+
+    def wait_s(self) -> float:
+        """Return the wall seconds until something is due; jump there instead if the clock does and somebody waits."""
+        if self.next_due_s == _NOTHING:
+            return _NOTHING
+        if self.clock.jumps:
+            due = min((each.due_s for each in self.instruments if each.awaited), default=_NOTHING)
+            if due < _NOTHING:
+                self.jump_to(due)
+                return 0.0
+        return self.clock.wall_until(self.next_due_s)
+
+    def jump_to(self, instant_s: float) -> None:
+        """Let time jump to `instant_s`, stopping wherever something is due."""
+        self.pass_to(instant_s)
+        self.clock.sleep_until(instant_s)
+
+    def pass_to(self, instant_s: float) -> None:
+        """Let time pass until `instant_s`."""
+        while (due := self._earliest()) <= instant_s:
+            self.clock.move(due)
+            self._do_errands(due)
+            for each in self.instruments:
+                if each.due_s <= due:
+                    each.serve()
+        self.clock.move(instant_s)
+
+    def _earliest(self) -> float:
+        due = min((each.due_s for each in self.instruments), default=_NOTHING)
+        if self.errands:
+            due = min(due, self.errands[0][0])
+        self.next_due_s = due
+        return due
+
+    def _do_errands(self, now_s: float) -> None:
+        while self.errands and self.errands[0][0] <= now_s:
+            self.errands.pop(0)[1]()

@@ -1,0 +1,215 @@
+"""One thread for all sockets: a readiness loop with timers, and the passing of bench time between its turns."""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import math
+import select
+import selectors
+import socket
+import sys
+import traceback
+from itertools import count
+from typing import TYPE_CHECKING, Protocol
+
+from vcfbench.clock import WallClock
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["READ", "WRITE", "Loop", "Timer"]
+
+READ = 1
+"""A file can be read, or has hung up. The values are those of epoll."""
+WRITE = 4
+"""A file can be written."""
+_LONGEST_WAIT_S = 3600.0
+
+
+class _Poller(Protocol):
+    """The part of `select.epoll` that the loop uses."""
+
+    def register(self, fd: int, eventmask: int = ..., /) -> None: ...
+    def modify(self, fd: int, eventmask: int, /) -> None: ...
+    def unregister(self, fd: int, /) -> None: ...
+    def poll(self, timeout: float | None = ..., /) -> list[tuple[int, int]]: ...
+    def close(self) -> None: ...
+
+
+class _SelectorPoller:
+    """What other systems have, in the shape of epoll."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+
+    def register(self, fd: int, eventmask: int = READ, /) -> None:
+        self._selector.register(fd, self._wanted(eventmask))
+
+    def modify(self, fd: int, eventmask: int, /) -> None:
+        self._selector.modify(fd, self._wanted(eventmask))
+
+    def unregister(self, fd: int, /) -> None:
+        self._selector.unregister(fd)
+
+    def poll(self, timeout: float | None = None, /) -> list[tuple[int, int]]:
+        return [(key.fd, self._found(mask)) for key, mask in self._selector.select(timeout)]
+
+    def close(self) -> None:
+        self._selector.close()
+
+    @staticmethod
+    def _wanted(mask: int) -> int:
+        # a selector must be told something; a file that is only watched for hanging up is watched for reading
+        wanted = (selectors.EVENT_READ if mask & READ else 0) | (selectors.EVENT_WRITE if mask & WRITE else 0)
+        return wanted or selectors.EVENT_READ
+
+    @staticmethod
+    def _found(mask: int) -> int:
+        return (READ if mask & selectors.EVENT_READ else 0) | (WRITE if mask & selectors.EVENT_WRITE else 0)
+
+
+def _poller() -> _Poller:
+    epoll = getattr(select, "epoll", None)
+    return _SelectorPoller() if epoll is None else epoll()
+
+
+class Timer:
+    """Something to be done later; :meth:`cancel` it when it is not wanted any more."""
+
+    __slots__ = ("action",)
+
+    def __init__(self, action: Callable[[], None]) -> None:
+        self.action: Callable[[], None] | None = action
+
+    def cancel(self) -> None:
+        """Forget it."""
+        self.action = None
+
+
+class Passage(Protocol):
+    """How bench time passes between the turns of the loop."""
+
+    def tick(self) -> None:
+        """Bring bench time up to date."""
+        ...
+
+    def wait_s(self) -> float:
+        """Return the wall seconds until bench time wants a turn; may let time jump, and then returns 0."""
+        ...
+
+
+class Loop:
+    """Calls whoever watches a file when it is ready, timers when they are due, and lets bench time pass."""
+
+    def __init__(self, wall: WallClock | None = None) -> None:
+        self.wall = WallClock() if wall is None else wall
+        self._poller = _poller()
+        self._handlers: dict[int, Callable[[int], None]] = {}
+        self._timers: list[tuple[float, int, Timer]] = []
+        self._numbers = count()
+        self._last: list[Callable[[], None]] = []
+        self._running = True
+        self._alarm, self._bell = socket.socketpair()
+        for end in (self._alarm, self._bell):
+            end.settimeout(0.0)
+        self.watch(self._alarm.fileno(), self._woken)
+
+    @property
+    def wake_fd(self) -> int:
+        """A file to write a byte to, so that the loop takes a turn (`signal.set_wakeup_fd`)."""
+        return self._bell.fileno()
+
+    @property
+    def running(self) -> bool:
+        """Whether nobody has asked it to stop."""
+        return self._running
+
+    def watch(self, fd: int, handler: Callable[[int], None], mask: int = READ) -> None:
+        """Call `handler` with what `fd` is ready for."""
+        self._handlers[fd] = handler
+        self._poller.register(fd, mask)
+
+    def change(self, fd: int, mask: int) -> None:
+        """Watch `fd` for something else."""
+        self._poller.modify(fd, mask)
+
+    def unwatch(self, fd: int) -> None:
+        """Forget `fd`, before it is closed."""
+        if self._handlers.pop(fd, None) is not None:
+            with contextlib.suppress(OSError, KeyError):
+                self._poller.unregister(fd)
+
+    def call_later(self, seconds: float, action: Callable[[], None]) -> Timer:
+        """Call `action` once `seconds` of wall time have passed."""
+        timer = Timer(action)
+        heapq.heappush(self._timers, (self.wall.now() + seconds, next(self._numbers), timer))
+        return timer
+
+    def call_last(self, action: Callable[[], None]) -> None:
+        """Call `action` once everything that has been received by now is dealt with."""
+        self._last.append(action)
+
+    def stop(self) -> None:
+        """End :meth:`run` soon; may be called from a signal handler or another thread."""
+        self._running = False
+        with contextlib.suppress(OSError):
+            self._bell.send(b"\0")
+
+    def run(self, passage: Passage) -> None:
+        """Serve until :meth:`stop`."""
+        poll, handlers, tick, wait = self._poller.poll, self._handlers, passage.tick, passage.wait_s
+        while self._running:
+            seconds = wait()
+            if self._timers:
+                seconds = min(seconds, self._run_timers())
+            ready = poll(None if seconds > _LONGEST_WAIT_S else seconds)
+            tick()
+            for fd, mask in ready:
+                handler = handlers.get(fd)
+                if handler is not None:
+                    self._serve(handler, mask)
+            if self._last:
+                self._run_last()
+
+    def close(self) -> None:
+        """Give everything back to the system."""
+        for fd in list(self._handlers):
+            self.unwatch(fd)
+        self._poller.close()
+        self._alarm.close()
+        self._bell.close()
+
+    def _serve(self, handler: Callable[[int], None], mask: int) -> None:
+        try:
+            handler(mask)
+        except Exception:  # noqa: BLE001  (one instrument's mistake must not take the bench from the other clients)
+            traceback.print_exc(file=sys.stderr)
+            drop = getattr(getattr(handler, "__self__", None), "close", None)
+            if drop is not None:
+                drop()
+
+    def _run_last(self) -> None:
+        actions, self._last = self._last, []
+        for fd, mask in self._poller.poll(0):
+            handler = self._handlers.get(fd)
+            if handler is not None:
+                self._serve(handler, mask)
+        for action in actions:
+            action()
+
+    def _run_timers(self) -> float:
+        """Do what is due; return the seconds until the next."""
+        while self._timers:
+            remaining = self._timers[0][0] - self.wall.now()
+            timer = self._timers[0][2]
+            if timer.action is not None and remaining > 0:
+                return remaining
+            heapq.heappop(self._timers)
+            if timer.action is not None:
+                timer.action()
+        return math.inf
+
+    def _woken(self, _mask: int) -> None:
+        with contextlib.suppress(OSError):
+            self._alarm.recv(4096)

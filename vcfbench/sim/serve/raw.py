@@ -1,0 +1,261 @@
+"""SCPI, or a rate table's language, as it is: over TCP and over a pseudo-terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.serve.instrument import RS232, SOCKET, Client
+from vcfbench.sim.serve.loop import READ, WRITE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.sim.scpi import Interface
+    from vcfbench.sim.serve.instrument import Instrument
+    from vcfbench.sim.serve.loop import Loop
+
+__all__ = ["Listener", "Pty", "Stream", "TcpStream", "has_ptys"]
+
+_CHUNK = 1 << 16
+_HELD_BACK = 64
+_QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
+
+
+class Listener:
+    """A listening socket; `accept` is called with every connection."""
+
+    def __init__(self, loop: Loop, address: tuple[str, int], accept: Callable[[socket.socket], object]) -> None:
+        self._loop = loop
+        self._accept = accept
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        self._socket = socket.create_server(address, family=family, backlog=128)
+        self._socket.settimeout(0.0)
+        self.port = int(self._socket.getsockname()[1])
+        self.refusing = False
+        loop.watch(self._socket.fileno(), self._ready)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._loop.unwatch(self._socket.fileno())
+        self._socket.close()
+
+    def _ready(self, _mask: int) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                connection = self._socket.accept()[0]
+                if self.refusing:
+                    connection.close()
+                    continue
+                connection.settimeout(0.0)
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._accept(connection)
+
+
+class Outbox:
+    """What a file did not take at once."""
+
+    __slots__ = ("_parts", "size")
+
+    def __init__(self) -> None:
+        self._parts: list[memoryview] = []
+        self.size = 0
+
+    def add(self, data: bytes | memoryview) -> None:
+        """Keep `data`."""
+        self._parts.append(memoryview(data))
+        self.size += len(data)
+
+    def flush(self, send: Callable[[memoryview], int]) -> None:
+        """Send as much as `send` takes; raises OSError when the other side has gone."""
+        with contextlib.suppress(BlockingIOError):
+            while self._parts:
+                sent = send(self._parts[0])
+                self.size -= sent
+                if sent < len(self._parts[0]):
+                    self._parts[0] = self._parts[0][sent:]
+                    return
+                del self._parts[0]
+
+
+class Stream(Client):
+    """A byte stream to an instrument: answers are sent as soon as they are there."""
+
+    def __init__(self, loop: Loop, instrument: Instrument, interface: Interface, fd: int) -> None:
+        super().__init__(instrument, interface)
+        self._loop = loop
+        self._fd = fd
+        self._outbox = Outbox()
+        self._held_back = False
+        self._mask = READ
+        loop.watch(fd, self.on_ready)
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the other side does not take what it asked for."""
+        return self._outbox.size > 0
+
+    def relieved(self) -> None:
+        """Read on."""
+        if self._held_back:
+            self._held_back = False
+            self._watch()
+
+    def deliver(self, data: bytes, *, end: bool) -> None:
+        """Send a response."""
+        del end
+        if self.closed:
+            return
+        sent = 0
+        if not self._outbox.size:
+            try:
+                sent = self._send(data)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self.close()
+                return
+        if sent < len(data):
+            self._outbox.add(memoryview(data)[sent:])
+            self._watch()
+
+    def on_ready(self, mask: int) -> None:
+        """Receive, send what is left, or notice that the other side has gone."""
+        if mask & WRITE:
+            self._flush()
+        if mask & ~WRITE and not self.closed:
+            self._receive()
+
+    def close(self) -> None:
+        """End the connection."""
+        if self.closed:
+            return
+        self._loop.unwatch(self._fd)
+        self._close()
+        self.leave()
+
+    def _receive(self) -> None:
+        try:
+            data = self._recv()
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self.close()
+            return
+        instrument = self.instrument
+        asks = instrument.known.get(data)
+        if asks is None or self.partial or self.overlong or instrument.engaged or self._outbox.size:
+            self._take_apart(data)
+            self._acknowledge()
+        else:  # what nearly every message is: whole, alone, seen before, and the instrument is free
+            instrument.execute(self, data, asks=asks)
+            if not asks:
+                self._acknowledge()
+
+    def _take_apart(self, data: bytes) -> None:
+        brk = self.interface.break_byte
+        if brk and brk in data:
+            self.instrument.clear(self)
+            data = data.rpartition(brk)[2]
+        self.take(data)
+        if len(self.backlog) > _HELD_BACK:
+            self._held_back = True
+            self._watch()
+
+    def _acknowledge(self) -> None:
+        """Tell the sender at once that what gets no answer has arrived, if the transport would wait with it."""
+
+    def _flush(self) -> None:
+        try:
+            self._outbox.flush(self._send)
+        except OSError:
+            self.close()
+            return
+        if not self._outbox.size:
+            self._watch()
+            self.instrument.resume(self)
+
+    def _watch(self) -> None:
+        mask = WRITE if self._outbox.size else 0
+        if not self._held_back and not self._outbox.size:
+            mask = READ
+        if mask != self._mask and not self.closed:
+            self._mask = mask
+            self._loop.change(self._fd, mask)
+
+    def _recv(self) -> bytes:
+        raise NotImplementedError
+
+    def _send(self, data: bytes | memoryview) -> int:
+        raise NotImplementedError
+
+    def _close(self) -> None:
+        raise NotImplementedError
+
+
+class TcpStream(Stream):
+    """A client's TCP connection."""
+
+    def __init__(
+        self, loop: Loop, instrument: Instrument, connection: socket.socket, interface: Interface = SOCKET
+    ) -> None:
+        self._socket = connection
+        self._send_now = connection.send
+        self._recv_now = connection.recv
+        super().__init__(loop, instrument, interface, connection.fileno())
+
+    def _recv(self) -> bytes:
+        return self._recv_now(_CHUNK)
+
+    def _send(self, data: bytes | memoryview) -> int:
+        return self._send_now(data)
+
+    def _close(self) -> None:
+        self._socket.close()
+
+    def _acknowledge(self) -> None:
+        # else a client that leaves Nagle's algorithm on, as PyVISA-py does, waits 40 ms between a setting and a query
+        if _QUICK_ACK is not None and not self.closed:
+            self._socket.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
+
+    def cut(self) -> None:
+        """Lose the connection."""
+        self.close()
+
+
+class Pty(Stream):
+    """A pseudo-terminal with the serial personality; `path` is what a client opens.
+
+    The server keeps the client's end open too: a terminal whose last user has left would hang up for good.
+    """
+
+    comes_and_goes = False
+
+    def __init__(self, loop: Loop, instrument: Instrument) -> None:
+        import tty  # noqa: PLC0415  (there is none on Windows)
+
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        super().__init__(loop, instrument, RS232, self._master)
+
+    def _recv(self) -> bytes:
+        self.instrument.clock.start()
+        return os.read(self._master, _CHUNK)
+
+    def _send(self, data: bytes | memoryview) -> int:
+        return os.write(self._master, data)
+
+    def _close(self) -> None:
+        os.close(self._master)
+        os.close(self._slave)
+
+
+def has_ptys() -> bool:
+    """Whether this system has pseudo-terminals."""
+    return hasattr(os, "openpty")

@@ -1,0 +1,79 @@
+"""The client's end of the control port: requests, and a clock that is a served bench's.
+
+A program that waits on :class:`RemoteClock` instead of the wall clock sees the bench time of the server, and its waits
+take no wall time: a run over real wires then gives the results of the same run in one process.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["Control", "ControlError", "RemoteClock"]
+
+
+class ControlError(Exception):
+    """The server refused a request, or has gone; the words are its."""
+
+
+class Control:
+    """A connection to a control port."""
+
+    def __init__(self, port: int, host: str = "127.0.0.1", timeout_s: float | None = 60.0) -> None:
+        try:
+            self._socket = socket.create_connection((host, port), timeout=timeout_s)
+        except OSError as error:
+            raise ControlError(f"no bench is served with its control port at {host}:{port} ({error})") from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._replies = self._socket.makefile("rb")
+
+    def request(self, do: str, **arguments: Any) -> Any:
+        """Send a request; return its result.
+
+        Raises:
+            ControlError: it was refused, or the connection has ended.
+        """
+        try:
+            self._socket.sendall(json.dumps({"do": do, **arguments}).encode() + b"\n")
+            line = self._replies.readline()
+        except OSError as error:
+            raise ControlError(f"the control port does not answer ({error})") from error
+        if not line:
+            raise ControlError("the server has gone")
+        reply = json.loads(line)
+        if not reply["ok"]:
+            raise ControlError(reply["error"])
+        return reply["result"]
+
+    def close(self) -> None:
+        """End the connection."""
+        self._replies.close()
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class RemoteClock:
+    """The bench time of a served bench, led by this program for as long as it is open: a `vcfbench.clock.Clock`."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+        control.request("lead")
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        return float(self._control.request("now"))
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Let bench time jump to `instant_s`, with everything that happens in between."""
+        self._control.request("sleep_until", instant_s=instant_s)

@@ -1,0 +1,338 @@
+"""A simulated bench on real wires: which instrument is offered how, under which resource strings.
+
+Each model is offered by default on the interfaces that the real box has: 33220A and DSO7104B on TCP and VXI-11, E3631A
+and 34401A on a serial line and, since labs put those on converters, on TCP; rate tables on a serial line and TCP.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+
+from vcfbench.sim.serve.adjust import adjustments_of
+from vcfbench.sim.serve.control import ControlServer, Refused
+from vcfbench.sim.serve.faults import Fault, answer_fault
+from vcfbench.sim.serve.hislip import HislipServer
+from vcfbench.sim.serve.instrument import Instrument, Passage
+from vcfbench.sim.serve.loop import Loop
+from vcfbench.sim.serve.raw import Listener, Pty, Stream, TcpStream, has_ptys
+from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from vcfbench.sim.device import Device
+    from vcfbench.sim.serve.adjust import Adjustment
+    from vcfbench.sim.serve.clock import ServedClock
+    from vcfbench.sim.world import World
+
+__all__ = ["DEFAULT_OFFERS", "BenchServer", "Offer", "ServedBench", "ServerSettings", "Wires"]
+
+Offer = Literal["tcp", "vxi11", "hislip", "pty"]
+
+DEFAULT_OFFERS: dict[str, frozenset[Offer]] = {
+    "33220A": frozenset({"tcp", "vxi11"}),
+    "DSO7104B": frozenset({"tcp", "vxi11"}),
+}
+_SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})
+_DEFAULT_CONTROL_PORT = 46100
+
+
+@dataclass(frozen=True, slots=True)
+class ServedBench:
+    """What is served: the World, the devices by role, and their models by role; all on one :class:`ServedClock`."""
+
+    world: World
+    devices: Mapping[str, Device]
+    models: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class ServerSettings:
+    """How a bench is served.
+
+    Args:
+        host: address to listen on.
+        base_port: first of the ports, the control port; None lets the system choose.
+        offers: further interfaces by role, beside those of the real box.
+        port_mapper: port of a port mapper for VXI-11 (111 is what clients expect), None for none.
+        faults: what goes wrong, and when.
+    """
+
+    host: str = "127.0.0.1"
+    base_port: int | None = None
+    offers: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
+    port_mapper: int | None = None
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass(slots=True)
+class Wires:
+    """Where one instrument answers: ready resource strings, None where it does not."""
+
+    model: str
+    tcp: str | None = None
+    vxi11: str | None = None
+    hislip: str | None = None
+    pty: str | None = None
+
+    def as_json(self) -> dict[str, str | None]:
+        """Return the contract of ``vcfbench sim serve --json``."""
+        return {"model": self.model, "tcp": self.tcp, "vxi11": self.vxi11, "hislip": self.hislip, "pty": self.pty}
+
+
+class _Ports:
+    """Hands out ports: from a base on, or whatever the system has."""
+
+    def __init__(self, base: int | None) -> None:
+        self._next = base
+
+    def take(self) -> int:
+        if self._next is None:
+            return 0
+        self._next += 1
+        return self._next - 1
+
+
+class BenchServer:
+    """Serves a simulated bench.
+
+    Raises:
+        OSError: a port is taken.
+        ValueError: the settings name an instrument or an interface that is not there.
+    """
+
+    def __init__(self, bench: ServedBench, clock: ServedClock, settings: ServerSettings | None = None) -> None:
+        self.bench = bench
+        self.clock = clock
+        self.settings = ServerSettings() if settings is None else settings
+        self.loop = Loop()
+        self.passage = Passage(clock)
+        self.wires: dict[str, Wires] = {}
+        self.instruments = {role: Instrument(role, device, clock) for role, device in bench.devices.items()}
+        self._listeners: dict[str, list[Listener]] = {role: [] for role in self.instruments}
+        self._adjustments: dict[str, Adjustment] | None = None
+        self._faulty: dict[str, list[Fault]] = {role: [] for role in self.instruments}
+        self._open = ExitStack()
+        self._open.callback(self.loop.close)
+        try:
+            self._check_roles(self.settings.offers, "offer")
+            self._check_roles([fault.instrument for fault in self.settings.faults], "fault")
+            self._listen()
+        except BaseException:
+            self._open.close()
+            raise
+
+    def run(self) -> None:
+        """Serve until :meth:`stop`."""
+        self.loop.run(self.passage)
+
+    def stop(self) -> None:
+        """End :meth:`run` soon; may be called from a signal handler or another thread."""
+        self.loop.stop()
+
+    def close(self) -> None:
+        """End every connection and give everything back to the system."""
+        for instrument in self.instruments.values():
+            for client in tuple(instrument.clients):
+                if isinstance(client, Stream):
+                    client.close()
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``vcfbench sim serve --json`` prints."""
+        return {
+            "instruments": {role: wires.as_json() for role, wires in self.wires.items()},
+            "control": {"host": _loopback(self.settings.host), "port": self.control.port},
+        }
+
+    # --- wires --------------------------------------------------------------------------------------------
+
+    def _check_roles(self, roles: Iterable[str], what: str) -> None:
+        unknown = [role for role in roles if role not in self.instruments]
+        if unknown:
+            raise ValueError(f"{what}: the bench has no {unknown[0]!r}, only {', '.join(self.instruments)}")
+
+    def _listen(self) -> None:
+        ports = _Ports(self.settings.base_port)
+        self.control = self._control(ports)
+        self._open.callback(self.control.close)
+        for role, instrument in self.instruments.items():
+            self.passage.add(instrument)
+            self.wires[role] = self._wire(instrument, ports)
+        if self.settings.port_mapper is not None:
+            self._map_ports(self.settings.port_mapper, ports)
+        for fault in self.settings.faults:
+            self.passage.at(fault.at_s, lambda fault=fault: self.begin_fault(fault))  # type: ignore[misc]
+
+    def _control(self, ports: _Ports) -> ControlServer:
+        address = _loopback(self.settings.host)
+        if self.settings.base_port is not None:
+            return ControlServer(self, (address, ports.take()))
+        try:
+            return ControlServer(self, (address, _DEFAULT_CONTROL_PORT))
+        except OSError:
+            return ControlServer(self, (address, 0))
+
+    def offered(self, role: str) -> frozenset[Offer]:
+        """Return the interfaces of an instrument."""
+        usual = DEFAULT_OFFERS.get(self.bench.models[role], _SERIAL)
+        offers = usual | self.settings.offers.get(role, frozenset())
+        wrong = offers - frozenset(get_args(Offer))
+        if wrong:
+            raise ValueError(f"offer: {role} can be on {', '.join(get_args(Offer))}, not on {min(wrong)!r}")
+        return offers if has_ptys() else offers - {"pty"}
+
+    def _wire(self, instrument: Instrument, ports: _Ports) -> Wires:
+        role, host = instrument.role, self.settings.host
+        offers = self.offered(role)
+        wires = Wires(self.bench.models[role])
+        scpi = instrument.engine is not None
+        names = {"inst0": instrument, role: instrument}
+        if "tcp" in offers:
+            port = self._tcp(instrument, ports)
+            wires.tcp = f"TCPIP0::{host}::{port}::SOCKET" if scpi else f"socket://{host}:{port}"
+        if "vxi11" in offers:
+            vxi11 = Vxi11Server(self.loop, (host, ports.take()), names)
+            self._keep(role, vxi11, vxi11.listener)
+            wires.vxi11 = f"TCPIP0::{host},{vxi11.port}::inst0::INSTR"
+        if "hislip" in offers:
+            hislip = HislipServer(self.loop, (host, ports.take()), {"hislip0": instrument, role: instrument})
+            self._keep(role, hislip, hislip.listener)
+            wires.hislip = f"TCPIP0::{host}::hislip0,{hislip.port}::INSTR"
+        if "pty" in offers:
+            pty = Pty(self.loop, instrument)
+            wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
+        return wires
+
+    def _keep(self, role: str, server: Vxi11Server | HislipServer, listener: Listener) -> None:
+        self._open.callback(server.close)
+        self._listeners[role].append(listener)
+
+    def _tcp(self, instrument: Instrument, ports: _Ports) -> int:
+        def accept(connection: socket.socket) -> None:
+            TcpStream(self.loop, instrument, connection)
+
+        listener = Listener(self.loop, (self.settings.host, ports.take()), accept)
+        self._open.callback(listener.close)
+        self._listeners[instrument.role].append(listener)
+        return listener.port
+
+    def _map_ports(self, port: int, ports: _Ports) -> None:
+        """Offer every instrument that has VXI-11 on one port too: by its role, or as inst0, inst1, ... in order."""
+        having = [self.instruments[role] for role, wires in self.wires.items() if wires.vxi11 is not None]
+        names = {f"inst{number}": instrument for number, instrument in enumerate(having)}
+        names |= {instrument.role: instrument for instrument in having}
+        gateway = Vxi11Server(self.loop, (self.settings.host, ports.take()), names)
+        self._open.callback(gateway.close)
+        mapper = PortMapper(self.loop, (self.settings.host, port), {CORE: gateway.port, ABORT: gateway.port})
+        self._open.callback(mapper.close)
+
+    # --- what the control port offers ---------------------------------------------------------------------
+
+    def status(self) -> dict[str, Any]:
+        """Return bench time, how it passes, and who is connected to what."""
+        clock = self.clock
+        return {
+            "now_s": clock.now(),
+            "speed": "max" if math.isinf(clock.speed) else clock.speed,
+            "paused": clock.paused,
+            "led": clock.led,
+            "instruments": {
+                role: {
+                    **self.wires[role].as_json(),
+                    "clients": sum(client.comes_and_goes for client in instrument.clients),
+                    "busy": instrument.busy,
+                    "faults": [fault.kind for fault in self._faulty[role]],
+                }
+                for role, instrument in self.instruments.items()
+            },
+        }
+
+    def listed(self, match: str = "") -> list[dict[str, Any]]:
+        """Return what can be seen and changed whose name contains `match`."""
+        return [
+            {"name": each.name, "unit": each.unit, "meaning": each.meaning, "writable": each.write is not None}
+            for each in self._adjustable()
+            if match in each.name
+        ]
+
+    def get(self, name: str) -> Any:
+        """Return the value of a quantity."""
+        return self._adjustment(name).read()
+
+    def set(self, name: str, value: Any) -> Any:
+        """Change a quantity; return its value."""
+        adjustment = self._adjustment(name)
+        if adjustment.write is None:
+            raise Refused(f"{name} can be read, not changed")
+        self.clock.start()
+        adjustment.write(value)
+        for instrument in self.instruments.values():
+            instrument.touched()
+        return adjustment.read()
+
+    def begin_fault(self, fault: Fault) -> None:
+        """Let something go wrong now."""
+        self._check_roles([fault.instrument], "fault")
+        role = fault.instrument
+        if fault.kind == "error":
+            self.instruments[role].complain(fault.number)
+            return
+        if fault.kind in {"disconnect", "unreachable"}:
+            self._cut(role)
+        if fault.kind != "disconnect":
+            self._faulty[role].append(fault)
+            self._apply_faults(role)
+            if fault.duration_s is not None:
+                self.passage.at(self.clock.now() + fault.duration_s, lambda: self._end_fault(fault))
+
+    def end_faults(self, role: str | None = None) -> None:
+        """End the faults of an instrument, or of all."""
+        if role is not None:
+            self._check_roles([role], "fault")
+        for each in self.instruments if role is None else [role]:
+            self._faulty[each].clear()
+            self._apply_faults(each)
+
+    def _end_fault(self, fault: Fault) -> None:
+        if fault in self._faulty[fault.instrument]:
+            self._faulty[fault.instrument].remove(fault)
+            self._apply_faults(fault.instrument)
+
+    def _apply_faults(self, role: str) -> None:
+        faults = self._faulty[role]
+        spoilers = [spoiler for fault in faults if (spoiler := answer_fault(fault.kind)) is not None]
+        self.instruments[role].fault = spoilers[-1] if spoilers else None
+        for listener in self._listeners[role]:
+            listener.refusing = any(fault.kind == "unreachable" for fault in faults)
+
+    def _cut(self, role: str) -> None:
+        """Cut the connections to an instrument; a pseudo-terminal stays, as a serial cable does."""
+        for client in tuple(self.instruments[role].clients):
+            client.cut()
+
+    def _adjustable(self) -> Iterator[Adjustment]:
+        if self._adjustments is None:
+            self._adjustments = adjustments_of(self.bench.world, self.bench.devices)
+        yield from self._adjustments.values()
+
+    def _adjustment(self, name: str) -> Adjustment:
+        list(self._adjustable())
+        assert self._adjustments is not None  # noqa: S101  (for the type checker)
+        if name not in self._adjustments:
+            raise Refused(f"there is no {name!r}; `list` shows what there is")
+        return self._adjustments[name]
+
+
+def _loopback(host: str) -> str:
+    return "::1" if ":" in host else "127.0.0.1"
