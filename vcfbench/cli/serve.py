@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ctl", "register", "serve"]
 
-_CONTROL_PORT = 46100
+_CONTROL_PORT = 20220
 
 
 def register(app: typer.Typer) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -217,8 +218,18 @@ def test_a_led_bench_gives_the_readings_of_a_simulation_in_one_process_to_the_la
     assert got == expected
 
 
+def four_free_ports() -> int:
+    """Return the first of four successive ports below those that the system gives to clients."""
+    for base in range(21000, 30000, 4):
+        with ExitStack() as probes, suppress(OSError):
+            for port in range(base, base + 4):
+                probes.enter_context(socket.create_server(("127.0.0.1", port)))
+            return base
+    raise AssertionError("no ports are free")
+
+
 def test_ports_count_up_from_a_base() -> None:
-    base = 47300
+    base = four_free_ports()
     with served_lamp(settings=ServerSettings(base_port=base, offers={"lamp": ALL})) as served:
         assert served.server.control.port == base
         assert [served.port(kind) for kind in ("tcp", "vxi11", "hislip")] == [base + 1, base + 2, base + 3]

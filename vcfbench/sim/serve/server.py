@@ -38,7 +38,7 @@ DEFAULT_OFFERS: dict[str, frozenset[Offer]] = {
     "DSO7104B": frozenset({"tcp", "vxi11"}),
 }
 _SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})
-_DEFAULT_CONTROL_PORT = 46100
+_DEFAULT_CONTROL_PORT = 20220
 
 
 @dataclass(frozen=True, slots=True)
