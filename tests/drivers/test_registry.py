@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 from tests.drivers.servers import answering, serving
@@ -74,3 +77,11 @@ def test_the_wrong_instrument_is_closed_again() -> None:
 def test_a_table_that_is_not_there() -> None:
     with pytest.raises(ConnectFailed, match="rate_table at /no/such/port: cannot be opened"):
         open_instrument("rate_table", "acl", "/no/such/port", library="", clock=WallClock(), settings={})
+
+
+def test_the_registry_loads_neither_pyvisa_nor_numpy() -> None:
+    code = (
+        "import sys, vcfbench.drivers.registry; print([m for m in ('pyvisa', 'numpy', 'serial') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 - our own interpreter and words
+    assert done.stdout.strip() == "[]"

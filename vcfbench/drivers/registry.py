@@ -14,7 +14,7 @@ from vcfbench.drivers.dso7104b import Dso7104B
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.rate_table.acl import AclDialect, Header
-from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import open_line
 from vcfbench.drivers.session import Session, open_session
@@ -33,7 +33,6 @@ __all__ = [
     "TableSettings",
     "VisaSettings",
     "open_instrument",
-    "open_table",
 ]
 
 _S = TypeVar("_S")
@@ -100,22 +99,24 @@ class Registry:
             raise ConfigError(f"no driver for {model!r}; there are {known}") from None
 
 
-def open_table(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
-    """Open a rate table that speaks ACL; `library` is not needed, pyserial does it."""
-    del library
-    told = _settings(TableSettings, role, settings)
-    line = open_line(resource, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate)
-    try:
-        return RateTableDriver(
-            line,
-            AclDialect(told.axis, told.reply_header),
-            limits=TableLimits(told.max_rate_deg_s, told.max_acceleration_deg_s2),
-            axis_sign=told.axis_sign,
-            rest_tolerance_deg_s=told.rest_tolerance_deg_s,
-        )
-    except BaseException:
-        line.close()
-        raise
+def _table(name: str, speak: Callable[[TableSettings], TableDialect]) -> Driver:
+    def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
+        del library  # pyserial opens tables
+        told = _settings(TableSettings, role, settings)
+        line = open_line(resource, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate)
+        try:
+            return RateTableDriver(
+                line,
+                speak(told),
+                limits=TableLimits(told.max_rate_deg_s, told.max_acceleration_deg_s2),
+                axis_sign=told.axis_sign,
+                rest_tolerance_deg_s=told.rest_tolerance_deg_s,
+            )
+        except BaseException:
+            line.close()
+            raise
+
+    return Driver(name, RateTableDriver, opener)
 
 
 def _visa(
@@ -159,7 +160,7 @@ DRIVERS: Final = Registry().having(
         lambda session, told: Hp34401A(session, mains_hz=told.mains_hz, serial_number=told.serial_number),
     ),
     _visa("DSO7104B", Dso7104B, lambda session, told: Dso7104B(session, serial_number=told.serial_number)),
-    Driver("acl", RateTableDriver, open_table),
+    _table("acl", lambda told: AclDialect(told.axis, told.reply_header)),
 )
 """The drivers that come with the project."""
 

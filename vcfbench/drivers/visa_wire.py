@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import socket
-import warnings
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -312,6 +311,5 @@ def _failure(error: Exception, when_late: str) -> BenchError:
 
 def _close(opened: MessageBasedResource) -> None:
     # A connection that broke may refuse to be closed; there is nothing left to be done about it.
-    with suppress(pyvisa.errors.Error, OSError), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with suppress(pyvisa.errors.Error, OSError):
         opened.close()
