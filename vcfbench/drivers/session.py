@@ -38,6 +38,7 @@ __all__ = ["SerialLine", "Session", "open_session"]
 _T = TypeVar("_T")
 
 _LONGEST_LINE = 4_194_304
+_LONGEST_SHOWN = 200
 _DEEPEST_QUEUE = 64
 """More entries than any of the instruments' error queues hold (20 or 30)."""
 
@@ -250,7 +251,7 @@ class Session:
             words=words,
             instrument=self.name,
             resource=self.resource,
-            command=command,
+            command=None if command is None else _shown(command),
         )
 
     def _take_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
@@ -462,7 +463,7 @@ class Session:
     def _located(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
         error.instrument = error.instrument or self.name
         error.resource = error.resource or self.resource
-        error.command = error.command or command
+        error.command = error.command or (None if command is None else _shown(command))
         error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
         return error
 
@@ -479,6 +480,11 @@ def _reading(line: bytes) -> float:
 
 def _error_entry(line: bytes) -> tuple[int, str]:
     return replies.error_entry(replies.text(line))
+
+
+def _shown(command: str) -> str:
+    """Return `command` as it goes into messages: arbitrary waveforms are commands too."""
+    return command if len(command) <= _LONGEST_SHOWN else f"{command[:_LONGEST_SHOWN]}..."
 
 
 def _half(deadline: Deadline) -> Deadline:
