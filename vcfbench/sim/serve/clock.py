@@ -24,10 +24,10 @@ class ServedClock:
     are those of a simulation in one process.
     """
 
-    __slots__ = ("_anchor_s", "_anchor_wall_s", "_led", "_now", "_paused", "_speed", "_started", "_wall")
+    __slots__ = ("_anchor_s", "_anchor_wall_s", "_led", "_now", "_paused", "_rate", "_speed", "_started", "_wall_now")
 
     def __init__(self, speed: float = 1.0, wall: WallClock | None = None) -> None:
-        self._wall = WallClock() if wall is None else wall
+        self._wall_now = (WallClock() if wall is None else wall).now
         self._now = 0.0
         self._speed = _checked(speed)
         self._started = False
@@ -56,21 +56,20 @@ class ServedClock:
 
     def reached(self) -> float:
         """Return the bench time that the wall clock has reached."""
-        return self._anchor_s + (self._wall.now() - self._anchor_wall_s) * self.rate
+        return self._anchor_s + (self._wall_now() - self._anchor_wall_s) * self._rate
+
+    def catch_up(self, limit_s: float) -> float:
+        """Bring bench time up to the wall clock, unless that is past `limit_s`; return what the wall clock says."""
+        reached = self._anchor_s + (self._wall_now() - self._anchor_wall_s) * self._rate
+        if self._now < reached < limit_s:
+            self._now = reached
+        return reached
 
     def wall_until(self, instant_s: float) -> float:
         """Return the wall seconds until bench time `instant_s`, inf while time stands still."""
-        rate = self.rate
-        if math.isinf(instant_s) or rate == 0:
+        if math.isinf(instant_s) or self._rate == 0:
             return math.inf
-        return max(0.0, (instant_s - self.reached()) / rate)
-
-    @property
-    def rate(self) -> float:
-        """Bench seconds per wall second now."""
-        if self._paused or self._led or not self._started:
-            return 0.0
-        return 1.0 if math.isinf(self._speed) else self._speed
+        return max(0.0, (instant_s - self.reached()) / self._rate)
 
     @property
     def jumps(self) -> bool:
@@ -84,9 +83,8 @@ class ServedClock:
 
     @speed.setter
     def speed(self, speed: float) -> None:
-        speed = _checked(speed)
+        self._speed = _checked(speed)
         self._anchor()
-        self._speed = speed
 
     @property
     def paused(self) -> bool:
@@ -95,8 +93,8 @@ class ServedClock:
 
     @paused.setter
     def paused(self, paused: bool) -> None:
-        self._anchor()
         self._paused = paused
+        self._anchor()
 
     @property
     def led(self) -> bool:
@@ -105,12 +103,17 @@ class ServedClock:
 
     @led.setter
     def led(self, led: bool) -> None:
-        self._anchor()
         self._led = led
+        self._anchor()
 
     def _anchor(self) -> None:
+        """Let time go on from here, at the rate that holds now."""
         self._anchor_s = self._now
-        self._anchor_wall_s = self._wall.now()
+        self._anchor_wall_s = self._wall_now()
+        if self._paused or self._led or not self._started:
+            self._rate = 0.0
+        else:
+            self._rate = 1.0 if math.isinf(self._speed) else self._speed
 
 
 def _checked(speed: float) -> float:

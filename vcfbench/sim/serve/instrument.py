@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from vcfbench.sim.rate_tables.line import LineDevice
 from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiInstrument
@@ -165,6 +165,7 @@ class Instrument:
         limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
         self.longest = limit + 8
         self.message_size, self.line_size = _framing(device)
+        self._write, self._read, self._wake_at = _shortest(device)
 
     # --- messages -----------------------------------------------------------------------------------------
 
@@ -202,18 +203,17 @@ class Instrument:
 
     def execute(self, client: Client, message: bytes, tag: Any = None, *, asks: bool) -> None:
         """Hand `message` to the device, and the answer to `client` if it is there at once."""
-        device, engine = self.device, self.engine
         client.tag = tag
-        if engine is not None:
-            engine.interface = client.interface
-        device.write(message, end=True)
+        if self.engine is not None:
+            self.engine.interface = client.interface
+        self._write(message, end=True)
         if not asks:
             if self.busy:
                 self._passed += 1
         elif not client.pushes:
             self.holder = client
         else:
-            data, end = device.read(WHOLE_RESPONSE)
+            data, end = self._read(WHOLE_RESPONSE)
             if data:
                 self._hand_out(client, data, end=end)
             if not end or self.busy:
@@ -342,10 +342,13 @@ class Instrument:
 
     def touched(self) -> None:
         """Note when the device next does something by itself."""
-        wake = self.device.wake_at()
-        self.due_s = _NOTHING if wake is None or wake <= self.clock.now() else wake
-        if self.passage is not None and self.due_s < self.passage.next_due_s:
-            self.passage.next_due_s = self.due_s
+        wake = self._wake_at()
+        if wake is None or wake <= self.clock.now():
+            self.due_s = _NOTHING
+        else:
+            self.due_s = wake
+            if self.passage is not None and wake < self.passage.next_due_s:
+                self.passage.next_due_s = wake
         if self.watches_service and self.engine is not None:
             self._watch_service()
 
@@ -412,6 +415,14 @@ class Instrument:
         client.deliver(data, end=end)
 
 
+def _shortest(device: Device) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:
+    """Return the device's write, read and wake_at, past what only passes them on."""
+    kind = type(device)
+    if (kind.write, kind.read, kind.wake_at) == (ScpiInstrument.write, ScpiInstrument.read, ScpiInstrument.wake_at):
+        device = cast("Device", cast("ScpiInstrument", device).engine)
+    return device.write, device.read, device.wake_at
+
+
 def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
     """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
     if isinstance(device, ScpiInstrument):
@@ -458,10 +469,8 @@ class Passage:
 
     def tick(self) -> None:
         """Bring bench time up to date with the wall clock."""
-        reached = self.clock.reached()
-        if reached < self.next_due_s:
-            self.clock.move(reached)
-        else:
+        reached = self.clock.catch_up(self.next_due_s)
+        if reached >= self.next_due_s:
             self.pass_to(reached)
 
     def wait_s(self) -> float:

@@ -167,8 +167,12 @@ class Loop:
             tick()
             for fd, mask in ready:
                 handler = handlers.get(fd)
-                if handler is not None:
-                    self._serve(handler, mask)
+                if handler is None:
+                    continue
+                try:
+                    handler(mask)
+                except Exception:  # noqa: BLE001  (one instrument's mistake must not end the others' connections)
+                    _drop(handler)
             if self._last:
                 self._run_last()
 
@@ -180,21 +184,11 @@ class Loop:
         self._alarm.close()
         self._bell.close()
 
-    def _serve(self, handler: Callable[[int], None], mask: int) -> None:
-        try:
-            handler(mask)
-        except Exception:  # noqa: BLE001  (one instrument's mistake must not take the bench from the other clients)
-            traceback.print_exc(file=sys.stderr)
-            drop = getattr(getattr(handler, "__self__", None), "close", None)
-            if drop is not None:
-                drop()
-
     def _run_last(self) -> None:
         actions, self._last = self._last, []
         for fd, mask in self._poller.poll(0):
-            handler = self._handlers.get(fd)
-            if handler is not None:
-                self._serve(handler, mask)
+            if fd in self._handlers:
+                _guarded(self._handlers[fd], mask)
         for action in actions:
             action()
 
@@ -213,3 +207,18 @@ class Loop:
     def _woken(self, _mask: int) -> None:
         with contextlib.suppress(OSError):
             self._alarm.recv(4096)
+
+
+def _guarded(handler: Callable[[int], None], mask: int) -> None:
+    try:
+        handler(mask)
+    except Exception:  # noqa: BLE001  (as in run)
+        _drop(handler)
+
+
+def _drop(handler: Callable[[int], None]) -> None:
+    """Tell of the exception being handled, and end the connection that met it."""
+    traceback.print_exc(file=sys.stderr)
+    close = getattr(getattr(handler, "__self__", None), "close", None)
+    if close is not None:
+        close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+from functools import partial
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.serve.instrument import RS232, SOCKET, Client
@@ -83,10 +84,21 @@ class Outbox:
 class Stream(Client):
     """A byte stream to an instrument: answers are sent as soon as they are there."""
 
-    def __init__(self, loop: Loop, instrument: Instrument, interface: Interface, fd: int) -> None:
+    def __init__(
+        self,
+        loop: Loop,
+        instrument: Instrument,
+        interface: Interface,
+        fd: int,
+        *,
+        receive: Callable[[int], bytes],
+        send: Callable[[bytes | memoryview], int],
+    ) -> None:
         super().__init__(instrument, interface)
         self._loop = loop
         self._fd = fd
+        self._recv = receive
+        self._send = send
         self._outbox = Outbox()
         self._held_back = False
         self._mask = READ
@@ -125,8 +137,18 @@ class Stream(Client):
         """Receive, send what is left, or notice that the other side has gone."""
         if mask & WRITE:
             self._flush()
-        if mask & ~WRITE and not self.closed:
-            self._receive()
+            if mask == WRITE or self.closed:
+                return
+        try:
+            data = self._recv(_CHUNK)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._received(data)
+        else:
+            self.close()
 
     def close(self) -> None:
         """End the connection."""
@@ -136,16 +158,7 @@ class Stream(Client):
         self._close()
         self.leave()
 
-    def _receive(self) -> None:
-        try:
-            data = self._recv()
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-            return
+    def _received(self, data: bytes) -> None:
         instrument = self.instrument
         asks = instrument.known.get(data)
         if asks is None or self.partial or self.overlong or instrument.engaged or self._outbox.size:
@@ -187,12 +200,6 @@ class Stream(Client):
             self._mask = mask
             self._loop.change(self._fd, mask)
 
-    def _recv(self) -> bytes:
-        raise NotImplementedError
-
-    def _send(self, data: bytes | memoryview) -> int:
-        raise NotImplementedError
-
     def _close(self) -> None:
         raise NotImplementedError
 
@@ -204,15 +211,9 @@ class TcpStream(Stream):
         self, loop: Loop, instrument: Instrument, connection: socket.socket, interface: Interface = SOCKET
     ) -> None:
         self._socket = connection
-        self._send_now = connection.send
-        self._recv_now = connection.recv
-        super().__init__(loop, instrument, interface, connection.fileno())
-
-    def _recv(self) -> bytes:
-        return self._recv_now(_CHUNK)
-
-    def _send(self, data: bytes | memoryview) -> int:
-        return self._send_now(data)
+        super().__init__(
+            loop, instrument, interface, connection.fileno(), receive=connection.recv, send=connection.send
+        )
 
     def _close(self) -> None:
         self._socket.close()
@@ -242,14 +243,13 @@ class Pty(Stream):
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
-        super().__init__(loop, instrument, RS232, self._master)
+        super().__init__(
+            loop, instrument, RS232, self._master, receive=self._read, send=partial(os.write, self._master)
+        )
 
-    def _recv(self) -> bytes:
+    def _read(self, size: int) -> bytes:
         self.instrument.clock.start()
-        return os.read(self._master, _CHUNK)
-
-    def _send(self, data: bytes | memoryview) -> int:
-        return os.write(self._master, data)
+        return os.read(self._master, size)
 
     def _close(self) -> None:
         os.close(self._master)
