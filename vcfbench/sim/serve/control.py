@@ -31,8 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.serve.clock import MAX_SPEED
 from vcfbench.sim.serve.faults import Fault
-from vcfbench.sim.serve.loop import READ, WRITE
-from vcfbench.sim.serve.raw import Listener, Outbox
+from vcfbench.sim.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:
     import socket
@@ -69,17 +68,13 @@ class ControlServer:
         self.connections.add(_Control(self, connection))
 
 
-class _Control:
+class _Control(Connection):
     """One control connection."""
 
     def __init__(self, control: ControlServer, connection: socket.socket) -> None:
         self._control = control
         self._server = control.server
-        self._socket = connection
-        self._fd = connection.fileno()
         self._input = bytearray()
-        self._outbox = Outbox()
-        self._closed = False
         self._commands: dict[str, Callable[..., Any]] = {
             "status": self._server.status,
             "list": self._server.listed,
@@ -96,52 +91,34 @@ class _Control:
             "clear_faults": self._clear_faults,
             "stop": self._server.stop,
         }
-        self._server.loop.watch(self._fd, self._on_ready)
+        super().__init__(self._server.loop, connection)
 
-    def close(self) -> None:
-        """End the connection; a lead ends with it."""
-        if self._closed:
-            return
-        self._closed = True
+    def gone(self) -> None:
+        """End the lead, if it was this one's."""
         if self._control.leader is self:
             self._control.leader = None
             self._server.clock.led = False
-        self._server.loop.unwatch(self._fd)
-        self._socket.close()
         self._control.connections.discard(self)
 
-    def _on_ready(self, mask: int) -> None:
-        if mask & WRITE:
-            self._flush()
-        if mask & ~WRITE and not self._closed:
-            self._receive()
-
-    def _receive(self) -> None:
-        try:
-            data = self._socket.recv(_LONGEST_REQUEST)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data or len(self._input) > _LONGEST_REQUEST:
-            self.close()
-            return
+    def received(self, data: bytes) -> None:
+        """Answer the requests that are complete."""
         self._input += data
+        if len(self._input) > _LONGEST_REQUEST:
+            self.close()
         while (end := self._input.find(b"\n")) >= 0:
             line = bytes(self._input[:end])
             del self._input[: end + 1]
             # what was sent to an instrument before this request comes before it
-            self._server.loop.call_last(lambda line=line: self._answer(line))  # type: ignore[misc]
+            self.loop.call_last(lambda line=line: self._answer(line))  # type: ignore[misc]
 
     def _answer(self, line: bytes) -> None:
-        if self._closed:
+        if self.closed:
             return
         try:
             reply = {"ok": True, "result": self._obey(line)}
         except (Refused, ValueError, TypeError, RuntimeError) as error:
             reply = {"ok": False, "error": str(error)}
-        self._outbox.add(json.dumps(reply).encode() + b"\n")
-        self._flush()
+        self.send(json.dumps(reply).encode() + b"\n")
 
     def _obey(self, line: bytes) -> Any:
         request = json.loads(line)
@@ -149,14 +126,6 @@ class _Control:
             raise Refused(f'a request is an object whose "do" is one of {", ".join(self._commands)}')
         command = self._commands[request.pop("do")]
         return command(**request)
-
-    def _flush(self) -> None:
-        try:
-            self._outbox.flush(self._socket.send)
-        except OSError:
-            self.close()
-            return
-        self._server.loop.change(self._fd, WRITE if self._outbox.size else READ)
 
     # --- time ---------------------------------------------------------------------------------------------
 

@@ -11,8 +11,7 @@ from itertools import count
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from vcfbench.sim.serve.instrument import HISLIP, Client, Instrument
-from vcfbench.sim.serve.loop import READ, WRITE
-from vcfbench.sim.serve.raw import Listener, Outbox
+from vcfbench.sim.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:
     import socket
@@ -49,68 +48,39 @@ class _Message(NamedTuple):
     payload: bytes
 
 
-class _Channel:
+class _Channel(Connection):
     """One of the two connections of a session; until its first message it is neither."""
 
     def __init__(self, server: HislipServer, connection: socket.socket) -> None:
         self.server = server
         self.session: _Session | None = None
         self.handle: Callable[[_Message], None] = self._introduce
-        self._socket = connection
-        self._fd = connection.fileno()
         self._input = bytearray()
-        self._outbox = Outbox()
         self._skip = 0
-        self.closed = False
-        server.loop.watch(self._fd, self.on_ready)
+        super().__init__(server.loop, connection)
 
-    @property
-    def blocked(self) -> bool:
-        """Whether the client does not take what it is sent."""
-        return self._outbox.size > 0
-
-    def on_ready(self, mask: int) -> None:
-        """Receive, send what is left, or notice that the other side has gone."""
-        if mask & WRITE:
-            self._flush()
-            if self.session is not None and not self.blocked and not self.closed:
-                self.session.instrument.resume(self.session)
-        if mask & ~WRITE and not self.closed:
-            self.receive()
-
-    def send(self, kind: int, control: int = 0, parameter: int = 0, payload: bytes | memoryview = b"") -> None:
+    def post(self, kind: int, control: int = 0, parameter: int = 0, payload: bytes | memoryview = b"") -> None:
         """Send a message."""
-        if not self.closed:
-            self._outbox.add(_HEADER.pack(_PROLOGUE, kind, control, parameter, len(payload)) + bytes(payload))
-            self._flush()
+        self.send(_HEADER.pack(_PROLOGUE, kind, control, parameter, len(payload)) + payload)
 
     def fail(self, code: int, words: str) -> None:
         """Send a fatal error and end the connection."""
-        self.send(_FATAL_ERROR, code, 0, words.encode())
+        self.post(_FATAL_ERROR, code, 0, words.encode())
         self.close()
 
-    def close(self) -> None:
-        """End the connection, and the session with it."""
-        if self.closed:
-            return
-        self.closed = True
-        self.server.loop.unwatch(self._fd)
-        self._socket.close()
+    def gone(self) -> None:
+        """End the session too."""
         self.server.channels.discard(self)
         if self.session is not None:
             self.session.end()
 
-    def receive(self) -> None:
-        """Deal with what has come."""
-        try:
-            data = self._socket.recv(1 << 18)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-            return
+    def relieved(self) -> None:
+        """Let the session go on."""
+        if self.session is not None:
+            self.session.instrument.resume(self.session)
+
+    def received(self, data: bytes) -> None:
+        """Handle the messages that are complete."""
         self._input += data
         while not self.closed and (message := self._next_message()) is not None:
             self.handle(message)
@@ -124,7 +94,7 @@ class _Channel:
             self.fail(_BAD_HEADER, "poorly formed message header")
             return None
         if size > _MAX_PAYLOAD + _HEADER.size:
-            self.send(_ERROR, _TOO_LARGE, 0, b"message too large")
+            self.post(_ERROR, _TOO_LARGE, 0, b"message too large")
             del self._input[: _HEADER.size]
             self._skip = size
             return self._next_message()
@@ -148,16 +118,6 @@ class _Channel:
             self.server.join(self, message)
         else:
             self.fail(_BAD_INITIALIZATION, "invalid initialization sequence")
-
-    def _flush(self) -> None:
-        before = self._outbox.size
-        try:
-            self._outbox.flush(self._socket.send)
-        except OSError:
-            self.close()
-            return
-        if self._outbox.size or before > self._outbox.size:
-            self.server.loop.change(self._fd, WRITE | READ if self._outbox.size else READ)
 
 
 class _Session(Client):
@@ -228,7 +188,7 @@ class _Session(Client):
             self.tag = message.parameter
             self.instrument.trigger(self)
         elif message.kind not in (_FATAL_ERROR, _ERROR):
-            self._sync.send(_ERROR, _UNKNOWN_TYPE, 0, b"unrecognized message type")
+            self._sync.post(_ERROR, _UNKNOWN_TYPE, 0, b"unrecognized message type")
 
     def deliver(self, data: bytes, *, end: bool) -> None:
         """Send a response, in as many messages as the client's limit asks for."""
@@ -236,7 +196,7 @@ class _Session(Client):
         for start in range(0, len(data), size):
             part = view[start : start + size]
             last = end and start + size >= len(data)
-            self._sync.send(_DATA_END if last else _DATA, 0, self._message_id(), part)
+            self._sync.post(_DATA_END if last else _DATA, 0, self._message_id(), part)
         self._unread = True
 
     def _message_id(self) -> int:
@@ -246,15 +206,15 @@ class _Session(Client):
         """In synchronised mode, a message from a client that has not read its answer loses it."""
         unread, self._unread = self._unread and not message.control & 1, False
         if unread and not self._overlapped and self._async is not None:
-            self._sync.send(_INTERRUPTED, 0, message.parameter)
-            self._async.send(_ASYNC_INTERRUPTED, 0, message.parameter)
+            self._sync.post(_INTERRUPTED, 0, message.parameter)
+            self._async.post(_ASYNC_INTERRUPTED, 0, message.parameter)
             self.instrument.complain(-410)
 
     def _finish_clear(self, message: _Message) -> None:
         self._clearing = self._unread = False
         self._overlapped = bool(message.control & 1)
         self._ids = count(_FIRST_ID, 2)
-        self._sync.send(_CLEAR_ACKNOWLEDGE, message.control & 1)
+        self._sync.post(_CLEAR_ACKNOWLEDGE, message.control & 1)
 
     # --- asynchronous channel -----------------------------------------------------------------------------
 
@@ -266,7 +226,7 @@ class _Session(Client):
         if self._async is None or self.closed or message.kind in (_FATAL_ERROR, _ERROR):
             return
         if action is None:
-            self._async.send(_ERROR, _UNKNOWN_TYPE, 0, b"unrecognized message type")
+            self._async.post(_ERROR, _UNKNOWN_TYPE, 0, b"unrecognized message type")
         else:
             action(self, self._async, message)
 
@@ -274,36 +234,36 @@ class _Session(Client):
         if len(message.payload) == 8:
             (size,) = struct.unpack("!Q", message.payload)
             self._max_payload = max(1, min(size - _HEADER.size, _MAX_PAYLOAD))
-        channel.send(_MAX_SIZE_RESPONSE, 0, 0, struct.pack("!Q", _MAX_PAYLOAD + _HEADER.size))
+        channel.post(_MAX_SIZE_RESPONSE, 0, 0, struct.pack("!Q", _MAX_PAYLOAD + _HEADER.size))
 
     def _status(self, channel: _Channel, message: _Message) -> None:
         if message.control & 1:
             self._unread = False
         byte = self.instrument.status_byte()
-        channel.send(_STATUS_RESPONSE, byte | 16 if self._unread else byte)
+        channel.post(_STATUS_RESPONSE, byte | 16 if self._unread else byte)
 
     def _clear(self, channel: _Channel, _message: _Message) -> None:
         self._clearing = True
         self.instrument.clear(self)
-        channel.send(_ASYNC_CLEAR_ACKNOWLEDGE, 0)
+        channel.post(_ASYNC_CLEAR_ACKNOWLEDGE, 0)
 
     def _remote_local(self, channel: _Channel, _message: _Message) -> None:
         """Accept: the simulated front panels have no keys to lock."""
-        channel.send(_REMOTE_LOCAL_RESPONSE)
+        channel.post(_REMOTE_LOCAL_RESPONSE)
 
     def service_requested(self) -> None:
         """Tell the client; bit 6 stays set until it asks for the status byte."""
         engine = self.instrument.engine
         if self._async is not None and engine is not None:
-            self._async.send(_SERVICE_REQUEST, engine.status_now() | 64)
+            self._async.post(_SERVICE_REQUEST, engine.status_now() | 64)
 
     # --- locks --------------------------------------------------------------------------------------------
 
     def _lock(self, channel: _Channel, message: _Message) -> None:
         if message.control & 1 == 0:
-            channel.send(_ASYNC_LOCK_RESPONSE, self._release_lock())
+            channel.post(_ASYNC_LOCK_RESPONSE, self._release_lock())
         elif self.instrument.lock is self:
-            channel.send(_ASYNC_LOCK_RESPONSE, _LOCK_ERROR)
+            channel.post(_ASYNC_LOCK_RESPONSE, _LOCK_ERROR)
         else:
             self._seek_lock(channel, message.payload.decode("latin-1"), message.parameter / 1e3)
 
@@ -320,24 +280,24 @@ class _Session(Client):
     def _seek_lock(self, channel: _Channel, key: str, seconds: float) -> None:
         """Take the lock, now or as soon as it is free within `seconds`."""
         if self._try_lock(key):
-            channel.send(_ASYNC_LOCK_RESPONSE, _LOCK_GRANTED)
+            channel.post(_ASYNC_LOCK_RESPONSE, _LOCK_GRANTED)
             return
         if seconds <= 0:
-            channel.send(_ASYNC_LOCK_RESPONSE, _LOCK_FAILED)
+            channel.post(_ASYNC_LOCK_RESPONSE, _LOCK_FAILED)
             return
         waiters = self.instrument.lock_waiters
 
         def give_up() -> None:
             if retry in waiters:
                 waiters.remove(retry)
-            channel.send(_ASYNC_LOCK_RESPONSE, _LOCK_FAILED)
+            channel.post(_ASYNC_LOCK_RESPONSE, _LOCK_FAILED)
 
         def retry() -> None:
             if self.closed:
                 timer.cancel()
             elif self._try_lock(key):
                 timer.cancel()
-                channel.send(_ASYNC_LOCK_RESPONSE, _LOCK_GRANTED)
+                channel.post(_ASYNC_LOCK_RESPONSE, _LOCK_GRANTED)
             else:
                 self.instrument.lock_waiters.append(retry)
 
@@ -359,7 +319,7 @@ class _Session(Client):
     def _lock_info(self, channel: _Channel, _message: _Message) -> None:
         exclusive = self.instrument.lock is not None
         holders = len(self._server.sharers(self.instrument)) + exclusive
-        channel.send(_LOCK_INFO_RESPONSE, int(exclusive), holders)
+        channel.post(_LOCK_INFO_RESPONSE, int(exclusive), holders)
 
 
 _Session._ASYNC = {  # noqa: SLF001  (its own table, which names its methods)
@@ -403,7 +363,7 @@ class HislipServer:
         self.sessions[number] = session
         channel.session = session
         channel.handle = session.on_sync
-        channel.send(_INITIALIZE_RESPONSE, 0, _VERSION << 16 | number)
+        channel.post(_INITIALIZE_RESPONSE, 0, _VERSION << 16 | number)
 
     def join(self, channel: _Channel, message: _Message) -> None:
         """Give a session its asynchronous channel."""
@@ -413,7 +373,7 @@ class HislipServer:
             return
         channel.session = session
         session.attach(channel)
-        channel.send(_ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR)
+        channel.post(_ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR)
 
     def sharers(self, instrument: Instrument) -> dict[_Session, str]:
         """Return the sessions that share a lock on `instrument`, and its key."""

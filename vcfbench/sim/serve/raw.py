@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 from functools import partial
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.sim.serve.instrument import RS232, SOCKET, Client
 from vcfbench.sim.serve.loop import READ, WRITE
+from vcfbench.sim.serve.wire import Outbox
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,67 +18,11 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.instrument import Instrument
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["Listener", "Pty", "Stream", "TcpStream", "has_ptys"]
+__all__ = ["Pty", "Stream", "TcpStream", "has_ptys"]
 
 _CHUNK = 1 << 16
 _HELD_BACK = 64
 _QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
-
-
-class Listener:
-    """A listening socket; `accept` is called with every connection."""
-
-    def __init__(self, loop: Loop, address: tuple[str, int], accept: Callable[[socket.socket], object]) -> None:
-        self._loop = loop
-        self._accept = accept
-        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-        self._socket = socket.create_server(address, family=family, backlog=128)
-        self._socket.settimeout(0.0)
-        self.port = int(self._socket.getsockname()[1])
-        self.refusing = False
-        loop.watch(self._socket.fileno(), self._ready)
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._loop.unwatch(self._socket.fileno())
-        self._socket.close()
-
-    def _ready(self, _mask: int) -> None:
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                connection = self._socket.accept()[0]
-                if self.refusing:
-                    connection.close()
-                    continue
-                connection.settimeout(0.0)
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._accept(connection)
-
-
-class Outbox:
-    """What a file did not take at once."""
-
-    __slots__ = ("_parts", "size")
-
-    def __init__(self) -> None:
-        self._parts: list[memoryview] = []
-        self.size = 0
-
-    def add(self, data: bytes | memoryview) -> None:
-        """Keep `data`."""
-        self._parts.append(memoryview(data))
-        self.size += len(data)
-
-    def flush(self, send: Callable[[memoryview], int]) -> None:
-        """Send as much as `send` takes; raises OSError when the other side has gone."""
-        with contextlib.suppress(BlockingIOError):
-            while self._parts:
-                sent = send(self._parts[0])
-                self.size -= sent
-                if sent < len(self._parts[0]):
-                    self._parts[0] = self._parts[0][sent:]
-                    return
-                del self._parts[0]
 
 
 class Stream(Client):

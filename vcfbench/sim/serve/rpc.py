@@ -5,8 +5,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
-from vcfbench.sim.serve.loop import READ, WRITE
-from vcfbench.sim.serve.raw import Outbox
+from vcfbench.sim.serve.wire import Connection
 
 if TYPE_CHECKING:
     import socket
@@ -99,7 +98,7 @@ def marked(record: bytes) -> bytes:
     return _WORD.pack(_LAST | len(record)) + record
 
 
-class RpcConnection:
+class RpcConnection(Connection):
     """A client's connection: calls are answered one after the other, in order.
 
     `programs` maps a program and version to its procedures by number; a procedure takes the call and returns the
@@ -107,55 +106,23 @@ class RpcConnection:
     """
 
     def __init__(self, loop: Loop, connection: socket.socket) -> None:
-        self.loop = loop
-        self.closed = False
         self.programs: Mapping[tuple[int, int], Mapping[int, Callable[[Call], bytes | None]]] = {}
-        self._socket = connection
-        self._fd = connection.fileno()
         self._input = bytearray()
         self._record = b""
-        self._outbox = Outbox()
         self._calling: int | None = None
-        loop.watch(self._fd, self.on_ready)
+        super().__init__(loop, connection)
 
-    def on_ready(self, mask: int) -> None:
-        """Receive, send what is left, or notice that the other side has gone."""
-        if mask & WRITE:
-            self._flush()
-        if mask & ~WRITE and not self.closed:
-            self._receive()
-
-    def answer(self, xid: int, result: bytes, status: int = _SUCCESS) -> None:
-        """Send the reply to call `xid` and go on with the next."""
-        if self.closed:
-            return
-        self._calling = None
-        self._outbox.add(marked(reply(xid, result, status)))
-        self._flush()
-
-    def close(self) -> None:
-        """End the connection."""
-        if not self.closed:
-            self.closed = True
-            self.loop.unwatch(self._fd)
-            self._socket.close()
-            self.gone()
-
-    def gone(self) -> None:
-        """Called once the connection has ended."""
-
-    def _receive(self) -> None:
-        try:
-            data = self._socket.recv(1 << 18)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-            return
+    def received(self, data: bytes) -> None:
+        """Serve the calls that are complete."""
         self._input += data
         self._next_calls()
+
+    def answer(self, xid: int, result: bytes, status: int = _SUCCESS) -> None:
+        """Send the reply to call `xid`, and go on with the next when this one is no longer being served."""
+        self._calling = None
+        self.send(marked(reply(xid, result, status)))
+        if self._input:
+            self.loop.call_later(0.0, self._next_calls)
 
     def _next_calls(self) -> None:
         while not self.closed and self._calling is None and (record := self._next_record()) is not None:
@@ -208,13 +175,3 @@ class RpcConnection:
             self.answer(call.xid, struct.pack(">2I", min(versions), max(versions)), _VERSION_MISMATCH)
         else:
             self.answer(call.xid, b"", _NO_PROGRAM)
-
-    def _flush(self) -> None:
-        try:
-            self._outbox.flush(self._socket.send)
-        except OSError:
-            self.close()
-            return
-        self.loop.change(self._fd, WRITE if self._outbox.size else READ)
-        if not self._outbox.size and self._input:
-            self.loop.call_later(0.0, self._next_calls)

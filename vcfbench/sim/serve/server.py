@@ -17,8 +17,9 @@ from vcfbench.sim.serve.faults import Fault, answer_fault
 from vcfbench.sim.serve.hislip import HislipServer
 from vcfbench.sim.serve.instrument import Instrument, Passage
 from vcfbench.sim.serve.loop import Loop
-from vcfbench.sim.serve.raw import Listener, Pty, Stream, TcpStream, has_ptys
+from vcfbench.sim.serve.raw import Pty, Stream, TcpStream, has_ptys
 from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
+from vcfbench.sim.serve.wire import Listener
 
 if TYPE_CHECKING:
     import socket

@@ -14,8 +14,8 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vcfbench.sim.serve.instrument import VXI11, WHOLE_RESPONSE, Client, Instrument
-from vcfbench.sim.serve.raw import Listener
 from vcfbench.sim.serve.rpc import Call, RpcConnection, opaque
+from vcfbench.sim.serve.wire import Listener
 
 if TYPE_CHECKING:
     import socket

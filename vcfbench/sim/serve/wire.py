@@ -1,0 +1,160 @@
+"""What every protocol needs of a socket: listening, and sending without waiting."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.serve.loop import READ, WRITE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.sim.serve.loop import Loop
+
+__all__ = ["Connection", "Listener", "Outbox"]
+
+
+class Listener:
+    """A listening socket; `accept` is called with every connection."""
+
+    def __init__(self, loop: Loop, address: tuple[str, int], accept: Callable[[socket.socket], object]) -> None:
+        self._loop = loop
+        self._accept = accept
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        self._socket = socket.create_server(address, family=family, backlog=128)
+        self._socket.settimeout(0.0)
+        self.port = int(self._socket.getsockname()[1])
+        self.refusing = False
+        loop.watch(self._socket.fileno(), self._ready)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._loop.unwatch(self._socket.fileno())
+        self._socket.close()
+
+    def _ready(self, _mask: int) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                connection = self._socket.accept()[0]
+                if self.refusing:
+                    connection.close()
+                    continue
+                connection.settimeout(0.0)
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._accept(connection)
+
+
+class Outbox:
+    """What a file did not take at once."""
+
+    __slots__ = ("_parts", "size")
+
+    def __init__(self) -> None:
+        self._parts: list[memoryview] = []
+        self.size = 0
+
+    def add(self, data: bytes | memoryview) -> None:
+        """Keep `data`."""
+        self._parts.append(memoryview(data))
+        self.size += len(data)
+
+    def flush(self, send: Callable[[memoryview], int]) -> None:
+        """Send as much as `send` takes; raises OSError when the other side has gone."""
+        with contextlib.suppress(BlockingIOError):
+            while self._parts:
+                sent = send(self._parts[0])
+                self.size -= sent
+                if sent < len(self._parts[0]):
+                    self._parts[0] = self._parts[0][sent:]
+                    return
+                del self._parts[0]
+
+
+class Connection:
+    """A client's connection; subclasses make sense of what is received.
+
+    While the client does not take what it is sent, nothing more is received from it.
+    """
+
+    chunk = 1 << 18
+
+    def __init__(self, loop: Loop, connection: socket.socket) -> None:
+        self.loop = loop
+        self.closed = False
+        self._socket = connection
+        self._fd = connection.fileno()
+        self._outbox = Outbox()
+        loop.watch(self._fd, self.on_ready)
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the client does not take what it is sent."""
+        return self._outbox.size > 0
+
+    def on_ready(self, mask: int) -> None:
+        """Receive, send what is left, or notice that the other side has gone."""
+        if mask & WRITE:
+            self._flush()
+        if mask & ~WRITE and not self.closed:
+            self.receive()
+
+    def receive(self) -> None:
+        """Deal with what has come."""
+        try:
+            data = self._socket.recv(self.chunk)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self.received(data)
+        else:
+            self.close()
+
+    def send(self, data: bytes) -> None:
+        """Send `data`, now or as soon as the client takes it."""
+        if self.closed:
+            return
+        sent = 0
+        if not self._outbox.size:
+            try:
+                sent = self._socket.send(data)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self.close()
+                return
+        if sent < len(data):
+            if not self._outbox.size:
+                self.loop.change(self._fd, WRITE)
+            self._outbox.add(memoryview(data)[sent:])
+
+    def close(self) -> None:
+        """End the connection."""
+        if not self.closed:
+            self.closed = True
+            self.loop.unwatch(self._fd)
+            self._socket.close()
+            self.gone()
+
+    def received(self, data: bytes) -> None:
+        """Make sense of what has come."""
+        raise NotImplementedError
+
+    def relieved(self) -> None:
+        """Called when the client has taken everything."""
+
+    def gone(self) -> None:
+        """Called once the connection has ended."""
+
+    def _flush(self) -> None:
+        try:
+            self._outbox.flush(self._socket.send)
+        except OSError:
+            self.close()
+            return
+        if not self._outbox.size:
+            self.loop.change(self._fd, READ)
+            self.relieved()
