@@ -182,9 +182,11 @@ def _stopped_by_signals(server: BenchServer) -> Iterator[None]:
 
     wanted = (signal.SIGTERM, signal.SIGINT)
     before = [signal.signal(number, stop) for number in wanted]
+    wakes_before = signal.set_wakeup_fd(server.loop.wake_fd, warn_on_full_buffer=False)
     try:
         yield
     finally:
+        signal.set_wakeup_fd(wakes_before)
         for number, handler in zip(wanted, before, strict=True):
             signal.signal(number, handler)
 
