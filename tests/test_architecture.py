@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"cli", "testing"},
+    {"cli", "testing", "__main__"},
     {"report", "procedures", "bench"},
     {"drivers", "record", "analysis", "sim"},
     {"interfaces", "errors", "clock"},

@@ -41,6 +41,11 @@ def test_the_version() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, f"vcfbench {__version__}\n", "")
 
 
+def test_the_module_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "vcfbench", "--version"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"vcfbench {__version__}\n", "")
+
+
 def test_help_lists_the_commands_and_the_exit_codes() -> None:
     done = vcfbench("--help")
     assert done.returncode == 0
