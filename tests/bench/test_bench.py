@@ -142,8 +142,9 @@ def test_a_real_bench_has_one_owner_and_no_speed(real: BenchDescription, rack: C
     rack()
     with open_bench(real), pytest.raises(BenchError, match="station lab-1 is in use"):
         open_bench(real).__enter__()
-    with pytest.raises(ConfigError, match="only simulated ones have a speed"):
-        open_bench(real, speed=2.0).__enter__()
+    for speed in (2.0, "max"):
+        with pytest.raises(ConfigError, match="only simulated ones have a speed"):
+            open_bench(real, speed=speed).__enter__()
 
 
 @pytest.mark.parametrize("speed", ["fast", 0, -1, 1e-9, "nan", "inf"])

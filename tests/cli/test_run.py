@@ -1,4 +1,4 @@
-"""``vcfbench run`` on a bench of fakes; the simulated bench has its turn in tests/test_end_to_end.py."""
+"""``vcfbench run`` on a bench of fakes; the simulated bench has its turn in test_run_simulated.py."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import typer
 from typer.testing import CliRunner
 
 from tests.procedures.fakes import FakeBench, Gyro
-from vcfbench.bench.file import load_bench
+from vcfbench.bench.file import load_bench, template
 from vcfbench.cli import run as run_module
 from vcfbench.cli import runs as runs_module
-from vcfbench.errors import BenchError, ConnectFailed, NotSafe
+from vcfbench.errors import BenchError, ConfigError, ConnectFailed, NotSafe, PlanError
 from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def test_json_is_one_object_with_the_agreed_keys(station: Station, name: str, tm
     assert all(list(point) == POINT_KEYS for point in answer["points"])
     assert len(answer["points"]) == {"turntable": 17, "virtual-coriolis": 51}[name]
     assert (tmp_path / "runs" / answer["run"] / "journal.jsonl").exists()
-    assert station.opened == [{"seed": 7, "speed": "max"}]
+    assert station.opened == [{"seed": 7, "speed": None}]
     assert result.stderr == ""
 
 
@@ -197,14 +197,15 @@ def test_same_seed_same_bytes_of_results(station: Station, name: str, tmp_path: 
 
 def test_an_unknown_procedure_is_one_line_with_the_known_ones(station: Station) -> None:
     result = call("run", "spin")
-    assert result.exit_code == 2
-    assert result.stderr == "vcfbench run: there is no procedure 'spin'; known are turntable, virtual-coriolis\n"
+    assert isinstance(result.exception, PlanError)
+    assert str(result.exception) == "there is no procedure 'spin'; known are turntable, virtual-coriolis"
     assert station.opened == []
 
 
-@pytest.mark.parametrize("options", [("--match", "nearly"), ("--bench", "nowhere.toml")])
-def test_bad_options_are_errors_of_usage(station: Station, options: tuple[str, str]) -> None:
-    result = call("run", "virtual-coriolis", *options)
+@pytest.mark.parametrize("more", [(), ("--dry-run",), ("--json",)])
+@pytest.mark.parametrize("options", [("--match", "nearly"), ("--bench", "nowhere.toml"), ("--speed", "fast")])
+def test_bad_options_are_errors_of_usage(station: Station, options: tuple[str, str], more: tuple[str, ...]) -> None:
+    result = call("run", "virtual-coriolis", *options, *more)
     assert isinstance(result.exception, BenchError)
     assert result.exception.exit_code == 2
     assert station.opened == []
@@ -226,3 +227,16 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
     assert all(len(line["result"]["readings"]) == 10 for line in windows)
     assert all(len(line["result"]["rails"]) == 2 for line in windows)
     assert station.opened
+
+
+@pytest.mark.parametrize("options", [("--speed", "max"), ("--speed", "1"), ("--seed", "3")])
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+def test_a_real_bench_has_neither_speed_nor_seed(
+    station: Station, options: tuple[str, str], more: tuple[str, ...], tmp_path: Path
+) -> None:
+    file = tmp_path / "station.toml"
+    file.write_text(template(), encoding="utf-8")
+    result = call("run", "turntable", "--bench", str(file), *options, *more)
+    assert isinstance(result.exception, ConfigError)
+    assert f"lab-1 is a real bench, only simulated ones have a {options[0][2:]}" in str(result.exception)
+    assert station.opened == []

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
 
-__all__ = ["Station", "station"]
+__all__ = ["Station", "checked_pace", "station"]
 
 FASTEST = "max"
 SLOWEST = 0.001
@@ -47,12 +47,8 @@ def station(
         ConfigError: `speed` is no speed, or is asked of a real bench.
         BenchError: another process has the real bench.
     """
-    pace = _pace(speed)
-    if description.simulation is not None:
-        return _simulated(description, seed, pace)
-    if pace is not None:
-        raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
-    return _real(description)
+    pace = checked_pace(description, speed)
+    return _real(description) if description.simulation is None else _simulated(description, seed, pace)
 
 
 @contextmanager
@@ -72,8 +68,14 @@ def _simulated(description: BenchDescription, seed: int | None, pace: float | No
         yield Station(bench.clock, f"{handle}@vcfbench", f"sim://{handle}", used, patience)
 
 
-def _pace(speed: str | float | None) -> float | None:
-    """Return how many times real time to run at, None for as fast as it goes."""
+def checked_pace(description: BenchDescription, speed: str | float | None) -> float | None:
+    """Return how many times real time to run at, None for as fast as it goes.
+
+    Raises:
+        ConfigError: `speed` is no speed, or any speed is asked of a real bench, which has its own.
+    """
+    if speed is not None and description.simulation is None:
+        raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
     if speed is None or speed == FASTEST:
         return None
     try:

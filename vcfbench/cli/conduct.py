@@ -38,7 +38,7 @@ class RunOptions:
     json: bool
     dry_run: bool
     runs: Path
-    speed: str
+    speed: str | None
     quiet: bool
     match: str
 
@@ -118,6 +118,7 @@ class RunReport:
 def _prepare(report: RunReport, options: RunOptions) -> tuple[Procedure, CalibrationSettings]:
     """Read the bench file and check what was asked against it; nothing is opened."""
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.bench.station import checked_pace  # noqa: PLC0415
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
     from vcfbench.procedures.settings import settings_of  # noqa: PLC0415
 
@@ -127,6 +128,7 @@ def _prepare(report: RunReport, options: RunOptions) -> tuple[Procedure, Calibra
         report.seed = description.simulation.seed if options.seed is None else options.seed
     elif options.seed is not None:
         raise ConfigError(f"--seed {options.seed}: {description.name} is a real bench, only simulated ones have a seed")
+    checked_pace(description, options.speed)
     return procedure(report.procedure), settings_of(description, _match(options.match))
 
 

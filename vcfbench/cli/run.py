@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from vcfbench.errors import PlanError
+
 __all__ = ["app"]
 
 
@@ -18,8 +20,7 @@ class KnownProcedures(TyperGroup):
         """Find the command named by the first of `args`."""
         if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
             known = ", ".join(self.list_commands(ctx))
-            typer.echo(f"vcfbench run: there is no procedure {args[0]!r}; known are {known}", err=True)
-            raise typer.Exit(2)
+            raise PlanError(f"there is no procedure {args[0]!r}; known are {known}")
         return super().resolve_command(ctx, args)
 
 
@@ -38,7 +39,8 @@ DryRun_ = Annotated[
 ]
 Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records go.")]
 Speed_ = Annotated[
-    str, typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time; 1 is real time.")
+    str | None,
+    typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
 ]
 Quiet_ = Annotated[bool, typer.Option("--quiet", help="No progress.")]
 Match_ = Annotated[
@@ -56,7 +58,7 @@ def turntable(
     bench: Bench_ = None,
     seed: Seed_ = None,
     runs: Runs_ = Path("runs"),
-    speed: Speed_ = "max",
+    speed: Speed_ = None,
     *,
     json: Json_ = False,
     dry_run: DryRun_ = False,
@@ -81,7 +83,7 @@ def virtual_coriolis(
     bench: Bench_ = None,
     seed: Seed_ = None,
     runs: Runs_ = Path("runs"),
-    speed: Speed_ = "max",
+    speed: Speed_ = None,
     match: Match_ = "zero",
     *,
     json: Json_ = False,
