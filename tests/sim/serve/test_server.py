@@ -244,6 +244,18 @@ def test_what_is_taken_is_given_back_when_a_port_is_not_free() -> None:
             BenchServer(bench, clock, ServerSettings(base_port=served.server.control.port))
 
 
+@needs_ptys
+def test_an_instrument_on_a_serial_line_is_in_remote_until_it_is_sent_to_local() -> None:
+    with paper_bench(MAX_SPEED) as served:
+        where = served.resource("pty", "power").removeprefix("ASRL").removesuffix("::INSTR")
+        with serial.Serial(where, timeout=5.0) as port:
+            for before, setting in ((b"", b"+5.00000000E+00"), (b"SYST:LOC\n", b"+5.00000000E+00")):
+                port.write(before + b"VOLT 5\nVOLT?;:SYST:ERR?\n")
+                volts, error = port.read_until(b"\n").split(b";")
+                assert volts == setting
+                assert error.startswith(b"+550" if before else b"+0")
+
+
 class BrittleLamp(Lamp):
     def reset(self) -> None:
         raise ZeroDivisionError

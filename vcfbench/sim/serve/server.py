@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
@@ -83,6 +83,13 @@ class Wires:
     def as_json(self) -> dict[str, str | None]:
         """Return the contract of ``vcfbench sim serve --json``."""
         return {"model": self.model, "tcp": self.tcp, "vxi11": self.vxi11, "hislip": self.hislip, "pty": self.pty}
+
+
+@runtime_checkable
+class _FrontPanel(Protocol):
+    """An instrument that obeys a serial line only in remote."""
+
+    local: bool
 
 
 class _Ports:
@@ -212,6 +219,9 @@ class BenchServer:
             wires.hislip = f"TCPIP0::{host}::hislip0,{hislip.port}::INSTR"
         if "pty" in offers:
             pty = Pty(self.loop, instrument)
+            if isinstance(instrument.device, _FrontPanel):
+                # as left by a program that sent SYSTem:REMote: many drivers rely on somebody having done so
+                instrument.device.local = False
             wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
         return wires
 
