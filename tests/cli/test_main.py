@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
-from typing import TYPE_CHECKING, NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
 import typer
@@ -13,15 +15,14 @@ from vcfbench import __version__
 from vcfbench.cli import main
 from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+MAIN = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
 HEAVY = ("numpy", "scipy", "pyvisa", "serial", "rich", "msgspec")
 
 
-def vcfbench(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from vcfbench.cli.main import main; main()", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+def vcfbench(*arguments: str, **streams: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command with its streams on pipes, or as told."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.run([*MAIN, *arguments], **{**pipes, **streams}, text=True, check=False)  # noqa: S603
 
 
 def failing(error: BaseException) -> typer.Typer:
@@ -42,7 +43,8 @@ def test_the_version() -> None:
 
 
 def test_the_module_is_the_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "vcfbench", "--version"], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "vcfbench", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert (done.returncode, done.stdout, done.stderr) == (0, f"vcfbench {__version__}\n", "")
 
 
@@ -109,15 +111,42 @@ def test_usage_errors_have_exit_code_two_and_no_traceback(arguments: list[str]) 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
-def test_a_reader_that_leaves_is_left_in_peace() -> None:
+@pytest.mark.parametrize("arguments", [["bench", "show", "--template"], ["bench", "check"], ["--help"]])
+def test_a_reader_that_leaves_is_left_in_peace(arguments: list[str]) -> None:
     """A pipe without a reader: nothing is said, not even by the interpreter when it ends."""
     reader, writer = os.pipe()
     os.close(reader)
-    code = "from vcfbench.cli.main import main; main()"
     with os.fdopen(writer, "wb") as pipe:
-        command = [sys.executable, "-c", code, "bench", "show", "--template"]
-        done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, check=False)  # noqa: S603
-    assert (done.returncode, done.stderr) == (4, b"")
+        done = vcfbench(*arguments, stdout=pipe)
+    assert (done.returncode, done.stderr) == (4, "")
+
+
+FULL_DISK = Path("/dev/full")
+NEEDS_FULL_DISK = pytest.mark.skipif(not FULL_DISK.exists(), reason="needs a device that is always full")
+ANSWERS = [["--help"], ["--version"], ["bench", "show"], ["bench", "check"], ["runs", "list"], ["sim", "show"]]
+
+
+@NEEDS_FULL_DISK
+@pytest.mark.parametrize("arguments", ANSWERS)
+def test_an_answer_that_cannot_be_written_is_one_sentence(arguments: list[str]) -> None:
+    with FULL_DISK.open("wb") as full:
+        done = vcfbench(*arguments, stdout=full)
+    assert (done.returncode, done.stderr) == (3, "vcfbench: cannot read or write: No space left on device\n")
+
+
+@NEEDS_FULL_DISK
+def test_an_error_that_cannot_be_told_keeps_its_exit_code() -> None:
+    with FULL_DISK.open("wb") as full:
+        done = vcfbench("run", "sing", stderr=full)
+    assert (done.returncode, done.stdout) == (2, "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no shell to close a stream with")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-"])
+def test_closed_streams_are_no_error(closed: str) -> None:
+    command = f"exec {shlex.join(MAIN)} bench show {closed}"
+    done = subprocess.run(["/bin/sh", "-c", command], capture_output=True, check=False)  # noqa: S603
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 @pytest.mark.parametrize("command", [["bench", "show"], ["bench", "check"], ["sim", "show"], ["run", "turntable"]])

@@ -8,8 +8,10 @@ command runs.
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from typing import Annotated, Any
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -18,36 +20,58 @@ from vcfbench import __version__
 from vcfbench.cli import analyze, bench, run, runs, sim
 from vcfbench.errors import Aborted, BenchError
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 __all__ = ["app", "main"]
 
 
 class Commands(TyperGroup):
     """The root of all commands; errors of any of them end here."""
 
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Read the command line; ``--help`` and ``--version`` are answered here."""
+        with _errors_told():
+            return super().make_context(*arguments, **options)
+
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; turn what a user can cause into a sentence and an exit code."""
-        try:
+        """Run the command."""
+        with _errors_told():
             result = super().invoke(ctx)
-            sys.stdout.flush()
-        except BenchError as error:
-            _tell(f"{error}; the bench was made safe" if isinstance(error, Aborted) else error)
-            raise typer.Exit(error.exit_code) from None
-        except KeyboardInterrupt:
-            _tell("stopped by the keyboard")
-            raise typer.Exit(Aborted.exit_code) from None
-        except BrokenPipeError:  # whoever read our output has left: nobody is there to be told
-            _discard_stdout()
-            raise typer.Exit(Aborted.exit_code) from None
-        return result
+            if sys.stdout is not None:  # it is None when it was closed before the start
+                sys.stdout.flush()
+            return result
+
+
+@contextmanager
+def _errors_told() -> Iterator[None]:
+    """Turn what a user can cause into a sentence and an exit code."""
+    try:
+        yield
+    except BenchError as error:
+        _tell(f"{error}; the bench was made safe" if isinstance(error, Aborted) else error)
+        raise typer.Exit(error.exit_code) from None
+    except KeyboardInterrupt:
+        _tell("stopped by the keyboard")
+        raise typer.Exit(Aborted.exit_code) from None
+    except BrokenPipeError:  # whoever read our output has left: nobody is there to be told
+        _discard_stdout()
+        raise typer.Exit(Aborted.exit_code) from None
+    except OSError as error:  # a full disk behind stdout; files that the user named have errors of their own
+        _tell(f"cannot read or write: {error.strerror}")
+        _discard_stdout()
+        raise typer.Exit(BenchError.exit_code) from None
 
 
 def _tell(what: object) -> None:
-    typer.echo(f"vcfbench: {what}", err=True)
+    with suppress(OSError):  # who closes stderr is not told
+        typer.echo(f"vcfbench: {what}", err=True)
 
 
 def _discard_stdout() -> None:
     """Send what is still buffered nowhere, or the interpreter complains about it when it ends."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with suppress(OSError, ValueError):  # stdout need not be a file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 app = typer.Typer(
@@ -89,4 +113,8 @@ app.add_typer(sim.app, name="sim")
 
 def main() -> None:
     """Run the command line."""
-    app(prog_name="vcfbench")
+    try:
+        app(prog_name="vcfbench")
+    finally:  # the answer is given: a signal that comes this late shall not change the exit code
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
