@@ -59,3 +59,7 @@ def test_a_run_without_results_shows_the_points_it_kept() -> None:
 
 def test_columns_are_as_wide_as_their_widest_cell() -> None:
     assert columns(("a", "bb"), [("1", "2"), ("333", "4")]) == "  a   bb\n--------\n  1    2\n333    4"
+
+
+def test_columns_of_texts_are_aligned_to_the_left_and_end_with_their_text() -> None:
+    assert columns(("a", "bb"), [("333", "4")], str.ljust) == "a     bb\n--------\n333   4"

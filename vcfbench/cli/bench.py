@@ -88,16 +88,13 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
 
 
 def _print_check(title: str, done: BenchCheck) -> None:
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from vcfbench.report.table import columns  # noqa: PLC0415
 
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
-    for heading in ("role", "resource", "who answers", "state"):
-        table.add_column(heading, overflow="fold")
-    for each in done.instruments:
-        table.add_row(each.role, each.resource, _who(each), "ok" if each.problem is None else "FAILED")
-    Console(highlight=False, markup=False).print(table)
+    rows = (
+        (each.role, "ok" if each.problem is None else "FAILED", each.resource, _who(each)) for each in done.instruments
+    )
+    table = columns(("role", "state", "resource", "who answers"), rows, str.ljust)
+    typer.echo(f"{title}\n\n{table}\n")
     for each in done.instruments:
         if each.problem is not None:
             typer.echo(each.problem)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from vcfbench.record.schema import Point
 
 __all__ = ["columns", "summary"]
 
 
-def columns(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return right-aligned columns under their heads, a rule between."""
+def columns(head: Sequence[str], rows: Iterable[Sequence[str]], align: Callable[[str, int], str] = str.rjust) -> str:
+    """Return columns under their heads, a rule between; numbers to the right, `align` texts with ``str.ljust``."""
     table = [tuple(head), *(tuple(row) for row in rows)]
     widths = [max(len(row[i]) for row in table) for i in range(len(head))]
-    lines = ["   ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
+    lines = ["   ".join(map(align, row, widths)).rstrip() for row in table]
     return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
 
 
