@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli.answer import print_json
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -42,7 +44,7 @@ def show(
 
     resolved = msgspec.to_builtins(file.load_bench(bench))
     if json:
-        _print_json(resolved)
+        print_json(resolved)
         return
     for line in _toml(resolved, ""):
         typer.echo(line)
@@ -57,17 +59,11 @@ def check(bench: Bench_ = None, *, json: Json_ = False) -> None:
     description = load_bench(bench)
     done = check_bench(description)
     if json:
-        _print_json(_check_json(description.name, done))
+        print_json(_check_json(description.name, done))
     else:
         _print_check(description.title, done)
     if (failure := done.failure()) is not None:
         raise failure
-
-
-def _print_json(values: dict[str, Any]) -> None:
-    import msgspec  # noqa: PLC0415
-
-    typer.echo(msgspec.json.encode(values).decode())
 
 
 def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:

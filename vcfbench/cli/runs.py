@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli.answer import print_json
+
 if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
@@ -26,7 +28,7 @@ def list_(runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
 
     known = [_line(directory) for directory in list_runs(runs)]
     if json:
-        _print_json({"runs": known})
+        print_json({"runs": known})
     elif not known:
         typer.echo(f"no records in {runs}")
     else:
@@ -46,7 +48,7 @@ def show(
     directory = find_run(runs, run)
     record = directory.read()
     if json:
-        _print_json(_answer(directory, record))
+        print_json(_answer(directory, record))
     else:
         _print_record(directory, record)
 
@@ -108,9 +110,3 @@ def _print_record(directory: RunDirectory, record: JournalRecord) -> None:
     for error in record.errors:
         typer.echo(f"\nerror: {error['error']}")
     typer.echo(f"\nrecord: {directory.path}")
-
-
-def _print_json(values: dict[str, Any]) -> None:
-    import msgspec  # noqa: PLC0415
-
-    typer.echo(msgspec.json.encode(values).decode())

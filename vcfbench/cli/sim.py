@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli.answer import print_json
+
 if TYPE_CHECKING:
     from vcfbench.bench.inventory import Row
 
@@ -37,9 +39,7 @@ def show(
     description = load_bench(bench)
     rows = inventory(description, seed)
     if json:
-        import msgspec  # noqa: PLC0415
-
-        typer.echo(msgspec.json.encode({"bench": description.name, "parameters": rows}).decode())
+        print_json({"bench": description.name, "parameters": rows})
     else:
         _print(description.title, rows)
 
