@@ -7,6 +7,7 @@ import sys
 from contextlib import contextmanager
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+from unittest.mock import ANY
 
 import pytest
 import typer
@@ -93,7 +94,7 @@ def test_json_is_one_object_with_the_agreed_keys(station: Station, name: str, tm
     assert all(list(point) == POINT_KEYS for point in answer["points"])
     assert len(answer["points"]) == {"turntable": 17, "virtual-coriolis": 51}[name]
     assert (tmp_path / "runs" / answer["run"] / "journal.jsonl").exists()
-    assert station.opened == [{"seed": 7, "speed": None}]
+    assert station.opened == [{"seed": 7, "speed": None, "signals": ANY}]
     assert result.stderr == ""
 
 
@@ -147,6 +148,13 @@ def test_dry_run_as_json(station: Station) -> None:
     assert answer["dry_run"] is True
     assert answer["physical_minimum_s"] <= answer["estimated_bench_seconds"]
     assert answer["steps"][0]["what"] == "Start-up"
+    assert station.opened == []
+
+
+def test_a_refused_dry_run_as_json_is_one_object_too(station: Station) -> None:
+    result = call("run", "turntable", "--dry-run", "--json", "--bench", "nowhere.toml")
+    assert isinstance(result.exception, ConfigError)
+    assert json.loads(result.stdout) == {"procedure": "turntable", "dry_run": True, "error": str(result.exception)}
     assert station.opened == []
 
 

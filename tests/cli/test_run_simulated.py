@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -115,6 +116,26 @@ def test_an_interrupted_run_keeps_its_points_and_leaves_safely(tmp_path: Path) -
     end = footer(tmp_path, told["run"])
     assert end["status"] == "aborted"
     assert all(report["safe"] for report in end["safe"])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_impatience_costs_neither_record_nor_answer(tmp_path: Path) -> None:
+    """Signals go on coming while the bench is made safe and the record is closed, until the process is gone."""
+    command = [sys.executable, "-c", MAIN, "run", "turntable", "--json", "--speed", "50", "--runs", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
+        assert child.stderr is not None
+        assert any("outputs on" in line for line in child.stderr)
+        child.send_signal(signal.SIGINT)
+        assert any("FAILED: stopped by SIGINT" in line for line in child.stderr)
+        for _ in range(2000):
+            child.send_signal(signal.SIGTERM)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(0.005)
+                break
+        out, errors = child.communicate()
+    told = json.loads(out)
+    assert child.returncode in {4, 5}, errors
+    assert footer(tmp_path, told["run"])["status"] == told["status"] == "aborted"
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -61,12 +61,17 @@ class Bench:
 
 @contextmanager
 def open_bench(
-    description: BenchDescription, *, seed: int | None = None, speed: str | float | None = None
+    description: BenchDescription,
+    *,
+    seed: int | None = None,
+    speed: str | float | None = None,
+    signals: StopSignals | None = None,
 ) -> Iterator[Bench]:
     """Open every instrument of the bench; make everything safe when left, however it is left.
 
     `seed` and `speed` are for simulated benches: by default the seed of the bench file, and as fast as it goes.
-    SIGINT and SIGTERM raise Aborted at the next safe point, a second one at once.
+    SIGINT and SIGTERM raise Aborted at the next safe point, a second one at once. Who watches for them already, before
+    and after, hands over his `signals`.
 
     Raises:
         ConfigError: a real bench was asked for a speed.
@@ -74,22 +79,22 @@ def open_bench(
         InterlockError: the table was found turning.
         NotSafe: on leaving, something could not be made safe.
     """
-    with StopSignals() as signals, station(description, seed, speed) as stand:
+    with nullcontext(signals) if signals else StopSignals() as stops, station(description, seed, speed) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         reports: list[SafeReport] = []
         under_way: BaseException | None = None
         try:
             try:
-                opened = _open_all(description, stand, safety, signals)
+                opened = _open_all(description, stand, safety, stops)
                 require_still(opened.instruments["rate_table"])
-                yield _bench(description, ControlClock(stand.clock, signals), stand.seed, opened, reports)
+                yield _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, reports)
             except BaseException as error:
                 under_way = error
                 raise
             finally:
-                signals.unwind()
+                stops.unwind()
         finally:
-            _leave(safety, signals, reports, under_way)
+            _leave(safety, stops, reports, under_way)
 
 
 @dataclass(frozen=True, slots=True)

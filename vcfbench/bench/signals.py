@@ -77,8 +77,8 @@ class StopSignals:
         self._unwinding = True
 
     def close(self) -> None:
-        """Say that the making safe is over and only connections are left to close: signals change nothing any more."""
-        self._closing = True
+        """Say that the making safe is over, or was never needed: signals change nothing any more."""
+        self._unwinding = self._closing = True
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
         self._count += 1

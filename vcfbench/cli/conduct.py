@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from vcfbench.cli.answer import print_json
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.signals import StopSignals
     from vcfbench.interfaces import SafeReport
     from vcfbench.procedures.catalogue import Procedure
     from vcfbench.procedures.executor import Execution
@@ -45,12 +47,17 @@ class RunOptions:
 
 def conduct(name: str, options: RunOptions) -> None:
     """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell."""
+    if options.dry_run:
+        _dry_run(name, options)
+        return
+    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+
     report = RunReport(name)
-    try:
-        _dry_run(name, options) if options.dry_run else _run(report, options)
-    except BenchError as error:
-        report.error = report.error or error
-    if not options.dry_run:
+    with StopSignals() as signals:  # until all is written: a second Ctrl-C shall not cost the results
+        try:
+            _run(report, options, signals)
+        except BenchError as error:
+            report.error = report.error or error
         report.show(options)
     if report.error is not None:
         raise report.error
@@ -97,9 +104,7 @@ class RunReport:
     def show(self, options: RunOptions) -> None:
         """Print the answer: one JSON object, or table, fits and record."""
         if options.json:
-            import msgspec  # noqa: PLC0415
-
-            typer.echo(msgspec.json.encode(self.as_json()).decode())
+            print_json(self.as_json())
         elif self.execution is not None:
             self._show_text(self.execution)
 
@@ -153,13 +158,16 @@ def _estimate_s(rehearsed: Sequence[Rehearsed]) -> float:
 
 
 def _dry_run(name: str, options: RunOptions) -> None:
-    procedure, settings = _prepare(RunReport(name), options)
+    try:
+        procedure, settings = _prepare(RunReport(name), options)
+    except BenchError as error:
+        if options.json:
+            print_json({"procedure": name, "dry_run": True, "error": str(error)})
+        raise
     rehearsed = _rehearse(procedure, settings)
     minimum_s = sum(each.step.physical_s for each in rehearsed)
     if options.json:
-        import msgspec  # noqa: PLC0415
-
-        typer.echo(msgspec.json.encode(_dry_run_json(name, rehearsed, minimum_s)).decode())
+        print_json(_dry_run_json(name, rehearsed, minimum_s))
         return
     for each in rehearsed:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
@@ -181,7 +189,7 @@ def _dry_run_json(name: str, rehearsed: Sequence[Rehearsed], minimum_s: float) -
     }
 
 
-def _run(report: RunReport, options: RunOptions) -> None:
+def _run(report: RunReport, options: RunOptions, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
 
@@ -191,7 +199,7 @@ def _run(report: RunReport, options: RunOptions) -> None:
     record = Record(report, procedure, settings)
     try:
         with (
-            open_bench(description, seed=report.seed, speed=options.speed) as bench,
+            open_bench(description, seed=report.seed, speed=options.speed, signals=signals) as bench,
             _progress(options, _estimate_s(_rehearse(procedure, settings))) as progress,
         ):
             record.perform(bench, options, progress)
@@ -199,6 +207,8 @@ def _run(report: RunReport, options: RunOptions) -> None:
         _take_error(report, error)
     except KeyboardInterrupt:
         _take_error(report, Aborted("stopped by the operator"))
+    finally:
+        signals.close()
     record.close()
 
 
