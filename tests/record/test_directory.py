@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import re
 from typing import TYPE_CHECKING
 
@@ -44,3 +45,13 @@ def test_a_place_where_nothing_can_be_kept_is_one_sentence(tmp_path: Path) -> No
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="no record can be kept there"):
         create_run(tmp_path / "file", "turntable")
+
+
+def test_runs_that_began_in_one_second_are_listed_in_the_order_of_their_end(tmp_path: Path) -> None:
+    names = [f"20260821T142530Z-turntable-{digits}" for digits in ("ffffff", "000000", "888888")]
+    for number, name in enumerate(names):
+        (tmp_path / name).mkdir()
+        journal = tmp_path / name / "journal.jsonl"
+        journal.touch()
+        os.utime(journal, ns=(0, number))
+    assert [run.run for run in list_runs(tmp_path)] == names

@@ -96,6 +96,25 @@ def test_a_later_format_is_refused(tmp_path: Path) -> None:
         read_journal(tmp_path / "j")
 
 
+HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b"}}\n'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEADER + '{"type":"footer"}\n',
+        HEADER + '{"type":"footer","status":"splendid"}\n',
+        HEADER + '{"type":"step","point":{}}\n{"type":"footer","status":"complete"}\n',
+        HEADER + '{"type":"step","point":3}\n{"type":"footer","status":"complete"}\n',
+        '{"type":"header","format":1,"bench":3}\n',
+    ],
+)
+def test_what_no_journal_wrote_is_one_sentence(text: str, tmp_path: Path) -> None:
+    (tmp_path / "j").write_text(text)
+    with pytest.raises(ConfigError, match="no record of this program"):
+        read_journal(tmp_path / "j")
+
+
 def test_a_missing_journal_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         read_journal(tmp_path / "none")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
@@ -26,7 +27,7 @@ def list_(runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     """List the records, oldest first."""
     from vcfbench.record.directory import list_runs  # noqa: PLC0415
 
-    known = [_line(directory) for directory in list_runs(runs)]
+    known = [_line_or_why_not(directory) for directory in list_runs(runs)]
     if json:
         print_json({"runs": known})
     elif not known:
@@ -65,6 +66,16 @@ def _line(directory: RunDirectory) -> dict[str, Any]:
     }
 
 
+def _line_or_why_not(directory: RunDirectory) -> dict[str, Any]:
+    """Return the line of one record; one that cannot be read keeps no other from being listed."""
+    try:
+        return _line(directory)
+    except ConfigError as error:
+        typer.echo(f"vcfbench: {error}", err=True)
+        unknown = dict.fromkeys(("procedure", "status", "bench", "seed", "points"))
+        return {"run": directory.run, **unknown, "status": "unreadable"}
+
+
 def _print_list(known: list[dict[str, Any]]) -> None:
     from vcfbench.report.table import columns  # noqa: PLC0415
 
@@ -95,8 +106,12 @@ def _results(record: JournalRecord) -> dict[str, Any]:
 
     if record.status is not Status.COMPLETE:
         return {}
-    settings = CalibrationSettings.from_json(record.header["settings"])
-    return procedure(record.header["procedure"]).results(settings, record.points)
+    try:
+        settings = CalibrationSettings.from_json(record.header["settings"])
+        name = str(record.header["procedure"])
+    except (KeyError, ValueError) as error:  # msgspec.ValidationError is a ValueError
+        raise ConfigError(f"the record's header is not one of this version: {error!r}") from error
+    return procedure(name).results(settings, record.points)
 
 
 def _print_record(directory: RunDirectory, record: JournalRecord) -> None:

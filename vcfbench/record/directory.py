@@ -53,7 +53,12 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
 
 def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
     """Return the runs under `runs`, oldest first; none when the directory is not there."""
-    return tuple(RunDirectory(journal.parent) for journal in sorted(runs.glob("*/journal.jsonl")))
+    return tuple(RunDirectory(journal.parent) for journal in sorted(runs.glob("*/journal.jsonl"), key=_age))
+
+
+def _age(journal: Path) -> tuple[str, int]:
+    """Return what sorts runs by their start, those of one second by their end."""
+    return journal.parent.name[: len("20260821T142530Z")], journal.stat().st_mtime_ns
 
 
 def find_run(runs: Path, name: str) -> RunDirectory:

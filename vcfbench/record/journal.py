@@ -79,7 +79,7 @@ def _stamp() -> str:
 
 @dataclass(frozen=True, slots=True)
 class JournalRecord:
-    """What a journal holds; `cut` tells that it ends in the middle of a line or without a footer."""
+    """What a journal holds; `torn` tells that it ends in the middle of a line, or has one that is none."""
 
     header: Mapping[str, Any]
     steps: tuple[Mapping[str, Any], ...]
@@ -104,12 +104,21 @@ def read_journal(path: Path) -> JournalRecord:
     """Read a journal, whole or cut at any byte.
 
     Raises:
-        ConfigError: the file is not there or is no journal of a known format.
+        ConfigError: the file is not there, is no journal of a known format, or was not written by a Journal.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    record = _record(data, path)
+    try:
+        _ = record.status, record.points, dict(record.header.get("bench", {}))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{path}: no record of this program: {error!r}") from error
+    return record
+
+
+def _record(data: bytes, path: Path) -> JournalRecord:
     lines = list(_whole_lines(data))
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
     if header.get("format", FORMAT) != FORMAT:
