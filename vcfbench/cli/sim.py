@@ -1,4 +1,4 @@
-"""``vcfbench sim``: what the simulated bench is made of."""
+"""``vcfbench sim``: what the simulated bench is made of, and the bench on real wires."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 
 if TYPE_CHECKING:
@@ -14,12 +15,12 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = typer.Typer(no_args_is_help=True, help="Look into the simulated bench.")
+app = typer.Typer(no_args_is_help=True, help="Look into the simulated bench, serve it, control it.")
 
 
 @app.callback()
 def group() -> None:
-    """Look into the simulated bench."""
+    """Look into the simulated bench, serve it, control it."""
 
 
 @app.command("show")
@@ -56,3 +57,6 @@ def _shown(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_shown, value))}]"
     return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+serve.register(app)
