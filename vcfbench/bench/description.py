@@ -37,10 +37,12 @@ Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
 Window = tuple[float, float]
 
+DIALECT_PATTERN = r"\A(?:acl|zaber|atl|esp|dd16|mn_as|ruya|aaaa|[^\x00-\x1f\x7f]+\.toml)\Z"
 NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
 LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
 
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
+Dialect = Annotated[str, Meta(max_length=4096, pattern=DIALECT_PATTERN)]
 Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
 Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86_400.0)]
@@ -97,13 +99,14 @@ class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
 class RateTableRole(_Part, frozen=True, kw_only=True):
     """The single-axis rate table: a dialect on a serial port, or on anything pyserial opens by URL."""
 
-    dialect: Literal["acl"]
+    dialect: Dialect
     resource: Resource
     timeout_s: Seconds = 2.0
     axis: Annotated[int, Meta(ge=1, le=6)] = 1
     axis_sign: Literal[1, -1] = 1
-    baud_rate: Annotated[int, Meta(ge=300, le=921_600)] = 9600
+    baud_rate: Annotated[int, Meta(ge=300, le=921_600)] | None = None
     reply_header: Literal["auto", "none", "u32le2", "u32be2"] = "auto"
+    steps_per_deg: Annotated[float, Meta(gt=0.0, le=1e9)] | None = None
 
 
 class RailWiring(_Part, frozen=True, kw_only=True):

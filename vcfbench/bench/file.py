@@ -14,7 +14,7 @@ import msgspec
 from msgspec import inspect
 
 from vcfbench.bench.consistency import misfits
-from vcfbench.bench.description import NAME_PATTERN, BenchDescription
+from vcfbench.bench.description import DIALECT_PATTERN, NAME_PATTERN, BenchDescription
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -40,7 +40,16 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
         return _embedded("paper")
     if str(path) in EMBEDDED and not Path(path).exists():
         return _embedded(str(path))
-    return parse_bench(_read(Path(path)), str(path))
+    return _beside(parse_bench(_read(Path(path)), str(path)), Path(path))
+
+
+def _beside(description: BenchDescription, path: Path) -> BenchDescription:
+    """Return the bench with the profile of its table found from where its bench file is."""
+    table = description.rate_table
+    if not table.dialect.endswith(".toml"):
+        return description
+    profile = str(path.parent / table.dialect)
+    return msgspec.structs.replace(description, rate_table=msgspec.structs.replace(table, dialect=profile))
 
 
 def parse_bench(text: str, source: str) -> BenchDescription:
@@ -229,6 +238,8 @@ def _range(node: inspect.FloatType | inspect.IntType) -> str:
 
 
 def _form(node: inspect.StrType) -> str:
+    if node.pattern == DIALECT_PATTERN:
+        return ": one of acl, zaber, atl, esp, dd16, mn_as, ruya, aaaa, or the name of a profile, FILE.toml"
     if node.pattern == NAME_PATTERN:
         return " of letters, digits, '_', '-' and '.'"
     return f" of {node.min_length} to {node.max_length} characters on one line" if node.max_length else ""

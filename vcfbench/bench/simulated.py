@@ -37,6 +37,7 @@ __all__ = [
     "named_parameters",
     "physical_parameters",
     "resolve",
+    "table_twin",
 ]
 
 
@@ -62,6 +63,13 @@ _MODELS = {
     "34401A": Model("instruments.hp34401a", "Hp34401A", "MeterErrors"),
     "DSO7104B": Model("instruments.dso7104b", "Dso7104B", "ScopeErrors"),
     "acl": Model("rate_tables.acl", "AclTable", "TableErrors"),
+    "zaber": Model("rate_tables.zaber", "ZaberTable", "TableErrors"),
+    "atl": Model("rate_tables.atl", "AtlTable", "TableErrors"),
+    "esp": Model("rate_tables.esp", "EspTable", "TableErrors"),
+    "dd16": Model("rate_tables.dd16", "Dd16Table", "TableErrors"),
+    "mn_as": Model("rate_tables.mn_as", "MnAsTable", "TableErrors"),
+    "ruya": Model("rate_tables.ruya", "RuyaTable", "TableErrors"),
+    "aaaa": Model("rate_tables.aaaa", "AaaaTable", "TableErrors"),
 }
 
 _STREAMS = {
@@ -88,11 +96,36 @@ def instrument_models(description: BenchDescription) -> dict[str, Model]:
         "rate_source": description.rate_source.model,
         "multimeter": description.multimeter.model,
         "oscilloscope": description.oscilloscope.model,
-        "rate_table": description.rate_table.dialect,
+        "rate_table": table_twin(description),
     }
     if description.vibration_source is not None:
         models["vibration_source"] = description.vibration_source.model
     return {role: _MODELS[model] for role, model in models.items()}
+
+
+def table_twin(description: BenchDescription) -> str:
+    """Return the name of the simulated table, the dialect's or what its profile names; ConfigError if none."""
+    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
+
+    dialect = description.rate_table.dialect
+    if not dialect.endswith(".toml"):
+        return dialect
+    twin = load_profile(dialect).twin
+    if twin not in _MODELS or not _MODELS[twin].module.startswith("rate_tables."):
+        tables = ", ".join(name for name, model in _MODELS.items() if model.module.startswith("rate_tables."))
+        came = "nothing" if twin is None else repr(twin)
+        raise ConfigError(f"{dialect}: twin: expected one of {tables} on a simulated bench, came {came}")
+    return twin
+
+
+def _table_settings(description: BenchDescription) -> dict[str, Any]:
+    """Return what a simulated table is told besides its errors."""
+    table, twin = description.rate_table, table_twin(description)
+    if twin == "acl":
+        return {"header": _header(table.reply_header)}
+    if twin == "zaber":
+        return {} if table.steps_per_deg is None else {"microsteps_per_deg": table.steps_per_deg}
+    return {"axis": table.axis} if twin in {"dd16", "mn_as", "ruya", "aaaa"} else {}
 
 
 def named_parameters(simulation: Simulation) -> BenchParameters:
@@ -210,7 +243,7 @@ def _devices(description: BenchDescription, world: World, errors: Mapping[str, A
         "power": {"rails": rails},
         "multimeter": {"node": wiring.multimeter, "mains_hz": float(description.site.mains_hz)},
         "oscilloscope": {"channels": wiring.oscilloscope.channels()},
-        "rate_table": {"header": _header(description.rate_table.reply_header)},
+        "rate_table": _table_settings(description),
     }
     return {
         role: model.device_class()(

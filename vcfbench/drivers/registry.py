@@ -13,15 +13,15 @@ from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.drivers.dso7104b import Dso7104B
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.rate_table.acl import AclDialect, Header
-from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
+from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.dialects import DIALECTS, is_dialect, open_serial, spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import open_line
 from vcfbench.drivers.session import Session, open_session
 from vcfbench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
+    from vcfbench.drivers.rate_table.acl import Header
     from vcfbench.drivers.scpi_instrument import ScpiInstrument
     from vcfbench.drivers.visa_wire import SerialParameters
     from vcfbench.interfaces import Instrument
@@ -57,8 +57,9 @@ class TableSettings:
     timeout_s: float = 2.0
     axis: int = 1
     axis_sign: Literal[1, -1] = 1
-    baud_rate: int = 9600
+    baud_rate: int | None = None
     reply_header: Header = "auto"
+    steps_per_deg: float | None = None
     rest_tolerance_deg_s: float = 0.05
 
 
@@ -91,23 +92,31 @@ class Registry:
         return Registry(MappingProxyType({**self.drivers, **{driver.model: driver for driver in drivers}}))
 
     def find(self, model: str) -> Driver:
-        """Return the driver of `model`; raises ConfigError naming those there are."""
-        try:
+        """Return the driver of `model`; raises ConfigError naming those there are.
+
+        Tables have one driver: where it is registered for ACL, it speaks every other dialect too.
+        """
+        if model in self.drivers:
             return self.drivers[model]
-        except KeyError:
-            known = ", ".join(sorted(self.drivers))
-            raise ConfigError(f"no driver for {model!r}; there are {known}") from None
+        dialects = DIALECTS if "acl" in self.drivers else ()
+        if dialects and is_dialect(model):
+            return _table(model)
+        known = ", ".join((*sorted(self.drivers), *(each for each in dialects if each not in self.drivers)))
+        raise ConfigError(f"no driver for {model!r}; there are {known}")
 
 
-def _table(name: str, speak: Callable[[TableSettings], TableDialect]) -> Driver:
+def _table(name: str) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
         del library  # pyserial opens tables
         told = _settings(TableSettings, role, settings)
-        line = open_line(resource, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate)
+        speech = spoken(name, axis=told.axis, header=told.reply_header, steps_per_deg=told.steps_per_deg)
+        line = open_serial(
+            resource, speech.link, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate
+        )
         try:
             return RateTableDriver(
                 line,
-                speak(told),
+                speech.dialect,
                 limits=TableLimits(told.max_rate_deg_s, told.max_acceleration_deg_s2),
                 axis_sign=told.axis_sign,
                 rest_tolerance_deg_s=told.rest_tolerance_deg_s,
@@ -160,7 +169,7 @@ DRIVERS: Final = Registry().having(
         lambda session, told: Hp34401A(session, mains_hz=told.mains_hz, serial_number=told.serial_number),
     ),
     _visa("DSO7104B", Dso7104B, lambda session, told: Dso7104B(session, serial_number=told.serial_number)),
-    _table("acl", lambda told: AclDialect(told.axis, told.reply_header)),
+    _table("acl"),
 )
 """The drivers that come with the project."""
 
@@ -179,7 +188,8 @@ def open_instrument(
 
     Args:
         role: its name on the bench, for messages: ``multimeter``.
-        model: ``E3631A``, ``33220A``, ``34401A``, ``DSO7104B``, or the dialect of a rate table, ``acl``.
+        model: ``E3631A``, ``33220A``, ``34401A``, ``DSO7104B``, or the dialect of a rate table: ``acl``, ``zaber``,
+            ``atl``, ``esp``, ``dd16``, ``mn_as``, ``ruya``, ``aaaa`` or the path of a profile, ``FILE.toml``.
         resource: a VISA resource string, or for tables the name or URL of a serial port.
         library: the VISA library.
         clock: the bench's.

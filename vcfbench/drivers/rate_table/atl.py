@@ -1,0 +1,224 @@
+"""Ideal Aerosmith's table language, EXPERIMENTAL: the subset that independent users agree on.
+
+No manual is public. JOG, STO, ACL, PPO and the framing stand in two or three independent user programs, PVE and SRV
+in one each. Three letters and the value without a blank, carriage return; the reply is the data, if any, then a line
+with the prompt ``>``; a refusal holds ``?``. Whether a command is echoed, and whether the prompt follows a motion
+command at once, late or never, is disputed: both are put up with.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers import replies
+from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.errors import DeadlineExceeded, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.interfaces import Identity
+
+if TYPE_CHECKING:
+    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.line import TableLine
+
+__all__ = ["AtlDialect"]
+
+_PROMPT = ">"
+_REFUSAL = "?"
+_PATIENCE_S = 0.3
+"""How long the prompt after a motion command is waited for; it may be late or absent (unverified)."""
+_SPAN_S = 0.3
+"""Over how long the angle is watched where the table does not tell its rate."""
+
+
+@dataclass(slots=True)
+class AtlDialect:
+    """The one axis of such a table. Servo state and identity cannot be asked for: the servo is what was last sent."""
+
+    rate_quantum_deg_s: ClassVar[float] = 1e-4
+    _servo: bool = False
+    _owed: bool = False
+    """Whether a prompt may still come that belongs to an earlier command."""
+    _tells_rate: bool = True
+    _steady: SteadyRate = field(default_factory=SteadyRate)
+
+    def identify(self, line: TableLine, deadline: Deadline) -> Identity:
+        """Read the angle: there is no question for the identity, but somebody must answer."""
+        self.angle_deg(line, deadline)
+        return Identity("Ideal Aerosmith (presumed)", "table language, experimental", "", "")
+
+    def resync(self, line: TableLine, deadline: Deadline) -> None:
+        """Drain, send the status question, and drop everything up to the prompt after its data."""
+        try:
+            line.take_unasked()
+            line.send(b"\rSTA\r", deadline)
+            self._data_then_prompt(line, "STA", deadline)
+            line.take_unasked()
+        except LinkLost as error:
+            raise line.locate(error, "STA", deadline)  # noqa: B904 - the same error, now knowing where
+        except TransportError as error:
+            lost = OutOfSync("the table does not answer any more, the connection was closed")
+            raise line.locate(lost, "STA", deadline) from error
+        line.dirty = self._owed = False
+
+    def claim(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing: how remote control is taken is unknown."""
+
+    def release(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing."""
+
+    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+        """Do nothing: the table's own limits cannot be set in the agreed subset."""
+
+    def close_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Stop, then ``SRV1`` (one source)."""
+        self.hold(line, deadline)
+        self._command(line, "SRV1", deadline)
+        self._servo = True
+
+    def hold(self, line: TableLine, deadline: Deadline) -> None:
+        """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
+        self._steady.demand(0.0)
+        self._exchange(line, "STO", b"\rSTO\r", deadline)
+
+    def open_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Send ``SRV0`` (one source); refused (InterlockError) while the table turns."""
+        require_rest(line, self.rate_deg_s(line, deadline))
+        self._command(line, "SRV0", deadline)
+        self._servo = False
+
+    def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        """``ACL`` and ``JOG``; rate 0 is ``STO``, sent even when the acceleration is not taken."""
+        try:
+            if math.isfinite(acceleration_deg_s2):
+                self._command(line, f"ACL{_decimal(acceleration_deg_s2)}", deadline)
+        finally:
+            if rate_deg_s == 0.0:
+                self.hold(line, deadline)
+        if rate_deg_s != 0.0:
+            self._steady.demand(rate_deg_s)
+            self._jog(line, f"JOG{_decimal(rate_deg_s)}", deadline)
+
+    def _jog(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
+        with line.exclusive():
+            self._owed = True
+            try:
+                self._find_place(line, deadline)
+                line.send(f"{command}\r".encode("ascii"), deadline)
+                self._owed = True
+                with suppress(DeadlineExceeded):
+                    self._acknowledged(line, command, patience)
+                    self._owed = False
+            except TransportError as error:
+                raise line.locate(error, command, deadline)  # noqa: B904
+            line.dirty = False
+
+    def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
+        """Return what was last sent: no question for it is known."""
+        del line, deadline
+        return self._servo
+
+    def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell from readings of the rate: users contradict each other about ``MCO``."""
+        return self._steady.reached(self.rate_deg_s(line, deadline))
+
+    def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
+        """Ask ``PVE`` (one source); where it is refused, watch the angle."""
+        if self._tells_rate:
+            try:
+                return self._number(line, "PVE", deadline)
+            except InstrumentError:
+                self._tells_rate = False
+        return self._watched_rate(line, deadline)
+
+    def _watched_rate(self, line: TableLine, deadline: Deadline) -> float:
+        """Return the rate from two angles; below 600 deg/s the shorter way round is the right one."""
+        first, started_s = self.angle_deg(line, deadline), line.clock.now()
+        sleep(line.clock, _SPAN_S)
+        turned = self.angle_deg(line, deadline) - first
+        return ((turned + 180.0) % 360.0 - 180.0) / (line.clock.now() - started_s)
+
+    def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
+        """Ask ``PPO``."""
+        return self._number(line, "PPO", deadline)
+
+    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
+        """Return None: how faults are read is unknown."""
+        del line, deadline
+        return None
+
+    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
+        """Raise: how faults are cleared is unknown."""
+        del deadline
+        raise InstrumentError("the known part of this language cannot clear a fault", **located(line))
+
+    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing: what is refused is refused at once."""
+
+    # Exchanges
+
+    def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
+        with line.exclusive():
+            try:
+                if line.dirty:
+                    self.resync(line, deadline)
+                line.dirty = True  # until the exchange is whole, whatever ends it
+                line.send(f"{question}\r".encode("ascii"), deadline)
+                answer = self._data_then_prompt(line, question, deadline)
+            except TransportError as error:
+                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+            line.dirty = self._owed = False
+        self._require_accepted(line, question, answer)
+        return replies.number(answer)
+
+    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        self._find_place(line, deadline)
+        self._exchange(line, command, f"{command}\r".encode("ascii"), deadline)
+
+    def _find_place(self, line: TableLine, deadline: Deadline) -> None:
+        """See that the next prompt will be the next command's."""
+        if line.dirty or self._owed:
+            self.resync(line, deadline)
+
+    def _exchange(self, line: TableLine, command: str, message: bytes, deadline: Deadline) -> None:
+        with line.exclusive():
+            owed, line.dirty = self._owed, True
+            try:
+                line.take_unasked()
+                line.send(message, deadline)
+                self._acknowledged(line, command, deadline)
+            except TransportError as error:
+                raise line.locate(error, command, deadline)  # noqa: B904
+            line.dirty = owed  # the prompt may have been an earlier command's
+
+    def _acknowledged(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        """Wait for the prompt; raises InstrumentError if a refusal precedes it."""
+        refused = ""
+        while (text := self._line(line, command, deadline)) != _PROMPT:
+            refused = text if _REFUSAL in text else refused
+        self._require_accepted(line, command, refused)
+
+    def _data_then_prompt(self, line: TableLine, command: str, deadline: Deadline) -> str:
+        """Return the first data, which a prompt must follow; prompts before it are an earlier command's."""
+        data = ""
+        while not data or data == _PROMPT:
+            data = self._line(line, command, deadline)
+        while self._line(line, command, deadline) != _PROMPT:
+            pass
+        return data
+
+    def _line(self, line: TableLine, command: str, deadline: Deadline) -> str:
+        """Return the next line, without the echo that precedes or is it."""
+        text = replies.text(line.take_line(deadline)).strip()
+        return text.removeprefix(command).strip()
+
+    def _require_accepted(self, line: TableLine, command: str, answer: str) -> None:
+        if _REFUSAL in answer:
+            raise InstrumentError(f"refused ({answer})", words=answer, command=command, **located(line))
+
+
+def _decimal(value: float) -> str:
+    return f"{value + 0.0:.4f}".rstrip("0").rstrip(".")

@@ -1,0 +1,620 @@
+"""A table language that is told in TOML: one axis, driven by a :class:`~vcfbench.drivers.rate_table.profile.Profile`.
+
+What every dialect owes holds here whatever a profile says: nothing that is not finite or not within limits is sent,
+stopping is repeated and questions are, commands are not; what does not parse is an error and never a zero; the servo
+of a turning table is not opened.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.rate_table import templates
+from vcfbench.drivers.rate_table.fields import decode, text_value, unwrapped
+from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_frame, take_text
+from vcfbench.drivers.rate_table.profile import STREAM
+from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.errors import (
+    ConfigError,
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    InterlockError,
+    LimitError,
+    LinkLost,
+    OutOfSync,
+    TransportError,
+)
+from vcfbench.interfaces import Identity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.line import TableLine
+    from vcfbench.drivers.rate_table.profile import Byte, Field, Flag, Profile, Reply, Requirement, Step
+    from vcfbench.drivers.rate_table.templates import Value
+
+__all__ = ["ConfigurableDialect", "Received"]
+
+_QUIET_S = 0.1
+"""How long nothing must come before the line counts as drained."""
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A reply: bytes, or the text of a line and the groups of the pattern that it matched."""
+
+    data: bytes
+    text: str = ""
+    groups: Mapping[str, str] = field(default_factory=dict)
+
+
+class ConfigurableDialect:
+    """One axis of a table whose language `profile` tells.
+
+    Raises:
+        ConfigError: the profile knows no such axis.
+    """
+
+    def __init__(self, profile: Profile, axis: int = 1) -> None:
+        if axis not in profile.units.axes:
+            known = ", ".join(map(str, profile.units.axes))
+            raise ConfigError(f"rate_table.axis: expected one of {known} ({profile.title}), came {axis}")
+        self.profile = profile
+        self.axis = axis
+        self._steady = SteadyRate(profile.at_rate.tolerance_deg_s, profile.at_rate.relative, profile.at_rate.polls)
+        self._servo = False
+        self._sequence = 0
+        self._last_sent_s = -math.inf
+
+    @property
+    def rate_quantum_deg_s(self) -> float:
+        """Step of the commanded rate."""
+        return self.profile.units.rate_quantum / self._rate_per_deg
+
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table will really be told for `rate_deg_s`."""
+        return round(rate_deg_s / self.rate_quantum_deg_s) * self.rate_quantum_deg_s
+
+    # What the driver asks for
+
+    def identify(self, line: TableLine, deadline: Deadline) -> Identity:
+        """Ask who answers; a table that cannot say must at least answer."""
+        known = {"maker": self.profile.maker, "model": self.profile.title, "serial": "", "firmware": ""}
+        if self.profile.commands.get("identify"):
+            received = self.perform(line, "identify", deadline)
+            known |= {key: text for key, text in (received.groups if received else {}).items() if key in known}
+        else:
+            self.angle_deg(line, deadline)
+        return Identity(**known)
+
+    def resync(self, line: TableLine, deadline: Deadline) -> None:
+        """Drain the line, then ask something and drop what comes before its answer; a stream needs draining only."""
+        try:
+            self._drain(line, deadline)
+            if self.profile.stream is None:
+                self._probe(line, deadline)
+        except LinkLost as error:
+            raise line.locate(error, "resynchronise", deadline)  # noqa: B904 - the same error, now knowing where
+        except (TransportError, InstrumentError) as error:
+            lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
+            raise line.locate(lost, "resynchronise", deadline) from error
+        line.dirty = False
+
+    def _drain(self, line: TableLine, deadline: Deadline) -> None:
+        line.take_unasked()
+        if self.profile.stream is None:
+            sleep(line.clock, min(_QUIET_S, deadline.remaining()))
+            line.take_unasked()
+
+    def _probe(self, line: TableLine, deadline: Deadline) -> None:
+        """Ask the first question that there is; a second time, for the one that failed may have been the same."""
+        name = next(name for name in ("identify", "read_all", "read_pos") if self.profile.commands.get(name))
+        for step in self.profile.commands[name]:
+            self._send(line, step, {}, deadline)
+            if step.expect is not None:
+                self._await(line, step.expect, deadline, among_others=True)
+        sleep(line.clock, min(_QUIET_S, deadline.remaining()))
+        line.take_unasked()
+
+    def claim(self, line: TableLine, deadline: Deadline) -> None:
+        """Take remote control."""
+        self.perform(line, "remote", deadline)
+
+    def release(self, line: TableLine, deadline: Deadline) -> None:
+        """Give remote control back."""
+        self.perform(line, "local", deadline)
+
+    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+        """Do nothing: limits are checked before anything is sent."""
+
+    def close_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Power on, stop whatever was demanded, close the servo."""
+        self._steady.demand(0.0)
+        generous = self._generous(line, deadline, "power_on", "enable")
+        self.perform(line, "power_on", generous)
+        self.perform(line, "enable", generous)
+        self._servo = True
+
+    def hold(self, line: TableLine, deadline: Deadline) -> None:
+        """Stop; there is no other mode."""
+        self._stop(line, deadline)
+
+    def open_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Close down as the profile says; refused (InterlockError) while the table turns."""
+        require_rest(line, self.rate_deg_s(line, deadline))
+        generous = self._generous(line, deadline, *self.profile.safety.close)
+        for name in self.profile.safety.close:
+            self.perform(line, name, generous)
+        self._servo = False
+
+    def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        """Load and start a rate run; rate 0 is the profile's stop.
+
+        Where a table must be stopped before it takes another rate this returns when it was, beyond `deadline`.
+        """
+        values = self._motion_values(line, rate_deg_s, acceleration_deg_s2)
+        if rate_deg_s == 0.0:
+            try:
+                self._set_acceleration(line, values, deadline)
+            finally:
+                self._stop(line, deadline)
+            return
+        generous = self._generous(line, deadline, "set_accel", "load_rate", "start")
+        for name in ("load_rate", "start"):
+            self._require(line, name, generous)
+        self._set_acceleration(line, values, generous)
+        self._steady.demand(self.realised_deg_s(rate_deg_s))
+        self.perform(line, "load_rate", generous, values)
+        self.perform(line, "start", generous, values)
+
+    def _set_acceleration(self, line: TableLine, values: Mapping[str, Value], deadline: Deadline) -> None:
+        if "acc" in values:
+            self.perform(line, "set_accel", deadline, values)
+
+    def _stop(self, line: TableLine, deadline: Deadline) -> None:
+        self._steady.demand(0.0)
+        for name in self.profile.safety.stop:
+            self.perform(line, name, deadline)
+
+    def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell whether the servo is closed; a table that does not say is taken to be as it was last told."""
+        if "enabled" not in self.profile.status:
+            return self._servo
+        return self.flag(line, "enabled", deadline)
+
+    def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell by the table's own flag, else by readings of the rate."""
+        wanted = "at_rate" if self._steady.demanded_deg_s else "stopped"
+        if wanted in self.profile.status:
+            return self.flag(line, wanted, deadline)
+        return self._steady.reached(self.rate_deg_s(line, deadline))
+
+    def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the rate; where the table does not tell it, watch the angle."""
+        if "rate" in self.profile.fields:
+            return self._sign * self.number(line, "rate", deadline)
+        return self._sign * self._slope(line, "position", 0.25, deadline)
+
+    def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the angle."""
+        return self._sign * self.number(line, "position", deadline)
+
+    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
+        """Name what the table reports; a table without such flags reports nothing."""
+        words = {"fault": "the table reports a fault", "estop": "the emergency stop is pressed"}
+        raised = [
+            text for name, text in words.items() if name in self.profile.status and self.flag(line, name, deadline)
+        ]
+        return ", ".join(raised) or None
+
+    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
+        """Clear a latched fault; raises InstrumentError when the language has no word for it."""
+        if not self.profile.commands.get("clear_fault"):
+            raise InstrumentError("the known part of this language cannot clear a fault", **located(line))
+        self.perform(line, "clear_fault", deadline)
+
+    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
+        """Ask for what was refused, where the language has a question for it."""
+        refusals, refused = self.profile.refusals, []
+        if refusals.query is None:
+            return
+        for _ in range(refusals.deepest):
+            answer = self._ask_refusal(line, refusals.query, deadline)
+            if re.fullmatch(refusals.good, answer):
+                break
+            refused.append(answer)
+        if refused:
+            raise InstrumentError(f"refused with {'; then '.join(refused)}", words=refused[0], **located(line))
+
+    def _ask_refusal(self, line: TableLine, query: str, deadline: Deadline) -> str:
+        with line.exclusive():
+            try:
+                line.send(frame_text(self.profile.frame, query, self.profile.link.tx_end), deadline)
+                return take_text(self.profile.received_frame, self.profile.link.rx_end, line, deadline)
+            except TransportError as error:
+                line.dirty = True
+                raise line.locate(error, query, deadline)  # noqa: B904 - the same error, now knowing where
+
+    # Values
+
+    @property
+    def _sign(self) -> int:
+        return self.profile.units.sign
+
+    @property
+    def _rate_per_deg(self) -> float:
+        units = self.profile.units
+        per = {"deg/s": 1.0, "deg/min": 60.0, "rpm": 1.0 / 6.0, "counts/s": units.counts_per_deg}
+        return per[units.rate] * units.velocity_factor
+
+    @property
+    def _acceleration_per_deg(self) -> float:
+        units = self.profile.units
+        return self._rate_per_deg / units.velocity_factor * units.acceleration_factor
+
+    def _motion_values(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float) -> dict[str, Value]:
+        """Return what templates of a motion command can name; raises LimitError before anything is sent."""
+        rate = self._table_rate(line, rate_deg_s)
+        values: dict[str, Value] = {
+            "rate": rate,
+            "abs_rate": abs(rate),
+            "dir": self.profile.units.positive if rate >= 0.0 else self.profile.units.negative,
+        }
+        values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
+        if acceleration_deg_s2 != math.inf:
+            values["acc"] = self._table_acceleration(line, acceleration_deg_s2)
+        if self.profile.units.travel is not None:
+            values["travel_end"] = self.profile.units.travel[1 if rate >= 0.0 else 0]
+        return values
+
+    def _table_rate(self, line: TableLine, rate_deg_s: float) -> float:
+        units, highest = self.profile.units, self.profile.safety.max_rate_deg_s
+        bound = min(highest, units.rate_max / self._rate_per_deg)
+        if not abs(rate_deg_s) <= bound:
+            raise self._limit(line, f"a rate of {rate_deg_s:g} deg/s is beyond the {bound:g} deg/s of its profile")
+        rate = self._sign * round(rate_deg_s * self._rate_per_deg / units.rate_quantum) * units.rate_quantum
+        if rate_deg_s and abs(rate) < max(units.rate_min, units.rate_quantum * 0.5):
+            least = max(units.rate_min, units.rate_quantum) / self._rate_per_deg
+            raise self._limit(
+                line, f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least:g} deg/s"
+            )
+        return rate
+
+    def _table_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
+        """Return the acceleration in the table's units, not above what was asked."""
+        units, highest = self.profile.units, self.profile.safety.max_acceleration_deg_s2
+        told = acceleration_deg_s2 * self._acceleration_per_deg
+        if units.acceleration_quantum is not None and math.isfinite(told):
+            told = math.floor(told / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
+        bad = not 0.0 < acceleration_deg_s2 <= highest or not told > 0.0
+        if bad or not units.acceleration_min <= told <= units.acceleration_max:
+            what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
+            raise self._limit(line, what)
+        return told
+
+    def _limit(self, line: TableLine, what: str) -> LimitError:
+        return LimitError(f"{what}, nothing was sent", **located(line))
+
+    def number(self, line: TableLine, name: str, deadline: Deadline) -> float:
+        """Read a field of the profile, in deg or deg/s of the table's own sign."""
+        spec = self.profile.fields[name]
+        if spec.differentiate is not None:
+            return self._slope(line, spec.differentiate, spec.span_s, deadline)
+        assert spec.source is not None  # noqa: S101 - the profile was checked
+        return self._field(spec, self._fetch(line, spec.source, deadline))
+
+    def _slope(self, line: TableLine, name: str, span_s: float, deadline: Deadline) -> float:
+        first, started_s = self.number(line, name, deadline), line.clock.now()
+        sleep(line.clock, span_s)
+        turned = self.number(line, name, deadline) - first
+        if self.profile.fields[name].wrap != "continuous":
+            turned = (turned + 180.0) % 360.0 - 180.0  # the shorter way round: span times rate stays below half a turn
+        return turned / (line.clock.now() - started_s)
+
+    def _field(self, spec: Field, received: Received) -> float:
+        if self.profile.binary:
+            raw = decode(spec.type, received.data, spec.at or 0, self.profile.received_frame.order)
+        else:
+            raw = text_value("hex" if spec.type == "hex" else "decimal", self._piece(spec, received))
+        return unwrapped(raw * spec.scale + spec.offset, spec.wrap)
+
+    def _piece(self, spec: Field | Flag, received: Received) -> str:
+        """Return the piece of a line that a field or flag is about."""
+        if spec.group is not None:
+            name = spec.group.format(axis=self.axis)
+            if name not in received.groups:
+                raise FramingError(f"the reply {received.text[:60]!r} has no {name}")
+            return received.groups[name]
+        pieces = list(received.groups.values()) if received.groups else received.text.split(",")
+        if spec.item is None or spec.item >= len(pieces):
+            raise FramingError(f"the reply {received.text[:60]!r} has no item {spec.item}")
+        return pieces[spec.item]
+
+    def flag(self, line: TableLine, name: str, deadline: Deadline) -> bool:
+        """Read a flag of the profile."""
+        spec = self.profile.status[name]
+        return self._holds(spec, self._fetch(line, spec.source, deadline)) is not spec.negate
+
+    def _holds(self, spec: Flag, received: Received) -> bool:
+        if spec.contains is not None:
+            text = received.data.decode("latin-1") if self.profile.binary else self._piece(spec, received)
+            return spec.contains in text
+        value = self._flag_value(spec, received)
+        if spec.bit is not None:
+            return bool(int(value) >> spec.bit & 1)
+        if spec.among is not None:
+            return value in spec.among
+        return (spec.above is None or value > spec.above) and (spec.below is None or value < spec.below)
+
+    def _flag_value(self, spec: Flag, received: Received) -> float:
+        if self.profile.binary:
+            return decode(spec.type, received.data, spec.at or 0, self.profile.received_frame.order)
+        return text_value("hex" if spec.type == "hex" else "decimal", self._piece(spec, received))
+
+    def _fetch(self, line: TableLine, source: str, deadline: Deadline) -> Received:
+        try:
+            received = self._fresh(line, deadline) if source == STREAM else self.perform(line, source, deadline)
+        except DeadlineExceeded:
+            if self.profile.safety.on_silence == "stop" and self._steady.demanded_deg_s:
+                with suppress(TransportError, InstrumentError):  # nobody may be listening any more
+                    self._stop(line, line.deadline())
+            raise
+        if received is None:
+            raise FramingError(f"{source} has no reply to read")
+        return received
+
+    def _fresh(self, line: TableLine, deadline: Deadline) -> Received:
+        """Return the next status that comes: what came before may be old."""
+        stream = self.profile.stream
+        assert stream is not None  # noqa: S101 - the profile was checked
+        within = Deadline.after(line.clock, min(stream.max_age_s, deadline.remaining()))
+        with line.exclusive():
+            try:
+                line.take_unasked()
+                return self._await(line, stream.reply, within, among_others=True)
+            except DeadlineExceeded as error:
+                error.what = f"no status for {within.elapsed():.3g} s"
+                raise line.locate(error, STREAM, within) from error
+            except TransportError as error:
+                raise line.locate(error, STREAM, within)  # noqa: B904 - the same error, now knowing where
+
+    # Commands
+
+    def perform(
+        self, line: TableLine, name: str, deadline: Deadline, values: Mapping[str, Value] | None = None
+    ) -> Received | None:
+        """Do a command of the profile; one that it does not have is nothing to do. Returns the last reply expected."""
+        self._require(line, name, deadline)
+        received = None
+        for step in self.profile.commands.get(name, ()):
+            received = self._do(line, name, step, deadline, values or {}) or received
+        return received
+
+    def _do(
+        self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
+    ) -> Received | None:
+        received = None
+        with line.exclusive():
+            for _ in range(step.repeat):
+                received = self._exchange(line, name, step, deadline, values)
+            if step.delay_s:
+                sleep(line.clock, step.delay_s)
+        if step.until is not None:
+            self._wait(line, step, deadline, values)
+        return received
+
+    def _exchange(
+        self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
+    ) -> Received | None:
+        for left in range(step.retry, -1, -1):
+            try:
+                return self._once(line, name, step, deadline, values)
+            except (DeadlineExceeded, FramingError):
+                if not left:
+                    raise
+        return None
+
+    def _once(
+        self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
+    ) -> Received | None:
+        stopping = name in self.profile.safety.stop
+        within = self._within(line, step, deadline)
+        shown = step.send or name
+        try:
+            if line.dirty and not stopping:  # stopping does not wait for anything
+                self.resync(line, deadline)
+            line.dirty = step.expect is not None and self.profile.stream is None
+            self._send(line, step, values, within)
+            received = self._reply(line, step, within, among_others=stopping)
+        except (TransportError, InstrumentError) as error:
+            error.command = error.command or shown
+            raise line.locate(error, shown, within) if isinstance(error, TransportError) else error  # noqa: B904
+        line.dirty = False
+        if name not in ("identify", "status", "read_all", "read_pos", "read_rate", "fault"):
+            self.check_errors(line, deadline)
+        return received
+
+    def _within(self, line: TableLine, step: Step, deadline: Deadline) -> Deadline:
+        if step.timeout_s is None:
+            return deadline
+        return Deadline.after(line.clock, min(step.timeout_s, deadline.remaining()))
+
+    def _send(self, line: TableLine, step: Step, values: Mapping[str, Value], deadline: Deadline) -> None:
+        if step.send is None:
+            return
+        line.clock.sleep_until(self._last_sent_s + self.profile.link.gap_s)
+        try:
+            message = self.message(step.send, values)
+        except ValueError as error:
+            raise self._limit(line, f"{step.send!r} cannot be said ({error})") from error
+        if self.profile.stream is None:
+            line.take_unasked()
+        line.send(message, deadline)
+        self._last_sent_s = line.clock.now()
+        self._sequence += 1
+        self._take_echo(line, message, deadline)
+
+    def message(self, template: str, values: Mapping[str, Value] | None = None) -> bytes:
+        """Return the bytes that a template comes to, framed."""
+        profile = self.profile
+        known: dict[str, Value] = {"axis": self.axis, "seq": self._sequence % 100}
+        known |= {f"on_{slot}": int(slot == self.axis) for slot in range(1, 7)} | dict(values or {})
+        if profile.binary:
+            return frame_bytes(profile.frame, templates.fill_bytes(template, known, profile.frame.order))
+        return frame_text(profile.frame, templates.fill_text(template, known), profile.link.tx_end)
+
+    def _take_echo(self, line: TableLine, message: bytes, deadline: Deadline) -> None:
+        """Take the echo that always comes; one that may come is known when it comes."""
+        if self.profile.link.echo == "always":
+            end = self.profile.link.rx_end
+            echoed = take_text(self.profile.frame.__class__(), end, line, deadline)
+            if echoed != message.decode("latin-1").strip():
+                raise FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
+
+    def _reply(self, line: TableLine, step: Step, within: Deadline, *, among_others: bool) -> Received | None:
+        if step.expect is None:
+            if self.profile.link.prompt is not None and not step.no_reply:
+                self._await_prompt(line, step, within)
+            return None
+        try:
+            return self._await(line, step.expect, within, among_others=among_others, sent=step.send or "")
+        except DeadlineExceeded:
+            if step.optional_reply:
+                return None
+            raise
+
+    def _await_prompt(self, line: TableLine, step: Step, within: Deadline) -> None:
+        refusal = self.profile.refusals.pattern
+        try:
+            while (text := self._text(line, within)) != self.profile.link.prompt:
+                if refusal is not None and re.fullmatch(refusal, text):
+                    raise InstrumentError(f"refused ({text})", words=text, **located(line))
+        except DeadlineExceeded:
+            if not step.optional_reply:
+                raise
+            line.dirty = True  # it may come later
+
+    def _text(self, line: TableLine, deadline: Deadline) -> str:
+        return take_text(self.profile.received_frame, self.profile.link.rx_end, line, deadline)
+
+    def _await(
+        self, line: TableLine, name: str, deadline: Deadline, *, among_others: bool = False, sent: str = ""
+    ) -> Received:
+        """Return the reply `name`; others are dropped if they may come late, or if `among_others`."""
+        while True:
+            try:
+                received = self._receive(line, name, deadline)
+            except FramingError:
+                if not among_others:
+                    raise
+                continue
+            if isinstance(received, Received):
+                self._close_reply(line, deadline)
+                return received
+            self._require_droppable(line, received, among_others=among_others, sent=sent)
+
+    def _receive(self, line: TableLine, name: str, deadline: Deadline) -> Received | bytes | str:
+        """Return the next message: as a reply if it is `name`, else as it came."""
+        reply = self.profile.replies[name]
+        if self.profile.binary:
+            data = take_frame(self.profile.received_frame, line, deadline)
+            return Received(data) if _has(reply.bytes, data) else data
+        text = self._text(line, deadline)
+        return _matched(reply, text) or text
+
+    def _close_reply(self, line: TableLine, deadline: Deadline) -> None:
+        """Take the prompt that follows the data."""
+        prompt = self.profile.link.prompt
+        while prompt is not None and self._text(line, deadline) != prompt:
+            pass
+
+    def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
+        if isinstance(message, bytes):
+            if self.profile.refusals.bytes and _has(self.profile.refusals.bytes, message):
+                raise InstrumentError(f"refused ({message.hex(' ')})", words=message.hex(" "), **located(line))
+            late = any(reply.late and _has(reply.bytes, message) for reply in self._unasked())
+        else:
+            pattern = self.profile.refusals.pattern
+            if pattern is not None and re.fullmatch(pattern, message):
+                raise InstrumentError(f"refused ({message})", words=message, **located(line))
+            echo = self.profile.link.echo == "optional" and message == sent
+            late = (
+                echo
+                or message == self.profile.link.prompt
+                or any(_matched(reply, message) for reply in self._unasked())
+            )
+        if not late and not among_others:
+            shown = message.hex(" ") if isinstance(message, bytes) else message
+            raise FramingError(f"came {shown[:60]!r}, which is no answer to the question")
+
+    def _unasked(self) -> list[Reply]:
+        """Return the replies that may come at any time."""
+        stream = self.profile.stream
+        own = [] if stream is None else [self.profile.replies[stream.reply]]
+        return [*own, *(reply for reply in self.profile.replies.values() if reply.late)]
+
+    # Waiting for states
+
+    def _require(self, line: TableLine, name: str, deadline: Deadline) -> None:
+        """See that what a command needs holds."""
+        need = self.profile.requires.get(name)
+        if need is None or self.flag(line, need.flag, deadline):
+            return
+        if need.by is None:
+            raise InterlockError(f"{name} needs the state {need.flag!r}, nothing was sent", **located(line))
+        self._bring_about(line, need, need.by)
+
+    def _bring_about(self, line: TableLine, need: Requirement, by: str) -> None:
+        within = line.deadline(need.within_s)
+        sent_s = -math.inf
+        while not within.expired():
+            if line.clock.now() - sent_s >= need.resend_s:
+                self.perform(line, by, within)
+                sent_s = line.clock.now()
+            sleep(line.clock, min(self.profile.safety.poll_s, within.remaining()))
+            if self.flag(line, need.flag, line.deadline()):
+                return
+        late = DeadlineExceeded(f"the table did not come to the state {need.flag!r}")
+        raise line.locate(late, by, within)
+
+    def _wait(self, line: TableLine, step: Step, deadline: Deadline, values: Mapping[str, Value]) -> None:
+        """Wait for the flag that a step is to bring about."""
+        assert step.until is not None  # noqa: S101 - the caller looked
+        within, sent_s = self._within(line, step, deadline), line.clock.now()
+        while not self.flag(line, step.until, within):
+            if within.expired():
+                late = DeadlineExceeded(f"the table did not come to the state {step.until!r}")
+                raise line.locate(late, step.send or step.until, within)
+            if step.resend_s is not None and line.clock.now() - sent_s >= step.resend_s:
+                self._send(line, step, values, within)
+                sent_s = line.clock.now()
+            sleep(line.clock, min(self.profile.safety.poll_s, within.remaining()))
+
+    def _generous(self, line: TableLine, deadline: Deadline, *names: str) -> Deadline:
+        """Return a deadline that leaves room for the pauses and waits that the profile itself prescribes."""
+        steps = [step for name in names for step in self.profile.commands.get(name, ())]
+        paused = sum((step.delay_s + self.profile.link.gap_s + (step.timeout_s or 0.0)) * step.repeat for step in steps)
+        needs = [self.profile.requires[name].within_s for name in names if name in self.profile.requires]
+        extra = paused + sum(needs)
+        return line.deadline(deadline.remaining() + extra)
+
+
+def _has(wanted: tuple[Byte, ...], data: bytes) -> bool:
+    return all(each.at < len(data) and data[each.at] == each.value for each in wanted)
+
+
+def _matched(reply: Reply, text: str) -> Received | None:
+    found = re.fullmatch(reply.pattern or "", text)
+    if found is None:
+        return None
+    groups = {key: value for key, value in found.groupdict().items() if value is not None}
+    if reply.split is not None:
+        groups |= {f"item_{number}": piece for number, piece in enumerate(text.split(reply.split))}
+    return Received(b"", text, groups)

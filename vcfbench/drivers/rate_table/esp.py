@@ -1,0 +1,235 @@
+"""Newport ESP300/301: rotary stages on a motion controller with endless jog.
+
+Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
+semicolons chain; replies end in CR LF. Commands are not answered: what is refused stands in the error queue, read
+after each by ``TB?``. Unverified: 19 200 Bd, ``TV``, the resolution of velocities, whether ``MV`` reverses a turning
+stage (hence it is stopped first).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.clock import sleep
+from vcfbench.drivers import replies
+from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.interfaces import Identity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.line import TableLine
+
+__all__ = ["EspDialect"]
+
+_ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
+_DEEPEST_QUEUE = 16
+_POLL_S = 0.05
+_INTERLOCK = 29
+_FAULTS: Mapping[int, str] = MappingProxyType({2: "amplifier fault", 3: "following error", 10: "overspeed"})
+"""Last two digits of an axis' errors that shut it down; the hundreds are the axis."""
+
+
+@dataclass(slots=True)
+class EspDialect:
+    """One axis of an ESP controller."""
+
+    axis: int = 1
+    rate_quantum_deg_s: ClassVar[float] = 1e-4
+    _steady: SteadyRate = field(default_factory=SteadyRate)
+    _faults: list[str] = field(default_factory=list)
+    _refused: list[tuple[int, str]] = field(default_factory=list)
+    _version: str = ""
+
+    def identify(self, line: TableLine, deadline: Deadline) -> Identity:
+        """Ask for the controller's version, ``ESP301 Version 3.0.1 6/1/99``."""
+        if not self._version:
+            line.take_unasked()  # what an earlier program left
+        self._version = self._ask(line, "VE?", deadline)
+        model, _, firmware = self._version.partition(" ")
+        if not model.upper().startswith("ESP"):
+            raise FramingError(f"expected the version of an ESP controller, came {self._version[:60]!r}")
+        return Identity("Newport", model, "", firmware.removeprefix("Version").strip())
+
+    def resync(self, line: TableLine, deadline: Deadline) -> None:
+        """Drop what comes late up to the known answer of ``VE?``, then up to a number."""
+        try:
+            if not self._version:
+                raise FramingError("no answer is known yet")
+            line.take_unasked()
+            line.send(b"VE?\r", deadline)
+            line.take_through(self._version.encode("ascii"), deadline)
+            line.send(f"{self.axis}MO?\r".encode("ascii"), deadline)
+            while _text(line, deadline) not in ("0", "1"):
+                pass
+            line.take_unasked()
+        except LinkLost as error:
+            raise line.locate(error, "VE?", deadline)  # noqa: B904 - the same error, now knowing where
+        except TransportError as error:
+            lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
+            raise line.locate(lost, "VE?", deadline) from error
+        line.dirty = False
+
+    def claim(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing: the controller listens to front panel and computer alike."""
+
+    def release(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing."""
+
+    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+        """Do nothing: limits are checked before anything is sent, the controller's own (``VU``) stay as they are."""
+
+    def close_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Stop, then switch the motor on."""
+        self._steady.demand(0.0)
+        self._command(line, f"{self.axis}ST", deadline)
+        self._command(line, f"{self.axis}MO", deadline)
+
+    def hold(self, line: TableLine, deadline: Deadline) -> None:
+        """Stop; there is no other mode."""
+        self._command(line, f"{self.axis}ST", deadline)
+
+    def open_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Switch the motor off; refused (InterlockError) while the stage turns."""
+        require_rest(line, self.rate_deg_s(line, deadline))
+        self._command(line, f"{self.axis}MF", deadline)
+
+    def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        """Set acceleration, deceleration and velocity, then jog; rate 0 is ``ST``."""
+        before = self._steady.demanded_deg_s
+        ramp = f"{self.axis}AC{_decimal(acceleration_deg_s2)};{self.axis}AG{_decimal(acceleration_deg_s2)};"
+        ramps = ramp if math.isfinite(acceleration_deg_s2) else ""
+        if rate_deg_s * before < 0.0:
+            self._reverse(line, ramps, deadline)
+        self._steady.demand(rate_deg_s)
+        if rate_deg_s == 0.0:
+            self._command(line, f"{ramps}{self.axis}ST", deadline)
+            return
+        direction = "+" if rate_deg_s > 0.0 else "-"
+        self._command(line, f"{ramps}{self.axis}VA{_decimal(abs(rate_deg_s))};{self.axis}MV{direction}", deadline)
+
+    def _reverse(self, line: TableLine, ramps: str, deadline: Deadline) -> None:
+        """Come to rest before the direction is changed. It takes the time of the ramp, beyond `deadline`."""
+        self._command(line, f"{ramps}{self.axis}ST", deadline)
+        self._steady.demand(0.0)
+        acceleration = self._number(line, f"{self.axis}AG?", deadline)
+        rate_deg_s = abs(self.rate_deg_s(line, deadline))
+        within = line.deadline(2.0 * rate_deg_s / max(acceleration, 1e-3) + line.timeout_s)
+        while not replies.boolean(self._ask(line, f"{self.axis}MD?", within)):
+            if within.expired():
+                raise line.locate(DeadlineExceeded("the stage did not stop"), f"{self.axis}ST", within)
+            sleep(line.clock, _POLL_S)
+
+    def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
+        """Ask whether the motor is on."""
+        return replies.boolean(self._ask(line, f"{self.axis}MO?", deadline))
+
+    def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell from readings of the velocity: ``MD?`` and ``TS`` only say whether it moves."""
+        return self._steady.reached(self.rate_deg_s(line, deadline))
+
+    def moving(self, line: TableLine, deadline: Deadline) -> bool:
+        """Read the axis' bit of ``TS``, a single character (axes 1 to 3)."""
+        return bool(ord(self._ask(line, "TS", deadline)[:1]) >> (self.axis - 1) & 1)
+
+    def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the velocity, ``TV`` (unverified)."""
+        return self._number(line, f"{self.axis}TV", deadline)
+
+    def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the position."""
+        return self._number(line, f"{self.axis}TP", deadline)
+
+    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
+        """Read the error queue; what shuts the axis down is a fault until it is cleared."""
+        self._collect(line, deadline)
+        return ", ".join(self._faults) or None
+
+    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
+        """Forget the faults that were read; the controller latches none but by switching the motor off."""
+        self._collect(line, deadline)
+        self._faults.clear()
+
+    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
+        """Read the error queue and raise what was refused."""
+        self._collect(line, deadline)
+        refused, self._refused = self._refused, []
+        if refused:
+            words = "; then ".join(f"{number} {text}" for number, text in refused)
+            raise InstrumentError(
+                f"refused with {words}",
+                number=refused[0][0],
+                words=refused[0][1],
+                **located(line),
+            )
+
+    def _collect(self, line: TableLine, deadline: Deadline) -> None:
+        for _ in range(_DEEPEST_QUEUE):
+            answer = self._ask(line, "TB?", deadline)
+            found = _ERROR.fullmatch(answer)
+            if found is None:
+                raise FramingError(f"expected number, time and words of an error, came {answer[:60]!r}")
+            number, words = int(found[1]), found[3]
+            if number == 0:
+                return
+            self._note(number, words)
+
+    def _note(self, number: int, words: str) -> None:
+        axis, kind = divmod(number, 100)
+        if number == _INTERLOCK or (axis == self.axis and kind in _FAULTS):
+            text = f"{_FAULTS.get(kind, 'interlock')} ({number} {words})"
+            self._faults += [] if text in self._faults else [text]
+        else:
+            self._refused.append((number, words))
+
+    # Exchanges
+
+    def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
+        return replies.number(self._ask(line, question, deadline))
+
+    def _ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
+        with line.exclusive():
+            try:
+                self._say(line, question, deadline)
+                answer = _text(line, deadline)
+            except TransportError as error:
+                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+            line.dirty = False
+        return answer
+
+    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        with line.exclusive():
+            try:
+                self._say(line, command, deadline)
+                line.dirty = False
+            except TransportError as error:
+                raise line.locate(error, command, deadline)  # noqa: B904
+            try:
+                self.check_errors(line, deadline)
+            except InstrumentError as error:
+                error.command = command
+                raise
+
+    def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
+        if line.dirty or line.take_unasked().strip():
+            self.resync(line, deadline)
+        line.dirty = True  # until the exchange is whole, whatever ends it
+        line.send(message.encode("ascii") + b"\r", deadline)
+
+
+def _text(line: TableLine, deadline: Deadline) -> str:
+    text = ""
+    while not text:
+        text = replies.text(line.take_line(deadline)).strip()
+    return text
+
+
+def _decimal(value: float) -> str:
+    return f"{value + 0.0:.6f}".rstrip("0").rstrip(".")

@@ -1,0 +1,515 @@
+"""What a table language is, told in TOML: frozen strict structs, and every mistake in one line.
+
+A profile says what goes over the wire; :class:`~vcfbench.drivers.rate_table.configurable.ConfigurableDialect` does it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+from vcfbench.drivers.rate_table import templates
+from vcfbench.drivers.rate_table.checksums import CHECKSUMS
+from vcfbench.drivers.rate_table.dialects import SHIPPED
+from vcfbench.drivers.rate_table.fields import BinaryType, Order, TextType, Wrap  # noqa: TC001 - msgspec reads them
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = [
+    "COMMANDS",
+    "QUESTIONS",
+    "AtRate",
+    "Field",
+    "Flag",
+    "Frame",
+    "Link",
+    "Profile",
+    "Refusals",
+    "Reply",
+    "Requirement",
+    "Safety",
+    "Step",
+    "Stream",
+    "Units",
+    "load_profile",
+    "parse_profile",
+]
+
+QUESTIONS = ("identify", "home_status", "read_pos", "read_rate", "read_all", "status", "fault")
+"""Commands that only ask: they may be asked again."""
+COMMANDS = (
+    *QUESTIONS,
+    *("remote", "local", "power_on", "power_off", "clear_fault", "enable", "disable", "home", "set_accel"),
+    *("load_rate", "start", "goto", "stop", "estop"),
+)
+
+STREAM = "stream"
+"""In place of a command: the status that comes unasked."""
+
+_Name = Annotated[str, Meta(min_length=1, max_length=60)]
+_Hex = Annotated[str, Meta(pattern=r"\A(?:[0-9A-Fa-f]{2} ?)*\Z")]
+_Byte = Annotated[int, Meta(ge=0, le=255)]
+_Place = Annotated[int, Meta(ge=0, le=4096)]
+_Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
+_Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
+_Times = Annotated[int, Meta(ge=1, le=10)]
+_Positive = Annotated[float, Meta(gt=0.0)]
+_NotNegative = Annotated[float, Meta(ge=0.0)]
+
+
+class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of a profile: frozen, strict."""
+
+
+class Link(_Part, frozen=True, kw_only=True):
+    """The serial line, and what surrounds lines of text on it."""
+
+    baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
+    data_bits: Literal[7, 8] = 8
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Literal[1, 2] = 1
+    flow: Literal["none", "rts_cts", "dsr_dtr", "xon_xoff"] = "none"
+    dtr: bool | None = None
+    rts: bool | None = None
+    open_delay_s: _Pause = 0.0
+    gap_s: _Pause = 0.0
+    tx_end: str = "\r\n"
+    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
+    echo: Literal["none", "optional", "always"] = "none"
+    prompt: str | None = None
+
+
+class Frame(_Part, frozen=True, kw_only=True):
+    """What surrounds a message: text lines, or binary frames found by header, length and checksum."""
+
+    kind: Literal["line", "fixed", "length_field", "delimited"] = "line"
+    start: str = ""
+    header: _Hex = ""
+    trailer: _Hex = ""
+    length: Annotated[int, Meta(ge=2, le=4096)] | None = None
+    pad: _Byte = 0
+    length_at: _Place | None = None
+    length_type: Literal["u8", "u16"] = "u8"
+    length_extra: Annotated[int, Meta(ge=-64, le=64)] = 0
+    longest: Annotated[int, Meta(ge=2, le=4096)] = 256
+    checksum: (
+        Literal[
+            "sum8",
+            "neg_sum8",
+            "xor8",
+            "lrc_hex",
+            "sum_hex",
+            "nmea_xor_hex",
+            "crc8",
+            "crc16_modbus",
+            "crc16_ccitt",
+            "crc32",
+        ]
+        | None
+    ) = None
+    checksum_from: _Place = 0
+    checksum_mark: str = ""
+    order: Order = "little"
+
+
+class Units(_Part, frozen=True, kw_only=True):
+    """The table's units, sign and resolution; quanta and bounds are in the table's units."""
+
+    rate: Literal["deg/s", "deg/min", "rpm", "counts/s"] = "deg/s"
+    counts_per_deg: _Positive = 1.0
+    velocity_factor: _Positive = 1.0
+    acceleration_factor: _Positive = 1.0
+    sign: Literal[1, -1] = 1
+    rate_quantum: _Positive
+    rate_min: _NotNegative = 0.0
+    rate_max: _Positive
+    acceleration_quantum: _Positive | None = None
+    acceleration_min: _NotNegative = 0.0
+    acceleration_max: _Positive = math.inf
+    positive: str = "0"
+    negative: str = "1"
+    travel: tuple[float, float] | None = None
+    axes: Annotated[tuple[int, ...], Meta(min_length=1)] = (1,)
+
+
+class Step(_Part, frozen=True, kw_only=True):
+    """One message of a command: what is sent, what must come, how long, how often, and what is waited for."""
+
+    send: str | None = None
+    expect: _Name | None = None
+    timeout_s: _Seconds | None = None
+    retry: Annotated[int, Meta(ge=0, le=5)] = 0
+    repeat: _Times = 1
+    delay_s: _Pause = 0.0
+    optional_reply: bool = False
+    no_reply: bool = False
+    until: _Name | None = None
+    resend_s: _Seconds | None = None
+
+
+class Byte(_Part, frozen=True, kw_only=True):
+    """A byte that a reply must have."""
+
+    at: _Place
+    value: _Byte = field(name="is")
+
+
+class Reply(_Part, frozen=True, kw_only=True):
+    """How a reply is known: a regular expression for the whole line, or bytes. A late one may come at any time."""
+
+    pattern: str | None = None
+    bytes: tuple[Byte, ...] = ()
+    split: Annotated[str, Meta(min_length=1, max_length=1)] | None = None
+    late: bool = False
+
+
+class Refusals(_Part, frozen=True, kw_only=True):
+    """How refusals are known: a line, bytes, or a question after each command whose good answer is known."""
+
+    pattern: str | None = None
+    bytes: tuple[Byte, ...] = ()
+    query: str | None = None
+    good: str = "0"
+    deepest: Annotated[int, Meta(ge=1, le=100)] = 10
+
+
+class Stream(_Part, frozen=True, kw_only=True):
+    """Status that comes unasked."""
+
+    reply: _Name
+    max_age_s: _Seconds = 1.0
+
+
+class Field(_Part, frozen=True, kw_only=True):
+    """A number in the last reply of a command, or in the stream; or the slope of another number."""
+
+    source: _Name | None = field(name="from", default=None)
+    at: _Place | None = None
+    type: BinaryType | TextType = "decimal"
+    group: _Name | None = None
+    item: _Place | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    wrap: Wrap = "continuous"
+    differentiate: _Name | None = None
+    span_s: _Seconds = 0.25
+
+
+class Flag(_Part, frozen=True, kw_only=True):
+    """Yes or no in a reply: one bit, a value among some, a piece of text, or a bound; `negate` turns it round."""
+
+    source: _Name = field(name="from")
+    at: _Place | None = None
+    bit: Annotated[int, Meta(ge=0, le=31)] | None = None
+    type: BinaryType | TextType = "u8"
+    group: _Name | None = None
+    item: _Place | None = None
+    among: tuple[float, ...] | None = field(name="in", default=None)
+    contains: str | None = None
+    above: float | None = None
+    below: float | None = None
+    negate: bool = False
+
+
+class Requirement(_Part, frozen=True, kw_only=True):
+    """What must hold before a command: a flag; where it does not, `by` is sent and the flag waited for."""
+
+    flag: _Name
+    by: _Name | None = None
+    within_s: _Seconds = 8.0
+    resend_s: _Seconds = 0.5
+
+
+class AtRate(_Part, frozen=True, kw_only=True):
+    """What stands in for an at-rate flag: so many readings in a row within a tolerance."""
+
+    tolerance_deg_s: _Positive = 0.02
+    relative: _NotNegative = 1e-4
+    polls: Annotated[int, Meta(ge=1, le=100)] = 3
+
+
+class Safety(_Part, frozen=True, kw_only=True):
+    """Limits of this table, how it is stopped and closed down, and what silence means."""
+
+    max_rate_deg_s: _Positive = math.inf
+    max_acceleration_deg_s2: _Positive = math.inf
+    stop: tuple[_Name, ...] = ("stop",)
+    close: tuple[_Name, ...] = ("disable", "power_off")
+    poll_s: _Seconds = 0.1
+    on_silence: Literal["fail", "stop"] = "fail"
+
+
+class Profile(_Part, frozen=True, kw_only=True):
+    """A table language. `twin` names the simulated table that stands in for it on a simulated bench."""
+
+    title: _Name
+    evidence: str
+    maker: str = ""
+    twin: str | None = None
+    link: Link = field(default_factory=Link)
+    frame: Frame = field(default_factory=Frame)
+    reply_frame: Frame | None = None
+    units: Units
+    commands: dict[str, tuple[Step, ...]]
+    replies: dict[str, Reply] = field(default_factory=dict)
+    refusals: Refusals = field(default_factory=Refusals)
+    stream: Stream | None = None
+    fields: dict[str, Field]
+    status: dict[str, Flag] = field(default_factory=dict)
+    requires: dict[str, Requirement] = field(default_factory=dict)
+    at_rate: AtRate = field(default_factory=AtRate)
+    safety: Safety = field(default_factory=Safety)
+
+    @property
+    def binary(self) -> bool:
+        """Tell whether messages are bytes and not lines."""
+        return self.frame.kind != "line"
+
+    @property
+    def received_frame(self) -> Frame:
+        """The frame of replies, which is that of messages unless it is said to differ."""
+        return self.reply_frame or self.frame
+
+
+def load_profile(name: str) -> Profile:
+    """Return the shipped profile `name`, or that of the file of this name.
+
+    Raises:
+        ConfigError: there is none, or it is not one; the message is one line with file, key and what was expected.
+    """
+    if name in SHIPPED:
+        text = resources.files("vcfbench.drivers.rate_table").joinpath(f"profiles/{name}.toml").read_text("utf-8")
+        return parse_profile(text, f"profile {name}")
+    try:
+        text = Path(name).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ConfigError(f"{name}: expected a readable profile of a rate table: {reason}") from None
+    return parse_profile(text, name)
+
+
+def parse_profile(text: str, source: str) -> Profile:
+    """Return the profile that the TOML `text` tells; `source` names it in errors (ConfigError)."""
+    try:
+        raw = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{source}: expected TOML: {' '.join(str(error).split())}") from None
+    _convert_parts(raw, source)
+    profile = _convert(raw, Profile, (), source)
+    for path, expected, came in _misfits(profile):
+        raise _error(source, path, expected, came)
+    return profile
+
+
+# Errors
+
+_T = TypeVar("_T")
+_AT = re.compile(r" - at `\$(?P<path>[^`]*)`$")
+_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
+_KEYED: dict[str, Any] = {
+    "commands": tuple[Step, ...],
+    "replies": Reply,
+    "fields": Field,
+    "status": Flag,
+    "requires": Requirement,
+}
+
+
+def _convert_parts(raw: dict[str, Any], source: str) -> None:
+    """Try what stands under names of the profile's choice one by one: msgspec's path would not tell the name."""
+    for section, kind in _KEYED.items():
+        if isinstance(raw.get(section), dict):
+            for name, value in raw[section].items():
+                _convert(value, kind, (section, name), source)
+
+
+def _convert(raw: Any, kind: type[_T], path: tuple[str, ...], source: str) -> _T:
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise _explained(str(error), raw, path, source) from None
+
+
+def _explained(message: str, raw: Any, path: tuple[str, ...], source: str) -> ConfigError:
+    found = _AT.search(message)
+    what = message[: found.start()] if found else message
+    keys = [key or int(index) for key, index in _STEP.findall(found["path"])] if found else []
+    value = raw
+    for key in keys:
+        value = value[key]
+    dotted = _dotted((*path, *keys))
+    if missing := re.fullmatch(r"Object missing required field `(.*)`", what):
+        return _error(source, f"{dotted}.{missing[1]}".removeprefix("."), "a value", "nothing")
+    if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
+        return _error(source, f"{dotted}.{unknown[1]}".removeprefix("."), "a known key", "an unknown key")
+    expected = what.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
+    return _error(source, dotted, expected, value)
+
+
+def _dotted(keys: tuple[str | int, ...]) -> str:
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
+
+
+def _error(source: str, path: str, expected: str, came: object) -> ConfigError:
+    text = came if came in ("nothing", "an unknown key") else repr(came)
+    shown = text if len(str(text)) <= 60 else f"{str(text)[:57]}..."
+    return ConfigError(f"{source}: {path}: expected {expected}, came {shown}")
+
+
+# What the types cannot say
+
+_Misfit = tuple[str, str, object]
+
+
+def _misfits(profile: Profile) -> Iterator[_Misfit]:
+    yield from _frame_misfits("frame", profile.frame)
+    if profile.reply_frame is not None:
+        yield from _frame_misfits("reply_frame", profile.reply_frame)
+        if (profile.reply_frame.kind == "line") is profile.binary:
+            expected = "line where messages are lines, and not where they are bytes"
+            yield "reply_frame.kind", expected, profile.reply_frame.kind
+    yield from _reply_misfits(profile)
+    yield from _command_misfits(profile)
+    yield from _field_misfits(profile)
+    yield from _flag_misfits(profile)
+    yield from _safety_misfits(profile)
+
+
+def _frame_misfits(path: str, frame: Frame) -> Iterator[_Misfit]:
+    if frame.kind != "line" and not frame.header:
+        yield f"{path}.header", "hexadecimal bytes", frame.header
+    if frame.kind == "fixed" and frame.length is None:
+        yield f"{path}.length", "the length of a frame", "nothing"
+    if frame.kind == "length_field" and frame.length_at is None:
+        yield f"{path}.length_at", "the place of the length", "nothing"
+    if frame.kind == "delimited" and not frame.trailer:
+        yield f"{path}.trailer", "hexadecimal bytes", frame.trailer
+    if frame.kind == "line" and frame.checksum is not None and not frame.checksum.endswith("_hex"):
+        names = ", ".join(name for name in CHECKSUMS if name.endswith("_hex"))
+        yield f"{path}.checksum", f"for lines one of {names}", frame.checksum
+
+
+def _reply_misfits(profile: Profile) -> Iterator[_Misfit]:
+    patterns = {f"replies.{name}.pattern": reply.pattern for name, reply in profile.replies.items()}
+    patterns |= {"refusals.pattern": profile.refusals.pattern, "refusals.good": profile.refusals.good}
+    for path, pattern in patterns.items():
+        try:
+            re.compile(pattern or "")
+        except re.error as error:
+            yield path, f"a regular expression ({error})", pattern
+    for name, reply in profile.replies.items():
+        if (reply.pattern is None) is not profile.binary or (bool(reply.bytes) and not profile.binary):
+            yield f"replies.{name}", "bytes where messages are bytes, a pattern where they are lines", reply.pattern
+    if profile.stream is not None and profile.stream.reply not in profile.replies:
+        yield "stream.reply", "one of [replies]", profile.stream.reply
+
+
+def _command_misfits(profile: Profile) -> Iterator[_Misfit]:
+    for name, steps in profile.commands.items():
+        if name not in COMMANDS:
+            yield f"commands.{name}", f"one of {', '.join(COMMANDS)}", "an unknown key"
+        for number, step in enumerate(steps):
+            yield from _step_misfits(f"commands.{name}[{number}]", name, step, profile)
+    for name in ("stop", "start"):
+        if not profile.commands.get(name):
+            yield f"commands.{name}", "at least one step", "nothing"
+    if not any(profile.commands.get(name) for name in ("identify", "read_all", "read_pos")) and profile.stream is None:
+        yield "commands.identify", "a question that a table answers, or [stream]", "nothing"
+
+
+def _step_misfits(path: str, name: str, step: Step, profile: Profile) -> Iterator[_Misfit]:
+    if step.retry and name not in QUESTIONS:
+        yield f"{path}.retry", f"0: only questions are asked again ({', '.join(QUESTIONS)})", step.retry
+    if step.repeat > 1 and name not in ("stop", "estop", *QUESTIONS):
+        yield f"{path}.repeat", "1: only stopping is repeated blindly", step.repeat
+    if step.expect is not None and step.expect not in profile.replies:
+        yield f"{path}.expect", "one of [replies]", step.expect
+    if step.expect is not None and step.no_reply:
+        yield f"{path}.no_reply", "false where a reply is expected", step.no_reply
+    if step.until is not None and step.until not in profile.status:
+        yield f"{path}.until", "one of [status]", step.until
+    try:
+        _try_template(step.send or "", profile)
+    except ValueError as error:
+        yield f"{path}.send", f"a template ({error})", step.send
+
+
+def _try_template(template: str, profile: Profile) -> None:
+    from vcfbench.drivers.rate_table.frames import frame_bytes  # noqa: PLC0415 - which needs this module's types
+
+    values = templates.sample_values()
+    if profile.binary:
+        frame_bytes(profile.frame, templates.fill_bytes(template, values, profile.frame.order))
+    else:
+        templates.fill_text(template, values)
+
+
+def _sources(profile: Profile) -> set[str]:
+    return {name for name, steps in profile.commands.items() if steps and name in QUESTIONS} | (
+        {STREAM} if profile.stream is not None else set()
+    )
+
+
+def _field_misfits(profile: Profile) -> Iterator[_Misfit]:
+    if "position" not in profile.fields:
+        yield "fields.position", "a field", "nothing"
+    known = _sources(profile)
+    for name, each in profile.fields.items():
+        path = f"fields.{name}"
+        if each.differentiate is not None:
+            other = profile.fields.get(each.differentiate)
+            if other is None or other.differentiate is not None:
+                yield f"{path}.differentiate", "a field that is read", each.differentiate
+        elif each.source not in known:
+            yield f"{path}.from", f"one of {', '.join(sorted(known))}", each.source
+        else:
+            yield from _place_misfits(path, each, profile)
+
+
+def _place_misfits(path: str, each: Field | Flag, profile: Profile) -> Iterator[_Misfit]:
+    if profile.binary and each.at is None:
+        yield f"{path}.at", "the place of the first byte", "nothing"
+    if profile.binary and each.type in ("decimal", "hex"):
+        yield f"{path}.type", "a type of bytes", each.type
+    if not profile.binary and each.group is None and each.item is None:
+        yield f"{path}.group", "a named group of the reply's pattern, or an item", "nothing"
+    if not profile.binary and isinstance(each, Field) and each.type not in ("decimal", "hex"):
+        yield f"{path}.type", "decimal or hex", each.type
+
+
+def _flag_misfits(profile: Profile) -> Iterator[_Misfit]:
+    known = _sources(profile)
+    for name, flag in profile.status.items():
+        path = f"status.{name}"
+        if flag.source not in known:
+            yield f"{path}.from", f"one of {', '.join(sorted(known))}", flag.source
+        if [flag.bit, flag.among, flag.contains, flag.above, flag.below].count(None) == 5:
+            yield path, "one of bit, in, contains, above, below", "nothing"
+        yield from _place_misfits(path, flag, profile)
+    for name, need in profile.requires.items():
+        if name not in profile.commands:
+            yield f"requires.{name}", "one of [commands]", "an unknown key"
+        if need.flag not in profile.status:
+            yield f"requires.{name}.flag", "one of [status]", need.flag
+        if need.by is not None and need.by not in profile.commands:
+            yield f"requires.{name}.by", "one of [commands]", need.by
+
+
+def _safety_misfits(profile: Profile) -> Iterator[_Misfit]:
+    for name in profile.safety.stop:
+        if name not in profile.commands:
+            yield "safety.stop", "names of [commands]", name
+    units = profile.units
+    if units.rate_min > units.rate_max:
+        yield "units.rate_min", f"at most rate_max, {units.rate_max:g}", units.rate_min
+    if units.acceleration_min > units.acceleration_max:
+        yield "units.acceleration_min", f"at most acceleration_max, {units.acceleration_max:g}", units.acceleration_min

@@ -1,0 +1,48 @@
+"""What dialects need whose tables know less than an ACL controller does: "at rate" and "at rest" told from the rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import InterlockError
+
+if TYPE_CHECKING:
+    from vcfbench.drivers.rate_table.line import TableLine
+
+__all__ = ["REST_DEG_S", "SteadyRate", "located", "require_rest"]
+
+REST_DEG_S = 0.1
+"""Above this rate a servo is not opened: the table would coast."""
+
+
+@dataclass(slots=True)
+class SteadyRate:
+    """Stands in for an at-rate flag: so many readings in a row within a tolerance of the demand."""
+
+    tolerance_deg_s: float = 0.02
+    relative: float = 1e-4
+    polls: int = 3
+    demanded_deg_s: float = 0.0
+    _good: int = 0
+
+    def demand(self, rate_deg_s: float) -> None:
+        """Begin anew with another demand."""
+        self.demanded_deg_s, self._good = rate_deg_s, 0
+
+    def reached(self, rate_deg_s: float) -> bool:
+        """Take a reading; tell whether enough of the latest are good."""
+        allowed = self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
+        self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= allowed else 0
+        return self._good >= self.polls
+
+
+def require_rest(line: TableLine, rate_deg_s: float) -> None:
+    """Raise InterlockError when the servo must not be opened because the table turns."""
+    if not abs(rate_deg_s) < REST_DEG_S:
+        raise InterlockError(f"it still turns at {rate_deg_s:g} deg/s, the servo was not opened", **located(line))
+
+
+def located(line: TableLine) -> dict[str, Any]:
+    """Return who and where, for errors."""
+    return {"instrument": line.name, "resource": line.resource}

@@ -1,0 +1,254 @@
+"""Zaber ASCII: rotary stages used as rate tables.
+
+Grammar after zaber.serial and zaber-motion: request ``/device axis id command:LRC``, reply ``@dd a id OK|RJ BUSY|IDLE
+flag data[:LRC]``. Unverified, general knowledge only: the factor 1.6384 of velocities and 1.6384e-4 of accelerations,
+the setting ``vel`` for the present velocity, ``system.serial``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from vcfbench.drivers import replies
+from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, TransportError
+from vcfbench.interfaces import Identity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.line import TableLine
+
+__all__ = ["ZaberDialect", "ZaberReply", "frame_request", "lrc", "parse_reply"]
+
+_VELOCITY = 1.6384
+"""Data units of velocity per microstep/s (unverified)."""
+_ACCELERATION = 1.6384e-4
+"""Data units of acceleration per microstep/s2 (unverified)."""
+
+_REPLY = re.compile(
+    r"@(?P<device>\d{1,2}) (?P<axis>\d{1,2})(?: (?P<id>\d{1,2}))? (?P<verdict>OK|RJ) (?P<state>BUSY|IDLE) "
+    r"(?P<warning>--|[A-Z0-9]{2}) (?P<data>[^:]*)(?::(?P<check>[0-9A-Fa-f]{2}))?"
+)
+_UNASKED = "#!"
+"""First characters of info and alert messages, which may come at any time."""
+
+_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "AGAIN": "cannot be done right now",
+        "BADAXIS": "no such axis",
+        "BADCOMMAND": "unknown command or setting",
+        "BADDATA": "value out of range or malformed",
+        "BADMESSAGEID": "bad message id",
+        "DEVICEONLY": "a command for the device, not for an axis",
+        "DRIVERDISABLED": "the driver is disabled",
+        "FULL": "no room left",
+        "NOACCESS": "not allowed at this access level",
+        "PARKED": "the axis is parked",
+        "STATUSBUSY": "the axis moves",
+    }
+)
+"""Words for the reasons of a rejection (BADCOMMAND, BADDATA seen in the clients' sources; the others unverified)."""
+
+_FAULTS: Mapping[str, str] = MappingProxyType(
+    {
+        "FD": "driver disabled by itself",
+        "FH": "hardware emergency stop",
+        "FS": "stalled",
+        "FE": "limit error",
+        "NC": "under manual control",
+    }
+)
+"""Warning flags that forbid motion. FO (driver switched off), WR and WH (no reference) and NI (interrupted) do not."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZaberReply:
+    """A reply, taken apart: message number (None when it has none), verdict, state, warning flag, data."""
+
+    number: int | None
+    accepted: bool
+    busy: bool
+    warning: str
+    data: str
+
+
+def lrc(text: str) -> str:
+    """Return the checksum of what follows the first character: two's complement of the byte sum, two hex digits."""
+    return f"{-sum(text.encode('ascii')) % 256:02X}"
+
+
+def frame_request(device: int, axis: int, number: int, command: str) -> bytes:
+    """Return a request as sent, its number and checksum included."""
+    body = f"{device} {axis} {number:02d}{' ' if command else ''}{command}"
+    return f"/{body}:{lrc(body)}\n".encode("ascii")
+
+
+def parse_reply(text: str) -> ZaberReply:
+    """Take a reply apart; raises FramingError when it is none or its checksum is wrong."""
+    found = _REPLY.fullmatch(text)
+    if found is None:
+        raise FramingError(f"expected a reply of a Zaber device, came {text[:60]!r}")
+    if found["check"] is not None and found["check"].upper() != lrc(text[1:-3]):
+        raise FramingError(f"a reply with a wrong checksum came, {text[:60]!r}")
+    number = None if found["id"] is None else int(found["id"])
+    return ZaberReply(number, found["verdict"] == "OK", found["state"] == "BUSY", found["warning"], found["data"])
+
+
+@dataclass(slots=True)
+class ZaberDialect:
+    """One axis of a Zaber device; every request is numbered, so that a late reply is known as one.
+
+    Settings that it writes (``accel``, ``maxspeed``) stay in the device.
+    """
+
+    steps_per_deg: float
+    axis: int = 1
+    device: int = 1
+    _number: int = -1
+    _steady: SteadyRate = field(default_factory=SteadyRate)
+
+    @property
+    def rate_quantum_deg_s(self) -> float:
+        """One data unit of velocity: older firmware takes whole numbers only."""
+        return 1.0 / (self.steps_per_deg * _VELOCITY)
+
+    def identify(self, line: TableLine, deadline: Deadline) -> Identity:
+        """Ask for device number, serial number and firmware version."""
+        number = self._device_setting(line, "deviceid", deadline)
+        serial = self._optional_setting(line, "system.serial", deadline)
+        return Identity("Zaber", f"device {number}", serial, self._device_setting(line, "version", deadline))
+
+    def resync(self, line: TableLine, deadline: Deadline) -> None:
+        """Forget what has come: what still comes late carries another number."""
+        del deadline
+        line.take_unasked()
+        line.dirty = False
+
+    def claim(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing: a serial port has one owner, and the knob shows in the warning flag NC."""
+
+    def release(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing."""
+
+    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+        """Set the highest speed of the axis."""
+        if math.isfinite(limits.max_rate_deg_s):
+            self._command(line, f"set maxspeed {math.ceil(self._speed(limits.max_rate_deg_s))}", deadline)
+
+    def close_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Stop, then enable the driver."""
+        self._steady.demand(0.0)
+        self._command(line, "stop", deadline)
+        self._command(line, "driver enable", deadline)
+
+    def hold(self, line: TableLine, deadline: Deadline) -> None:
+        """Stop; there is no other mode."""
+        self._command(line, "stop", deadline)
+
+    def open_servo(self, line: TableLine, deadline: Deadline) -> None:
+        """Disable the driver; refused (InterlockError) while the stage turns."""
+        require_rest(line, self.rate_deg_s(line, deadline))
+        self._command(line, "driver disable", deadline)
+
+    def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        """Set the acceleration, then run at a velocity; rate 0 is ``stop``."""
+        speed = round(self._speed(rate_deg_s))
+        if math.isfinite(acceleration_deg_s2):
+            self._command(line, f"set accel {self._acceleration(line, acceleration_deg_s2)}", deadline)
+        self._steady.demand(speed * self.rate_quantum_deg_s)
+        self._command(line, f"move vel {speed}" if speed else "stop", deadline)
+
+    def _speed(self, rate_deg_s: float) -> float:
+        return rate_deg_s * self.steps_per_deg * _VELOCITY
+
+    def _acceleration(self, line: TableLine, acceleration_deg_s2: float) -> int:
+        """Return the whole number that is not above what was asked; 0 would mean infinite."""
+        units = math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION)
+        if units < 1:
+            least = 1.0 / (self.steps_per_deg * _ACCELERATION)
+            raise LimitError(
+                f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage "
+                "can be told, nothing was sent",
+                **located(line),
+            )
+        return units
+
+    def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
+        """Ask whether the driver is enabled."""
+        return replies.boolean(self._setting(line, "driver.enabled", deadline))
+
+    def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell from readings of the velocity: BUSY and IDLE only say whether it turns."""
+        return self._steady.reached(self.rate_deg_s(line, deadline))
+
+    def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the velocity (the setting's name is unverified)."""
+        return replies.number(self._setting(line, "vel", deadline)) * self.rate_quantum_deg_s
+
+    def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
+        """Read the position, microsteps from the reference."""
+        return replies.number(self._setting(line, "pos", deadline)) / self.steps_per_deg
+
+    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
+        """Name the warnings that forbid motion."""
+        flags = self._ask(line, "warnings", deadline).data.split()[1:]
+        return ", ".join(f"{_FAULTS[flag]} ({flag})" for flag in flags if flag in _FAULTS) or None
+
+    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
+        """Clear the warnings that can be cleared."""
+        self._command(line, "warnings clear", deadline)
+
+    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
+        """Do nothing: what is refused is refused in the reply."""
+
+    # Exchanges
+
+    def _setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
+        return self._ask(line, f"get {name}", deadline).data
+
+    def _device_setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
+        return self._ask(line, f"get {name}", deadline, axis=0).data
+
+    def _optional_setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
+        try:
+            return self._device_setting(line, name, deadline)
+        except InstrumentError:
+            return ""
+
+    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        self._ask(line, command, deadline)
+
+    def _ask(self, line: TableLine, command: str, deadline: Deadline, *, axis: int | None = None) -> ZaberReply:
+        with line.exclusive():
+            self._number = (self._number + 1) % 100
+            try:
+                line.take_unasked()
+                line.send(
+                    frame_request(self.device, self.axis if axis is None else axis, self._number, command), deadline
+                )
+                reply = self._reply(line, deadline)
+            except TransportError as error:
+                raise line.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+        if not reply.accepted:
+            words = f"{reply.data}: {_REASONS[reply.data]}" if reply.data in _REASONS else reply.data
+            raise InstrumentError(f"rejected ({words})", words=reply.data, command=command, **located(line))
+        return reply
+
+    def _reply(self, line: TableLine, deadline: Deadline) -> ZaberReply:
+        """Return the reply that carries this request's number; others come late, from requests given up."""
+        while True:
+            text = replies.text(line.take_line(deadline))
+            if not text or text[0] in _UNASKED:
+                continue
+            reply = parse_reply(text)
+            if reply.number == self._number:
+                return reply
+            if deadline.expired():
+                raise DeadlineExceeded("no answer that belongs to the request")
