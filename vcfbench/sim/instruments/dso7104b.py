@@ -53,6 +53,7 @@ from vcfbench.sim.scpi import (
     Text,
     block,
     boolean,
+    comma_list,
     quoted,
     real,
     signed_integer,
@@ -133,6 +134,7 @@ def _defaults() -> dict[str, Any]:
         "GLIT:QUAL": "LESS",
         "GLIT:POL": "POS",
         "GLIT:LESS": 30e-9,
+        "GLIT:RANG": (30e-9, 10e-9),
         "GLIT:GRE": 20e-9,
         "MEAS:SOUR": ("CHAN1", "CHAN2"),
         "MEAS:THR": ("STAN", 90.0, 50.0, 10.0),
@@ -917,6 +919,7 @@ _TRIGGER_SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
 _VOLTS = Number(unit="V")
 _SECONDS = Number(unit="S")
 _PLACES = Integer(limits=Limits(0, 9))
+_GLITCH_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
 _TRIGGER_LEVEL = Number(unit="V", limits=Limits(-75.0, 75.0))
 _TIME_RANGE = Limits(5e-9, 500.0)
 
@@ -1068,8 +1071,15 @@ TABLE = CommandTable(
     _setting("TRIGger:GLITch:LEVel", "GLIT:LEV", _TRIGGER_LEVEL, _nr3),
     _setting("TRIGger:GLITch:QUALifier", "GLIT:QUAL", Choice(("GREaterthan", "LESSthan", "RANGe"))),
     _setting("TRIGger:GLITch:POLarity", "GLIT:POL", Choice(("POSitive", "NEGative"))),
-    _setting("TRIGger:GLITch:LESSthan", "GLIT:LESS", Number(unit="S", limits=Limits(2e-9, 10.0)), _nr3),
-    _setting("TRIGger:GLITch:GREaterthan", "GLIT:GRE", Number(unit="S", limits=Limits(2e-9, 10.0)), _nr3),
+    _setting("TRIGger:GLITch:LESSthan", "GLIT:LESS", _GLITCH_TIME, _nr3),
+    _setting("TRIGger:GLITch:GREaterthan", "GLIT:GRE", _GLITCH_TIME, _nr3),
+    Command(
+        "TRIGger:GLITch:RANGe",
+        (_GLITCH_TIME, _GLITCH_TIME),
+        do=lambda model, less, greater: model.state.update({"GLIT:RANG": (less, greater)}),
+        query=lambda model: model.state["GLIT:RANG"],
+        reply=comma_list(_nr3),
+    ),
     _setting("TRIGger:TV:SOURce", "TV:SOUR", _TRIGGER_SOURCE),
     _setting(
         "TRIGger:TV:MODE",

@@ -1009,7 +1009,7 @@ TABLE = CommandTable(
     # calibration
     Command("CALibration", query=_calibrate),
     Command("CALibration:COUNt", query=_calibration_count, reply=signed_integer),
-    Command("CALibration:SECure:CODE", (Word(),), do=_set_code),
+    Command("CALibration:SECure:CODE", (Word(word_too_long=704),), do=_set_code),
     Command("CALibration:SECure:STATe", (Boolean(), Word()), do=_set_secured, query=_secured, reply=boolean),
     Command("CALibration:STRing", (Text(limit=40),), do=_set_calibration_text, query=_calibration_text, reply=quoted),
     Command("CALibration:VALue", (Number(),), do=_set_calibration_value, query=_calibration_value, reply=_NR3),

@@ -130,6 +130,7 @@ def _header(text: str, position: int) -> tuple[Unit, int]:
         _refuse_character(text, position + from_root)
     mnemonics = tuple(match[1].upper().split(":"))
     _check_mnemonics(mnemonics)
+    _check_blanks_around_colon(text, match.end())
     unit = Unit(mnemonics, query=match[2] is not None, common=mnemonics[0].startswith("*"), from_root=from_root)
     return unit, match.end()
 
@@ -137,6 +138,11 @@ def _header(text: str, position: int) -> tuple[Unit, int]:
 def _check_mnemonics(mnemonics: tuple[str, ...]) -> None:
     if any(len(mnemonic) > _MNEMONIC_LIMIT for mnemonic in mnemonics):
         raise ScpiError(-112)
+
+
+def _check_blanks_around_colon(text: str, position: int) -> None:
+    if text.startswith(":", _skip_blanks(text, position)):
+        raise ScpiError(-102)
 
 
 def _after_header(text: str, position: int) -> int:
@@ -164,17 +170,17 @@ def _tokens(text: str, position: int) -> tuple[tuple[Token, ...], int]:
     while True:
         token, position = _token(text, position)
         tokens.append(token)
-        position = _skip_blanks(text, position)
+        end, position = position, _skip_blanks(text, position)
         if position >= len(text) or text[position] == ";":
             return tuple(tokens), position
-        if text[position] != ",":
+        if text[position] != "," or end != position:
             _refuse_between(text, position)
         position = _skip_blanks(text, position + 1)
 
 
 def _refuse_between(text: str, position: int) -> NoReturn:
     character = text[position]
-    if character == ":":
+    if character in ":,":  # a comma comes here after a blank, which the guide forbids
         raise ScpiError(-102)
     raise ScpiError(-103 if character.isalnum() or character in "+-.'\"(" else -101)
 
@@ -197,8 +203,6 @@ def _token(text: str, position: int) -> tuple[Token, int]:
 def _word(text: str, position: int) -> tuple[Token, int]:
     match = _WORD.match(text, position)
     assert match is not None  # noqa: S101  (the caller saw a letter)
-    if len(match[0]) > _MNEMONIC_LIMIT:
-        raise ScpiError(-144)
     return Token(Kind.WORD, match[0].upper()), match.end()
 
 

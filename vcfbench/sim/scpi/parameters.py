@@ -83,10 +83,11 @@ def clip(value: float, limits: Limits, word: str) -> Violation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """What every parameter has: whether it must be there, and the value that stands for it when it is not."""
+    """What every parameter has: whether it must be there, what stands for it when it is not, and a refusal."""
 
     required: bool = True
     default: Any = None
+    word_too_long: int = -144
 
     refusals: ClassVar[Mapping[Kind, int]] = {
         Kind.NUMBER: -128,

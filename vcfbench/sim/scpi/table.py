@@ -7,7 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.scpi.errors import ScpiError
-from vcfbench.sim.scpi.lexer import Token, Unit, units
+from vcfbench.sim.scpi.lexer import Kind, Token, Unit, units
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 from vcfbench.sim.scpi.parameters import Choice, Number, Parameter, Special
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 __all__ = ["Command", "CommandTable", "Program", "Step"]
+
+_WORD_LIMIT = 12
 
 
 def _as_it_is(value: Any) -> str | bytes:
@@ -251,7 +253,11 @@ def _pairs(wanted: tuple[Parameter, ...], tokens: tuple[Token, ...]) -> Iterator
 
 
 def _argument(parameter: Parameter, token: Token | None) -> Any:
-    return parameter.default if token is None else parameter.parse(token)
+    if token is None:
+        return parameter.default
+    if token.kind is Kind.WORD and len(token.text) > _WORD_LIMIT:
+        raise ScpiError(parameter.word_too_long)
+    return parameter.parse(token)
 
 
 def _limit_query(command: Command) -> Number | None:

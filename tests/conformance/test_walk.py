@@ -1,0 +1,199 @@
+"""Every command of every instrument: every spelling, bound and refusal that its expectation file names."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.conformance import walk
+from tests.conformance.walk import Bench, Command, matches
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+HP_ERA = {"e3631a", "hp34401a"}
+"""The pair whose manuals were read whole: what they say of every parameter is held to the number."""
+
+
+@cache
+def instrument(model: str) -> Bench:
+    return walk.bench(model)
+
+
+def cases(wanted: Callable[[Command], Any]) -> pytest.MarkDecorator:
+    """Parametrize over the entries of every model for which `wanted` holds."""
+    found = [
+        pytest.param(model, command, id=f"{model}: {name}")
+        for model in walk.MODELS
+        for name, command in walk.commands(model)
+        if wanted(command)
+    ]
+    return pytest.mark.parametrize(("model", "command"), found)
+
+
+def begun(model: str, command: Command) -> Bench:
+    bench = walk.bench(model) if command.fresh else instrument(model)
+    bench.device.clear()
+    bench.begin(command.arrange)
+    return bench
+
+
+def written(command: Command, argument: str) -> str:
+    return f"{command.plain} {argument}".rstrip()
+
+
+def readback(command: Command) -> str | None:
+    return command.readback or command.question
+
+
+def first_message(command: Command, spelling: str) -> tuple[str, bool]:
+    """Return a message that this spelling of the header should take, and whether it answers."""
+    if command.reset is not None or command.reply is not None:
+        return f"{spelling}?", True
+    if command.asks:
+        return f"{spelling}? {command.asks[0][0]}", True
+    argument = command.accepts[0][0] if command.accepts else command.does[0]
+    return f"{spelling} {argument}".rstrip(), False
+
+
+def all_spellings(command: Command) -> list[str]:
+    if command.only_spellings:
+        return command.only_spellings
+    return [walk.cased(spelling, number) for number, spelling in enumerate(walk.spellings(command.header))]
+
+
+@cases(lambda command: command.reset is not None or command.reply is not None)
+def test_reset_state_is_the_manuals(model: str, command: Command) -> None:
+    bench = begun(model, command)
+    expected = command.reply if command.reset is None else command.reset
+    answer = bench.ask(command.question or "")
+    assert matches(answer, str(expected)), f"{command.question} answered {answer!r}, not {expected}"
+    assert bench.error() == 0
+
+
+def _usable(command: Command) -> bool:
+    return bool(
+        command.reset is not None or command.reply is not None or command.asks or command.accepts or command.does
+    )
+
+
+@cases(_usable)
+def test_every_spelling_is_taken(model: str, command: Command) -> None:
+    expected = command.reply if command.reset is None or command.query else command.reset
+    for spelling in all_spellings(command):
+        for led in (spelling, f":{spelling}") if not spelling.startswith("*") else (spelling,):
+            bench = begun(model, command)
+            message, answers = first_message(command, led)
+            bench.write(message)
+            answer = bench.read() if answers else None
+            assert (answer is not None) is answers, message
+            if answers and expected is not None:
+                assert matches(answer, expected), f"{message} answered {answer!r}"
+            assert bench.error() == 0, message
+
+
+@cases(lambda command: _usable(command) and not command.only_spellings)
+def test_no_other_spelling_is_taken(model: str, command: Command) -> None:
+    for spelling in walk.misspellings(command.header):
+        if spelling in command.collides:
+            continue
+        bench = begun(model, command)
+        message, _ = first_message(command, spelling)
+        bench.write(message)
+        number = bench.error()
+        too_long = any(len(node.rstrip("0123456789")) > 12 for node in spelling.split(":"))
+        assert number == (-112 if too_long else -113), f"{message}: {number}"
+        assert bench.error() == 0, message
+
+
+@cases(lambda command: command.accepts)
+def test_arguments_are_taken(model: str, command: Command) -> None:
+    for argument, expected in command.accepts:
+        bench = begun(model, command)
+        message = written(command, argument)
+        bench.write(message)
+        assert bench.error() == 0, message
+        answer = bench.ask(readback(command) or "")
+        assert matches(answer, expected), f"{message}, then {readback(command)} answered {answer!r}, not {expected}"
+        assert bench.error() == 0, message
+
+
+@cases(lambda command: command.does)
+def test_actions_are_taken(model: str, command: Command) -> None:
+    for argument in command.does:
+        bench = begun(model, command)
+        message = written(command, argument)
+        bench.write(message)
+        assert bench.error() == 0, message
+
+
+@cases(lambda command: command.asks)
+def test_queries_with_an_argument_are_answered(model: str, command: Command) -> None:
+    for argument, expected in command.asks:
+        bench = begun(model, command)
+        message = f"{command.plain}? {argument}"
+        answer = bench.ask(message)
+        assert matches(answer, expected), f"{message} answered {answer!r}, not {expected}"
+        assert bench.error() == 0, message
+
+
+def refusals(model: str, command: Command) -> list[tuple[str, tuple[int, ...]]]:
+    named = [(argument, (number,)) for argument, number in command.refuses]
+    given = {argument for argument, _ in named} | {argument for argument, _ in command.accepts}
+    following = walk.refusals_of_kind(command, hp=model in HP_ERA) if command.accepts else []
+    return named + [case for case in following if case[0] not in given]
+
+
+@cases(lambda command: command.refuses or (command.kind and command.accepts))
+def test_arguments_are_refused_and_change_nothing(model: str, command: Command) -> None:
+    for argument, numbers in refusals(model, command):
+        bench = begun(model, command)
+        query = readback(command)
+        before = bench.ask(query) if query else None
+        message = written(command, argument)
+        bench.write(message)
+        number = bench.error()
+        assert number in numbers, f"{message}: {number}, not {numbers}"
+        assert bench.error() == 0, message
+        assert (bench.ask(query) if query else None) == before, message
+
+
+@cases(lambda command: command.clips)
+def test_arguments_are_clipped_and_reported(model: str, command: Command) -> None:
+    for argument, expected, number in command.clips:
+        bench = begun(model, command)
+        message = written(command, argument)
+        bench.write(message)
+        assert bench.error() == number, message
+        answer = bench.ask(readback(command) or "")
+        assert matches(answer, expected), f"{message}, then {answer!r}, not {expected}"
+
+
+@cases(lambda command: command.ask_refuses)
+def test_queries_are_refused(model: str, command: Command) -> None:
+    for argument, number in command.ask_refuses:
+        bench = begun(model, command)
+        message = f"{command.plain}? {argument}".rstrip()
+        bench.write(message)
+        seen = bench.error()
+        assert seen == number, f"{message}: {seen}, not {number}"
+
+
+def _absent() -> list[Any]:
+    return [
+        pytest.param(model, message, entry["number"], id=f"{model}: {message} [{entry['grade']}]")
+        for model in walk.MODELS
+        for entry in walk.load(model)["absent"]
+        for message in entry["messages"]
+    ]
+
+
+@pytest.mark.parametrize(("model", "message", "numbers"), _absent())
+def test_what_a_model_has_not_is_refused(model: str, message: str, numbers: list[int]) -> None:
+    bench = begun(model, Command("", ""))
+    bench.write(message)
+    number = bench.error()
+    assert number in numbers, f"{number}, not {numbers}"
+    assert bench.error() == 0
