@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import math
+from dataclasses import fields, replace
+
 import pytest
 
+from vcfbench.errors import ConfigError
 from vcfbench.sim.parameters import BenchParameters
 
 
@@ -34,3 +38,49 @@ def test_ideal_has_every_imperfection_off() -> None:
     assert len(imperfect) >= 14
     assert not any(imperfect)
     assert values["virtual_path.left_comb_n_per_v2"] == values["virtual_path.right_comb_n_per_v2"]
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "value", "expected"),
+    [
+        ("sense_anti_phase", "quality", 0.5, "a number above 0.5"),
+        ("sense_path", "low_pass_order", 0, "a number at least 1 and at most 10"),
+        ("table", "loop_damping", 1.0, "a number at least 0.1 and at most 0.99"),
+        ("table", "ripple_harmonic", (1, 0), "a number at least 1"),
+        ("thermal", "refresh_k", 0.0, "a number at least 0.0001"),
+        ("noise", "flicker_processes", -1, "a number at least 0 and at most 30"),
+        ("virtual_path", "mass_kg", math.nan, "a number above 0"),
+    ],
+)
+def test_a_value_without_a_meaning_is_refused(group: str, name: str, value: object, expected: str) -> None:
+    with pytest.raises(ValueError, match=f"^{expected}$"):
+        replace(getattr(BenchParameters.paper(), group), **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("group", "change", "expected"),
+    [
+        ("table", {"ripple_arcsec": (1.0,)}, "of one length"),
+        ("supply", {"brown_out_v": 9.0}, "brown_out_v, and that at most start_v"),
+        ("thermal", {"self_heating_k": 100.0, "ambient_c": 200.0}, None),
+        ("drive_mode", {"quality_coefficient_per_k": -4.0}, "drive_mode.quality above 0.5 at every temperature"),
+    ],
+)
+def test_values_that_contradict_each_other_are_refused(
+    group: str, change: dict[str, object], expected: str | None
+) -> None:
+    paper = BenchParameters.paper()
+    changed = {group: replace(getattr(paper, group), **change)}
+    if expected is None:
+        assert replace(paper, **changed) != paper
+        return
+    with pytest.raises(ConfigError, match=expected):
+        replace(paper, **changed)
+
+
+def test_every_group_checks_its_ranges() -> None:
+    paper = BenchParameters.paper()
+    for each in fields(paper):
+        group = getattr(paper, each.name)
+        limited = [f for f in fields(group) if str(f.metadata["allowed"]) != "a number "]
+        assert limited, each.name

@@ -7,8 +7,11 @@ realistic specimen whose imperfections were *chosen* so that the calibration of 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,156 +36,224 @@ PAPER = "Wang et al. 2018"
 CHOSEN = "chosen"
 
 
-def quantity(unit: str, meaning: str, source: str) -> Any:
-    """Declare a parameter: its unit, one line of meaning, and where its value comes from."""
-    return field(metadata={"unit": unit, "meaning": meaning, "source": source})
+@dataclass(frozen=True, slots=True)
+class _Range:
+    """Which values the model can compute with; `least` itself belongs to them, `above` does not."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    above: float = -math.inf
+
+    def holds(self, value: float) -> bool:
+        return self.least <= value <= self.most and value > self.above
+
+    def __str__(self) -> str:
+        bounds = {"above": self.above, "at least": self.least, "at most": self.most}
+        return "a number " + " and ".join(f"{word} {bound:g}" for word, bound in bounds.items() if math.isfinite(bound))
+
+
+ANY = _Range()
+POSITIVE = _Range(above=0.0)
+NOT_NEGATIVE = _Range(least=0.0)
+A_FREQUENCY = _Range(above=0.0, most=1e6)
+OSCILLATES = _Range(above=0.5)
+A_TEMPERATURE = _Range(least=-100.0, most=200.0)
+
+
+def quantity(unit: str, meaning: str, source: str, allowed: _Range = ANY) -> Any:
+    """Declare a parameter: its unit, one line of meaning, where its value comes from, and what it may be."""
+    return field(metadata={"unit": unit, "meaning": meaning, "source": source, "allowed": allowed})
 
 
 @dataclass(frozen=True, slots=True)
-class DriveMode:
+class _Group:
+    """Parameters that know their ranges."""
+
+    def __post_init__(self) -> None:
+        """Refuse a value with which the model has no meaning; bench files show these words beside the key.
+
+        Raises:
+            ValueError: what was expected instead.
+        """
+        for each in fields(self):
+            value, allowed = getattr(self, each.name), each.metadata["allowed"]
+            for number in value if isinstance(value, tuple) else (value,):
+                if not allowed.holds(number):
+                    raise ValueError(str(allowed))
+
+
+@dataclass(frozen=True, slots=True)
+class DriveMode(_Group):
     """The anti-phase drive mode x."""
 
-    frequency_hz: float = quantity("Hz", "resonance at the reference temperature", f"{PAPER}, section 4.2")
-    quality: float = quantity("1", "quality factor at the reference temperature", f"{PAPER}, section 4.2")
-    mass_kg: float = quantity("kg", "equivalent mass of the drive mode", CHOSEN)
-    frequency_coefficient_per_k: float = quantity("1/K", "relative change of the resonance", "silicon, about -30 ppm/K")
+    frequency_hz: float = quantity("Hz", "resonance at the reference temperature", f"{PAPER}, section 4.2", A_FREQUENCY)
+    quality: float = quantity("1", "quality factor at the reference temperature", f"{PAPER}, section 4.2", OSCILLATES)
+    mass_kg: float = quantity("kg", "equivalent mass of the drive mode", CHOSEN, POSITIVE)
+    frequency_coefficient_per_k: float = quantity(
+        "1/K", "relative change of the resonance", "silicon, about -30 ppm/K", _Range(least=-1e-3, most=1e-3)
+    )
     quality_coefficient_per_k: float = quantity("1/K", "relative change of the quality factor", CHOSEN)
 
 
 @dataclass(frozen=True, slots=True)
-class SenseMode:
+class SenseMode(_Group):
     """One sense mode; forces on each mass count positive in the direction of that mass's Coriolis force."""
 
-    frequency_hz: float = quantity("Hz", "resonance at the reference temperature", f"{PAPER}: 4.2 (y2), FEM (y1)")
+    frequency_hz: float = quantity(
+        "Hz", "resonance at the reference temperature", f"{PAPER}: 4.2 (y2), FEM (y1)", A_FREQUENCY
+    )
     quality: float = quantity(
-        "1", "quality factor at the reference temperature", f"{PAPER}, 4.2 (y2); chosen equal (y1)"
+        "1", "quality factor at the reference temperature", f"{PAPER}, 4.2 (y2); chosen equal (y1)", OSCILLATES
     )
     left_participation: float = quantity("1", "share of a force on the left mass that drives the mode", CHOSEN)
     right_participation: float = quantity("1", "share of a force on the right mass that drives the mode", CHOSEN)
     pick_off_v_per_m: float = quantity("V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)", CHOSEN)
     quadrature_rad_s: float = quantity("rad/s", "quadrature force as the rate that would excite as much", CHOSEN)
-    frequency_coefficient_per_k: float = quantity("1/K", "relative change of the resonance", CHOSEN)
+    frequency_coefficient_per_k: float = quantity(
+        "1/K", "relative change of the resonance", CHOSEN, _Range(least=-1e-3, most=1e-3)
+    )
     quality_coefficient_per_k: float = quantity("1/K", "relative change of the quality factor", CHOSEN)
 
 
 @dataclass(frozen=True, slots=True)
-class DriveLoop:
+class DriveLoop(_Group):
     """AGC and PLL around the drive mode."""
 
-    amplitude_m: float = quantity("m", "drive amplitude A_x that the AGC holds", CHOSEN)
+    amplitude_m: float = quantity("m", "drive amplitude A_x that the AGC holds", CHOSEN, POSITIVE)
     pick_off_v_per_m: float = quantity("V/m", "drive pick-off, node `drive`", CHOSEN)
-    agc_proportional: float = quantity("1", "AGC proportional gain, on amplitudes relative to the set one", CHOSEN)
-    agc_integral_per_s: float = quantity("1/s", "AGC integral gain", CHOSEN)
-    force_limit_n_per_v: float = quantity("N/V", "largest drive force per volt of the weaker rail", CHOSEN)
-    pll_proportional_per_s: float = quantity(
-        "1/s", "PLL proportional gain, rad/s of frequency per rad of phase", CHOSEN
+    agc_proportional: float = quantity(
+        "1", "AGC proportional gain, on amplitudes relative to the set one", CHOSEN, NOT_NEGATIVE
     )
-    pll_integral_per_s2: float = quantity("1/s^2", "PLL integral gain", CHOSEN)
+    agc_integral_per_s: float = quantity("1/s", "AGC integral gain", CHOSEN, NOT_NEGATIVE)
+    force_limit_n_per_v: float = quantity("N/V", "largest drive force per volt of the weaker rail", CHOSEN, POSITIVE)
+    pll_proportional_per_s: float = quantity(
+        "1/s", "PLL proportional gain, rad/s of frequency per rad of phase", CHOSEN, NOT_NEGATIVE
+    )
+    pll_integral_per_s2: float = quantity("1/s^2", "PLL integral gain", CHOSEN, NOT_NEGATIVE)
     pll_free_running_offset_hz: float = quantity("Hz", "VCO frequency before lock, minus the resonance", CHOSEN)
-    amplitude_supply_coefficient_per_v: float = quantity("1/V", "relative change of A_x with the weaker rail", CHOSEN)
+    amplitude_supply_coefficient_per_v: float = quantity(
+        "1/V", "relative change of A_x with the weaker rail", CHOSEN, _Range(least=-0.05, most=0.05)
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class SensePath:
+class SensePath(_Group):
     """From the pick-off to the low-pass filter."""
 
     preamplifier_gain: float = quantity("1", "K_pre", CHOSEN)
     amplifier_gain: float = quantity("1", "K_amp", CHOSEN)
-    reference_amplitude_v: float = quantity("V", "V_dac at the nominal A_x; it follows the drive pick-off", CHOSEN)
+    reference_amplitude_v: float = quantity(
+        "V", "V_dac at the nominal A_x; it follows the drive pick-off", CHOSEN, POSITIVE
+    )
     demodulator_phase_rad: float = quantity(
         "rad", "phase of the multiplier's reference against the drive force", CHOSEN
     )
     multiplier_per_v: float = quantity(
         "1/V", "scale of the demodulator's multiplier", "chosen, as analogue multipliers"
     )
-    low_pass_hz: float = quantity("Hz", "cut-off of the low-pass filter", f"{PAPER}, section 3")
-    low_pass_order: int = quantity("1", "order of the Butterworth low-pass filter", "chosen; the paper gives none")
+    low_pass_hz: float = quantity("Hz", "cut-off of the low-pass filter", f"{PAPER}, section 3", POSITIVE)
+    low_pass_order: int = quantity(
+        "1", "order of the Butterworth low-pass filter", "chosen; the paper gives none", _Range(least=1, most=10)
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class VirtualPath:
+class VirtualPath(_Group):
     """From the V_Vc input to the force on the feedback combs."""
 
-    pull_down_ohm: float = quantity("ohm", "resistor from the V_Vc input to ground", CHOSEN)
+    pull_down_ohm: float = quantity("ohm", "resistor from the V_Vc input to ground", CHOSEN, POSITIVE)
     carrier_phase_rad: float = quantity("rad", "phase of the carrier against the drive force", CHOSEN)
     left_comb_n_per_v2: float = quantity("N/V^2", "K_FBY of the left feedback combs", CHOSEN)
     right_comb_n_per_v2: float = quantity("N/V^2", "K_FBY of the right feedback combs (paper's Error 1)", CHOSEN)
-    mass_kg: float = quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", CHOSEN)
+    mass_kg: float = quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", CHOSEN, POSITIVE)
     offset_v: float = quantity("V", "modulator's leakage while its switch is closed, as V_Vc", CHOSEN)
     second_order_per_v: float = quantity("1/V", "modulator's curvature, on V_Vc^2", CHOSEN)
     third_order_per_v2: float = quantity("1/V^2", "modulator's curvature, on V_Vc^3", CHOSEN)
 
 
 @dataclass(frozen=True, slots=True)
-class OutputStage:
+class OutputStage(_Group):
     """The output amplifier: y = offset + u + second u^2 + third u^3, u = gain times the filtered signal."""
 
     gain: float = quantity("1", "linear gain", CHOSEN)
     offset_v: float = quantity("V", "offset at the output", CHOSEN)
     second_order_per_v: float = quantity("1/V", "curvature, on u^2", CHOSEN)
     third_order_per_v2: float = quantity("1/V^2", "curvature, on u^3", CHOSEN)
-    headroom_v: float = quantity("V", "how far from each rail the output saturates", CHOSEN)
+    headroom_v: float = quantity("V", "how far from each rail the output saturates", CHOSEN, NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, slots=True)
-class Supply:
+class Supply(_Group):
     """What the PCB does with its rails."""
 
-    nominal_v: float = quantity("V", "magnitude of both rails", f"{PAPER}, section 4.1")
-    start_v: float = quantity("V", "weaker rail at which the drive loop starts", CHOSEN)
-    brown_out_v: float = quantity("V", "weaker rail below which the drive loop stops", CHOSEN)
-    dead_v: float = quantity("V", "weaker rail below which every node is 0 V", CHOSEN)
-    quiescent_a: float = quantity("A", "current of each rail while running", CHOSEN)
-    start_up_a: float = quantity("A", "additional current while the drive starts", CHOSEN)
+    nominal_v: float = quantity("V", "magnitude of both rails", f"{PAPER}, section 4.1", POSITIVE)
+    start_v: float = quantity("V", "weaker rail at which the drive loop starts", CHOSEN, POSITIVE)
+    brown_out_v: float = quantity("V", "weaker rail below which the drive loop stops", CHOSEN, POSITIVE)
+    dead_v: float = quantity("V", "weaker rail below which every node is 0 V", CHOSEN, NOT_NEGATIVE)
+    quiescent_a: float = quantity("A", "current of each rail while running", CHOSEN, NOT_NEGATIVE)
+    start_up_a: float = quantity("A", "additional current while the drive starts", CHOSEN, NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, slots=True)
-class NoiseSources:
+class NoiseSources(_Group):
     """Random disturbances, as rates at the input."""
 
     angle_random_walk_deg_sqrt_s: float = quantity(
-        "deg/sqrt(s)", "white force noise, both quadratures", f"{PAPER}: 0.21 deg/sqrt(h)"
+        "deg/sqrt(s)", "white force noise, both quadratures", f"{PAPER}: 0.21 deg/sqrt(h)", NOT_NEGATIVE
     )
     bias_instability_deg_s: float = quantity(
-        "deg/s", "coefficient B of the flicker noise", f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664"
+        "deg/s",
+        "coefficient B of the flicker noise",
+        f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
+        NOT_NEGATIVE,
     )
-    flicker_shortest_s: float = quantity("s", "shortest correlation time of the flicker noise", CHOSEN)
-    flicker_processes: int = quantity("1", "number of Ornstein-Uhlenbeck processes, each four times slower", CHOSEN)
+    flicker_shortest_s: float = quantity("s", "shortest correlation time of the flicker noise", CHOSEN, POSITIVE)
+    flicker_processes: int = quantity(
+        "1", "number of Ornstein-Uhlenbeck processes, each four times slower", CHOSEN, _Range(least=0, most=30)
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class Thermal:
+class Thermal(_Group):
     """Temperature of the gyro and what the bias does with it."""
 
-    ambient_c: float = quantity("degC", "air on the bench", f"{PAPER}, Table 1")
-    reference_c: float = quantity("degC", "temperature at which the parameters hold", f"{PAPER}, Table 1")
-    self_heating_k: float = quantity("K", "rise when powered for long", CHOSEN)
-    time_constant_s: float = quantity("s", "of the warm-up", CHOSEN)
+    ambient_c: float = quantity("degC", "air on the bench", f"{PAPER}, Table 1", A_TEMPERATURE)
+    reference_c: float = quantity(
+        "degC", "temperature at which the parameters hold", f"{PAPER}, Table 1", A_TEMPERATURE
+    )
+    self_heating_k: float = quantity("K", "rise when powered for long", CHOSEN, _Range(least=0.0, most=100.0))
+    time_constant_s: float = quantity("s", "of the warm-up", CHOSEN, POSITIVE)
     bias_coefficient_deg_s_k: float = quantity("(deg/s)/K", "bias, hence the warm-up exponential", CHOSEN)
     refresh_k: float = quantity(
-        "K", "frequencies and quality factors are refreshed each time this much is passed", CHOSEN
+        "K", "frequencies and quality factors are refreshed each time this much is passed", CHOSEN, _Range(least=1e-4)
     )
 
 
 @dataclass(frozen=True, slots=True)
-class TableMechanics:
+class TableMechanics(_Group):
     """True motion of the rate table under its servo."""
 
-    loop_hz: float = quantity("Hz", "natural frequency of the rate loop", "BD125 data sheet: 25 Hz")
-    loop_damping: float = quantity("1", "damping of the rate loop", "suggested, unverified")
-    rate_error: float = quantity("1", "relative error of the mean rate", "BD125 class: 10 ppm, unverified")
+    loop_hz: float = quantity("Hz", "natural frequency of the rate loop", "BD125 data sheet: 25 Hz", POSITIVE)
+    loop_damping: float = quantity(
+        "1", "damping of the rate loop", "suggested, unverified", _Range(least=0.1, most=0.99)
+    )
+    rate_error: float = quantity(
+        "1", "relative error of the mean rate", "BD125 class: 10 ppm, unverified", _Range(least=-0.5, most=0.5)
+    )
     ripple_arcsec: tuple[float, ...] = quantity("arcsec", "amplitude of the angle error of each harmonic", CHOSEN)
-    ripple_harmonic: tuple[int, ...] = quantity("1/turn", "periods of each harmonic in a turn", CHOSEN)
+    ripple_harmonic: tuple[int, ...] = quantity("1/turn", "periods of each harmonic in a turn", CHOSEN, _Range(least=1))
     ripple_phase_rad: tuple[float, ...] = quantity("rad", "phase of each harmonic at angle zero", CHOSEN)
-    friction_deg_s2: float = quantity("deg/s^2", "dry friction with the servo open", CHOSEN)
-    friction_time_s: float = quantity("s", "time constant of viscous friction with the servo open", CHOSEN)
+    friction_deg_s2: float = quantity("deg/s^2", "dry friction with the servo open", CHOSEN, POSITIVE)
+    friction_time_s: float = quantity("s", "time constant of viscous friction with the servo open", CHOSEN, POSITIVE)
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class Site(_Group):
     """Where the bench stands."""
 
-    latitude_deg: float = quantity("deg", "geographic latitude; the table axis is vertical", "Taiyuan, unverified")
+    latitude_deg: float = quantity(
+        "deg", "geographic latitude; the table axis is vertical", "Taiyuan, unverified", _Range(least=-90.0, most=90.0)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +283,28 @@ class BenchParameters:
     thermal: Thermal
     table: TableMechanics
     site: Site
+
+    def __post_init__(self) -> None:
+        """Refuse values that contradict each other, whatever group they are in.
+
+        Raises:
+            ConfigError: which ones, and what was expected.
+        """
+        for expected, holds in self._agreements():
+            if not holds:
+                raise ConfigError(f"simulation.override: expected {expected}")
+
+    def _agreements(self) -> Iterator[tuple[str, bool]]:
+        table, supply, thermal = self.table, self.supply, self.thermal
+        sizes = {len(table.ripple_arcsec), len(table.ripple_harmonic), len(table.ripple_phase_rad)}
+        yield "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length", len(sizes) == 1
+        rising = supply.dead_v <= supply.brown_out_v <= supply.start_v
+        yield "supply.dead_v at most brown_out_v, and that at most start_v", rising
+        for name in ("drive_mode", "sense_in_phase", "sense_anti_phase"):
+            mode = getattr(self, name)
+            rises = (thermal.ambient_c - thermal.reference_c, thermal.self_heating_k)
+            worst = min(mode.quality * (1 + mode.quality_coefficient_per_k * rise) for rise in (rises[0], sum(rises)))
+            yield f"{name}.quality above 0.5 at every temperature from ambient_c up", worst > 0.5
 
     @classmethod
     def ideal(cls) -> BenchParameters:
