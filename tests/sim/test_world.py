@@ -150,6 +150,63 @@ def test_warm_up_moves_the_bias_as_one_exponential() -> None:
     assert seen == pytest.approx(wanted, rel=2e-3)
 
 
+def bias_rise_v(world: World, clock: VirtualClock, bench: BenchParameters) -> float:
+    """How far the warm-up has taken the output of a bench whose bias alone answers to temperature."""
+    return mean_v(clock, world, 1.0) - steady_v(bench, 0.0)
+
+
+def test_only_the_powered_board_warms_up_and_a_short_cut_of_power_hardly_cools_it() -> None:
+    still = {"frequency_coefficient_per_k": 0.0, "quality_coefficient_per_k": 0.0}
+    modes = {name: replace(getattr(QUIET, name), **still) for name in ("sense_in_phase", "sense_anti_phase")}
+    bench = replace(QUIET, drive_mode=replace(QUIET.drive_mode, **still), **modes)
+    thermal = bench.thermal
+    warm = -12.5527e-3 * thermal.bias_coefficient_deg_s_k * thermal.self_heating_k
+    clock = VirtualClock()
+    world = World(clock, bench, 0)
+    clock.sleep_until(2000.0)  # nobody has switched it on yet
+    for rail, volts in (("positive", 10.0), ("negative", -10.0)):
+        world.set_rail(rail, volts)
+    clock.sleep_until(2005.0)
+    assert bias_rise_v(world, clock, bench) == pytest.approx(warm * (1 - math.exp(-5.5 / 300.0)), rel=0.02)
+    clock.sleep_until(5000.0)
+    world.set_rail("positive", 0.0)
+    clock.sleep_until(5010.0)
+    world.set_rail("positive", 10.0)
+    clock.sleep_until(5015.0)
+    left = 1 - math.exp(-5.5 / 300.0) * (1 - math.exp(-10.0 / 300.0))
+    assert bias_rise_v(world, clock, bench) == pytest.approx(warm * left, rel=2e-3)
+
+
+@pytest.mark.parametrize("rail_v", [9.0, 9.9])
+def test_k_vc_does_not_see_an_error_of_the_agc(rail_v: float) -> None:
+    """V_dac follows the drive pick-off: K and the answer to V_Vc both go as A_x^2, K_Vc not at all (equation (16))."""
+    loop = replace(IDEAL.drive_loop, amplitude_supply_coefficient_per_v=1e-2)
+    clock, world = powered(replace(IDEAL, drive_loop=loop))
+    world.set_rail("positive", rail_v)
+    amplitude = 1 + 1e-2 * (rail_v - 10.0)
+    world.table.demand_rate(75.0, 1000.0)
+    clock.sleep_until(12.0)
+    assert mean_v(clock, world, 1.0) == pytest.approx(75.0 * K_IDEAL * amplitude**2, rel=1e-9)
+    world.table.demand_rate(0.0, 1000.0)
+    world.drive_v_vc(Drive(0.5, source_ohm=0.0))
+    clock.sleep_until(22.0)
+    assert mean_v(clock, world, 1.0) == pytest.approx(0.5 * k_vc_deg_s_v(IDEAL) * K_IDEAL * amplitude**2, rel=1e-9)
+    capture = world.capture(clock.now(), clock.now() + 0.002)
+    clock.sleep_until(capture.stop_s)
+    volts = capture.samples("carrier", np.linspace(capture.start_s, capture.stop_s, 20_001))
+    assert np.max(volts) == pytest.approx(2.0 * amplitude, rel=1e-5)
+
+
+def test_a_sine_at_twice_the_drive_frequency_is_a_steady_output() -> None:
+    """The carrier's image at f_d passes the demodulator: half of V_Vc, one more exponential that does not turn."""
+    clock, world = powered(IDEAL)
+    world.drive_v_vc(Drive(0.2, 0.3, 2 * 3488.9, 0.2))
+    clock.sleep_until(12.0)
+    window = world.window("output", 12.0, 13.0)
+    clock.sleep_until(13.0)
+    assert window.mean_v() == pytest.approx(world.value_v("output"), rel=1e-5)
+
+
 def test_1_ppm_of_the_modes_difference_is_141_ppm_of_the_scale_factor() -> None:
     """K goes as 1/df, a single mode at 24.8 Hz: 3.5 mHz/K."""
     sense = replace(IDEAL.sense_anti_phase, frequency_coefficient_per_k=1e-6)
@@ -189,6 +246,22 @@ def test_any_partition_of_time_gives_the_same_state_within_1e_12(cuts: list[floa
         return world.value_v("output")
 
     assert run(cuts) == pytest.approx(run([]), rel=1e-12)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.lists(st.floats(1e-4, 0.9), min_size=1, max_size=10))
+def test_looking_in_the_middle_of_a_ramp_changes_nothing(looks: list[float]) -> None:
+    def run(instants: list[float]) -> tuple[float, float]:
+        clock, world = powered(QUIET)
+        world.table.demand_rate(100.0, 100.0)
+        window = world.window("output", 4.2, 4.95)
+        for instant in sorted(instants):
+            clock.sleep_until(4.0 + instant)
+            world.advance()
+        clock.sleep_until(4.95)
+        return world.value_v("output"), window.mean_v()
+
+    assert run(looks) == pytest.approx(run([]), rel=1e-10)
 
 
 def test_a_thousand_intervals_are_one_within_1e_12() -> None:
@@ -257,6 +330,18 @@ def test_overlapping_windows_do_not_disturb_each_other() -> None:
     middle = world.window("output", start + 0.2, start + 0.3)
     clock.sleep_until(start + 1.0)
     assert 0.3 * both == pytest.approx(0.2 * first + 0.2 * second - 0.1 * middle.mean_v(), rel=1e-12)
+
+
+def test_the_scope_sees_the_phase_of_the_carrier_itself() -> None:
+    """0.3 deg beyond antiphase with the drive force on `paper`; the drive is -cos(th)."""
+    clock, world = powered(QUIET, wait_s=10.0)
+    capture = world.capture(10.0, 10.01)
+    clock.sleep_until(10.01)
+    times = 10.0 + np.arange(0, 34 / 3488.9, 1e-7)
+    carrier, drive = (
+        np.sum(capture.samples(node, times) * np.exp(-2j * math.pi * 3488.9 * times)) for node in ("carrier", "drive")
+    )
+    assert np.degrees(np.angle(carrier / drive)) == pytest.approx(-90.0 + 0.3, abs=0.02)
 
 
 def test_phases_on_the_scope_are_those_of_the_model() -> None:

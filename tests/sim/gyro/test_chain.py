@@ -157,3 +157,20 @@ def test_design_meets_its_targets() -> None:
     assert per_volt / (-12.55e-3 * 1e-3) == pytest.approx(40.0, rel=1e-4)
     switched = output_v(bench, steady_output_v(bench, 0.0, bench.virtual_path.offset_v))
     assert switched - output_v(bench, steady_output_v(bench, 0.0)) == pytest.approx(51.7e-3, rel=1e-3)
+
+
+def test_filter_takes_the_whole_product_of_v_s_and_reference_through_a_ramp() -> None:
+    """First-order filter at 1 kHz, where the 2 w_d product is a seventh: v = int w_c e^(-w_c (t - s)) V_s ref ds."""
+    sense = replace(PAPER.sense_path, low_pass_order=1, low_pass_hz=1000.0)
+    bench = replace(PAPER, sense_path=sense)
+    chain = locked_chain(bench)
+    forcing = Forcing(0.5, 300.0, [(0.2 + 0j, -80.0 + 200j), (0.2 + 0j, -80.0 - 200j)], 0.3, [])
+    turn = np.exp(2j * 0.4)
+    response = chain.respond(chain.modal(ChainState.at_rest(1), turn), forcing, turn)
+    cut_off, stop, count = 2 * math.pi * 1000.0, 0.02, 400_000
+    times = np.asarray((np.arange(count) + 0.5) * (stop / count), float)
+    phase = 0.4 + chain.drive_rad_s * times
+    v_s = (response.sense().at(times) * np.exp(1j * phase)).real
+    product = sense.multiplier_per_v * sense.reference_amplitude_v * np.sin(phase + sense.demodulator_phase_rad) * v_s
+    wanted = float(np.sum(cut_off * np.exp(-cut_off * (stop - times)) * product)) * stop / count
+    assert response.filtered().value(stop).real == pytest.approx(wanted, rel=1e-6)

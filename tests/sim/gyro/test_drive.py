@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,3 +118,24 @@ def test_amplitude_follows_the_supply_by_its_coefficient() -> None:
     clock.sleep_until(start + 0.01)
     volts = capture.samples("drive", np.linspace(start, start + 0.01, 20_000))
     assert np.max(volts) == pytest.approx(1 - 200e-6, abs=2e-6)
+
+
+def test_a_running_drive_goes_on_down_to_brown_out() -> None:
+    """Hysteresis: 7.5 V would not start it."""
+    clock, world = powered(PAPER)
+    world.set_rail("negative", -7.5)
+    clock.sleep_until(clock.now() + 2.0)
+    capture = world.capture(clock.now(), clock.now() + 0.001)
+    clock.sleep_until(clock.now() + 0.001)
+    assert np.max(capture.samples("drive", np.linspace(capture.start_s, capture.stop_s, 500))) > 0.99
+
+
+def test_a_force_too_weak_for_the_set_amplitude_holds_what_it_can() -> None:
+    """Saturated for ever: F Q / (m w^2), here 40 % of A_x."""
+    holding = PAPER.drive_mode.mass_kg * MODE.natural_rad_s**2 * AMPLITUDE / MODE.quality
+    weak = replace(PAPER, drive_loop=replace(PAPER.drive_loop, force_limit_n_per_v=0.4 * holding / 10.0))
+    clock, world = powered(weak, wait_s=5.0)
+    capture = world.capture(5.0, 5.001)
+    clock.sleep_until(5.001)
+    volts = capture.samples("drive", np.linspace(5.0, 5.001, 500))
+    assert np.max(volts) == pytest.approx(0.4, rel=1e-3)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.sim.gyro.electronics import Oscillation, amplify, modulate, node_voltage, output_limits
+from vcfbench.sim.gyro.electronics import Oscillation, amplify, modulate, node_voltage, output_limits, rail_current_a
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.parameters import BenchParameters
 
@@ -55,3 +55,9 @@ def test_frequency_and_quality_follow_the_temperature() -> None:
     mode = resonance_at(PAPER.drive_mode, PAPER.thermal, 30.0)
     assert mode.natural_rad_s / (2 * math.pi) == pytest.approx(3488.9 * (1 - 300e-6), rel=1e-12)
     assert mode.quality == pytest.approx(1395 * 0.98)
+
+
+def test_a_rail_held_below_brown_out_while_the_drive_would_start_draws_no_start_up_current() -> None:
+    supply = PAPER.supply
+    assert rail_current_a(supply, -3.5, 1.0) == pytest.approx(0.5 * supply.quiescent_a)
+    assert rail_current_a(supply, 10.0, 0.5) == pytest.approx(supply.quiescent_a + 0.5 * supply.start_up_a)

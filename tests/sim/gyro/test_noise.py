@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import noise_matrices
-from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise import STEPS_KEPT, Flicker, NoiseState, NoisyChain
 from vcfbench.sim.parameters import BenchParameters
 
 PAPER = BenchParameters.paper()
@@ -89,6 +89,33 @@ def test_drawn_steps_have_the_covariance_they_claim() -> None:
     # 4000 draws: a variance is known to 2.2 %; five times that.
     assert integrals.var() == pytest.approx(claimed[-1, -1], rel=0.11)
     assert rates.var(axis=0) == pytest.approx(np.diag(claimed)[16:-1], rel=0.11)
+
+
+def test_flicker_stays_stationary_while_the_drive_does_not_run() -> None:
+    """6000 draws, each carried on over a correlation time: a variance is known to 1.8 %; five times that."""
+    flicker, random = Flicker.of(PAPER.noise), np.random.default_rng(11)
+    before = [flicker.drawn(random) for _ in range(6000)]
+    after = np.array([flicker.later(rates, 8.0, random) for rates in before])
+    assert after.var(axis=0) == pytest.approx(np.full(COUNT, flicker.deviation_rad_s**2), rel=0.09)
+    kept = (np.array(before) * after).mean(axis=0) / flicker.deviation_rad_s**2
+    assert kept == pytest.approx(np.exp(-8.0 / flicker.times_s), abs=5 / math.sqrt(6000))
+
+
+def test_a_bench_begins_with_flicker_that_has_gone_on_for_ever() -> None:
+    """Slow processes alone: 9 of them are 3.1e-3 deg/s of bias when power comes on, which no 4 s could gather."""
+    slow = replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, flicker_shortest_s=1e4)
+    bench = replace(PAPER, noise=slow)
+    biases = [world.value_v("output") / 12.55e-3 for _, world in (powered(bench, seed) for seed in range(12))]
+    # 11 degrees of freedom: chi-square bounds of 1 in 1000 either side
+    assert 0.37 < np.std(biases, ddof=1) / 3.08e-3 < 1.7
+
+
+def test_a_bench_that_is_never_asked_at_equal_intervals_does_not_grow() -> None:
+    noise, random = noisy(), np.random.default_rng(5)
+    state = NoiseState(np.zeros(8, complex), np.zeros(COUNT))
+    for interval_s in np.linspace(0.001, 0.003, 200):
+        state, _ = noise.step(state, float(interval_s), random)
+    assert len(noise._steps) == STEPS_KEPT  # nothing else shows it but memory
 
 
 def test_long_step_and_short_steps_give_the_same_spread_of_the_mean() -> None:

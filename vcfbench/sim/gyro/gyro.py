@@ -53,8 +53,7 @@ class Gyro:
         self._locked_chains: dict[tuple[int, complex], tuple[Chain, NoisyChain]] = {}
         self._chain, self._noisy_chain = self._new_chain()
         self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
-        first = self._random.standard_normal(bench.noise.flicker_processes)
-        self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.deviation_rad_s * first)
+        self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.drawn(self._random))
 
     # -- commands, all at `now_s` --
 
@@ -135,10 +134,7 @@ class Gyro:
             return self._noise, 0.0
         if self._noisy_chain is not None:
             return self._noisy_chain.step(self._noise, duration, self._random)
-        times, deviation = self._flicker.times_s, self._flicker.deviation_rad_s
-        spread = deviation * np.sqrt(-np.expm1(-2 * duration / times))
-        rates = self._noise.rates_rad_s * np.exp(-duration / times)
-        rates = rates + spread * self._random.standard_normal(len(spread))
+        rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
         return NoiseState(np.zeros_like(self._modal), rates), 0.0
 
     def _stretch(self, response: Response, stop_s: float, noise_integral_v_s: float) -> Stretch:
@@ -205,9 +201,12 @@ class Gyro:
         return max(min(positive, -negative), 0.0)
 
     def _amplitude_m(self) -> float:
-        """Return the drive amplitude that the AGC holds on the present rails."""
-        loop, nominal = self._bench.drive_loop, self._bench.supply.nominal_v
-        return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (self._weaker_rail() - nominal))
+        """Return the drive amplitude that the AGC holds on the present rails, at most what its force can hold."""
+        loop, nominal, rail = self._bench.drive_loop, self._bench.supply.nominal_v, self._weaker_rail()
+        wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail - nominal))
+        mode, mass = self._drive_mode(), self._bench.drive_mode.mass_kg
+        strongest = loop.force_limit_n_per_v * rail * mode.quality / (mass * mode.natural_rad_s**2)
+        return min(wanted, strongest)
 
     def _heat(self) -> None:
         """Let the temperature go to its new goal from where it is."""

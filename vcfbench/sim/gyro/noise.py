@@ -42,6 +42,17 @@ class Flicker:
         deviation = math.radians(noise.bias_instability_deg_s) * math.sqrt(math.log(4) / math.pi)
         return cls(times, deviation)
 
+    def drawn(self, random: np.random.Generator) -> NDArray[np.float64]:
+        """Return rates of processes that have gone on for ever, rad/s."""
+        return np.asarray(self.deviation_rad_s * random.standard_normal(len(self.times_s)))
+
+    def later(
+        self, rates_rad_s: NDArray[np.float64], duration_s: float, random: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return what the rates have become after `duration_s`, nobody having looked at the chain."""
+        kept = np.exp(-duration_s / self.times_s)
+        return np.asarray(rates_rad_s * kept + np.sqrt(-np.expm1(-2 * duration_s / self.times_s)) * self.drawn(random))
+
 
 @dataclass(frozen=True, slots=True)
 class NoiseState:
@@ -62,8 +73,15 @@ class _Step:
     factor: NDArray[np.float64]
 
 
+STEPS_KEPT = 64
+
+
 class NoisyChain:
-    """A chain with its noise sources; factors of the covariance are kept for each interval, rounded to 1 ns."""
+    """A chain with its noise sources; factors of the covariance are kept by interval, rounded to 1 ns.
+
+    A plan has a handful of different intervals. A bench served in real time never has the same one twice, so the
+    oldest of `STEPS_KEPT` goes when another comes.
+    """
 
     def __init__(self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float) -> None:
         self._chain = chain
@@ -99,6 +117,8 @@ class NoisyChain:
         key = round(interval_s * 1e9)
         once = self._steps.get(key)
         if once is None:
+            if len(self._steps) >= STEPS_KEPT:
+                del self._steps[next(iter(self._steps))]
             once = self._steps[key] = self._step(key * 1e-9)
         drawn = once.factor @ random.standard_normal(len(once.factor))
         n = self._n

@@ -17,7 +17,8 @@ __all__ = ["ExponentialSum", "real_terms"]
 class ExponentialSum:
     """The signal `constant + slope t + sum amplitudes exp(exponents t) + turning t exp(turn t)`, complex.
 
-    t is in s from the signal's own origin; no exponent is 0.
+    t is in s from the signal's own origin. An exponent is 0 where a sine on V_Vc meets the second product of the
+    demodulator, at 2 f_d.
     """
 
     constant: complex
@@ -39,7 +40,9 @@ class ExponentialSum:
 
     def integral(self, duration_s: float) -> complex:
         """Return the integral from 0 to `duration_s`."""
-        grown = np.expm1(self.exponents * duration_s) / self.exponents
+        still = self.exponents == 0
+        grown = np.expm1(self.exponents * duration_s) / np.where(still, 1.0, self.exponents)
+        grown[still] = duration_s
         ramp = self.constant * duration_s + 0.5 * self.slope * duration_s**2
         end, turn = duration_s, self.turn
         ramped = self.turning * (end * np.exp(turn * end) - np.expm1(turn * end) / turn) / turn if self.turning else 0j
