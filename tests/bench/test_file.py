@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import copy
+import subprocess
+import sys
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -129,6 +131,18 @@ def test_the_examples_are_the_embedded_files() -> None:
 def test_the_embedded_benches_load_and_none_is_the_paper_bench() -> None:
     assert load_bench(None).name == "paper"
     assert [load_bench(name).name for name in EMBEDDED] == list(EMBEDDED)
+
+
+@pytest.mark.parametrize("name", EMBEDDED)
+def test_the_embedded_benches_agree_with_themselves(name: str) -> None:
+    """Which load_bench takes for granted, so that nothing heavy is imported to see it."""
+    assert parse_bench(embedded_text(name), name) == load_bench(name)
+
+
+def test_a_bench_is_loaded_without_the_simulation() -> None:
+    code = "import sys; from vcfbench.bench.file import load_bench; load_bench(); print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout == "False\n"
     assert load_bench(None).simulated
     assert not parse_bench(template(), "template").simulated
     assert resources.files("vcfbench.bench").joinpath("paper.toml").is_file()

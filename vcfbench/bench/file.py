@@ -54,15 +54,19 @@ def _beside(description: BenchDescription, path: Path) -> BenchDescription:
 
 def parse_bench(text: str, source: str) -> BenchDescription:
     """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
-    raw = _decode(text, source)
-    _refuse_non_finite(raw, (), source)
-    try:
-        description = msgspec.convert(raw, BenchDescription)
-    except msgspec.ValidationError as error:
-        raise _explain(str(error), raw, source) from None
+    description = _described(text, source)
     for misfit in misfits(description):
         raise _error(source, misfit.path, misfit.expected, _words(misfit.came))
     return description
+
+
+def _described(text: str, source: str) -> BenchDescription:
+    raw = _decode(text, source)
+    _refuse_non_finite(raw, (), source)
+    try:
+        return msgspec.convert(raw, BenchDescription)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), raw, source) from None
 
 
 def template() -> str:
@@ -76,7 +80,8 @@ def embedded_text(name: str) -> str:
 
 
 def _embedded(name: str) -> BenchDescription:
-    return parse_bench(embedded_text(name), f"embedded {name} bench")
+    """Return a bench that comes with the package; that it agrees with itself is tested, and costs imports to see."""
+    return _described(embedded_text(name), f"embedded {name} bench")
 
 
 def _read(path: Path) -> str:
