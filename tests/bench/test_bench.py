@@ -90,6 +90,7 @@ def test_all_that_does_not_open_is_told_and_the_rest_made_safe(
     fakes = rack(rate_source="missing", oscilloscope="missing")
     with pytest.raises(BenchError, match="2 instruments did not open: ") as caught, open_bench(real):
         pytest.fail("the bench opened")
+    assert str(caught.value).endswith(", step opening the bench")
     assert "rate_source at USB0::0x0957::0x0407::MY00000000::INSTR: nobody answers" in str(caught.value)
     assert "oscilloscope at USB0::0x0957::0x175D::MY00000000::INSTR: nobody answers" in str(caught.value)
     assert caught.value.exit_code == 3

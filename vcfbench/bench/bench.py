@@ -125,9 +125,11 @@ def _open_all(description: BenchDescription, stand: Station, safety: SafetyStack
 
 def _all(failures: list[BenchError]) -> BenchError:
     """Return one error for `failures`: itself if there is one, else one that tells them all."""
-    if len(failures) == 1:
-        return failures[0]
-    return BenchError(f"{len(failures)} instruments did not open: {'; '.join(map(str, failures))}")
+    error = failures[0]
+    if len(failures) > 1:
+        error = BenchError(f"{len(failures)} instruments did not open: {'; '.join(map(str, failures))}")
+    error.step = "opening the bench"
+    return error
 
 
 def _bench(
