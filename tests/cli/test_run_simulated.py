@@ -13,9 +13,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from typer.testing import CliRunner
 
+from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.cli.main import app
+from vcfbench.sim import world as sim_world
+from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 MAIN = "from vcfbench.cli.main import main; main()"
@@ -95,6 +99,58 @@ def test_offset_of_the_zeros_is_seen_and_does_not_enter_k_vc(ran: Ran) -> None:
     assert 0.03 < lift_v < 0.07
     assert absolute["v_vc10_v"] / zero["v_vc10_v"] == pytest.approx(1.0 + lift_v / 0.1254, rel=0.02)
     assert absolute["scale_factor_error_percent"] > 25.0
+
+
+def breaks_interlock(bench: SimulatedBench, _: pytest.MonkeyPatch) -> None:
+    bench.devices["rate_table"].set_interlock(9, faulty=True)  # type: ignore[attr-defined]
+
+
+def draws_too_much(_: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(World, "rail_current_a", lambda *_: 0.5)
+
+
+def overloads_the_meter(_: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sim_world.Window, "mean_v", lambda _: 1e3)
+
+
+@pytest.mark.parametrize(
+    ("misfortune", "words"),
+    [
+        (breaks_interlock, "rate_table at sim://paper: fault: master interlock"),
+        (draws_too_much, "power at GPIB0::5::INSTR: P25V is in current limit"),
+        (overloads_the_meter, "multimeter at GPIB0::22::INSTR: overload"),
+    ],
+)
+def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
+    misfortune: Callable[[SimulatedBench, pytest.MonkeyPatch], None],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A minute after the start: four windows are over, the table turns at 10 deg/s."""
+    built: list[SimulatedBench] = []
+    build, advance = SimulatedBench.build, World.advance
+
+    def keep(*arguments: Any) -> SimulatedBench:
+        built.append(build(*arguments))
+        return built[0]
+
+    def advance_into_misfortune(world: World) -> None:
+        if built and world.clock.now() > 60.0:
+            misfortune(built.pop(), monkeypatch)
+        advance(world)
+
+    monkeypatch.setattr(SimulatedBench, "build", keep)
+    monkeypatch.setattr(World, "advance", advance_into_misfortune)
+    result = CliRunner().invoke(app, ["run", "turntable", "--json", "--quiet", "--runs", str(tmp_path)])
+    told = json.loads(result.stdout)
+    assert result.exit_code == 3
+    assert result.stderr.startswith(f"vcfbench: {words}")
+    assert ", step 32 (average 10 readings" in result.stderr
+    assert (told["status"], len(told["points"]), told["results"]) == ("aborted", 4, {})
+    end = footer(tmp_path, told["run"])
+    assert len(end["safe"]) == 5
+    assert all(report["safe"] for report in end["safe"])
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
