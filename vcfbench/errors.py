@@ -3,24 +3,25 @@
 ::
 
     BenchError                      exit code 3 unless said otherwise
-    |- ConfigError                  2  the bench file, a CSV or an option is not usable
+    |- ConfigError                  2  the bench file, a data file, a record or an option cannot be used
     |- PlanError                    2  the procedure cannot be run as asked
-    |- LimitError                   3  a value would leave the limits of the bench
-    |- InterlockError               3  an interlock or fault of the table forbids motion
-    |- MeasurementError             3  a reading cannot be used (overload, not settled, supply in current limit)
+    |- LimitError                      a setting would leave the limits of the bench; nothing was sent
+    |- InterlockError                  an interlock or fault of the table forbids motion
+    |- MeasurementError                a reading cannot be used (overload, not settled, supply in current limit)
     |- Aborted                      4  stopped by a person or a signal, bench made safe
     |- NotSafe                      5  something could not be made safe; the message names it
-    |- TransportError
-    |  |- ConnectFailed             nobody answers at the resource
-    |  |- LinkLost                  the connection broke
-    |  |- DeadlineExceeded          no answer in time
-    |  |- FramingError              an answer that is not one
-    |  `- OutOfSync                 an answer to another question; the session is closed
-    `- InstrumentError              the instrument refused; carries its number and words
-       |- WrongInstrument           another model answers at the resource
-       `- SelfTestFailed
+    |- TransportError                  the wire failed, not the instrument
+    |  |- ConnectFailed                nobody answers at the resource
+    |  |- LinkLost                     the connection broke
+    |  |- DeadlineExceeded             no answer in time
+    |  |- FramingError                 an answer that is not one
+    |  `- OutOfSync                    answers belong to other questions; the session is closed
+    `- InstrumentError                 the instrument refused; carries its number and words
+       |- WrongInstrument              another model or specimen answers at the resource
+       `- SelfTestFailed               the instrument's own test failed
 
-``str()`` of each is one sentence that a technician can act on.
+``str()`` of each is one sentence that a technician can act on. Exit code 1 is no error: a measured value failed its
+limits.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ class BenchError(Exception):
 
 
 class ConfigError(BenchError):
-    """The bench file, a data file or an option cannot be used as it stands."""
+    """The bench file, a data file, a record or an option cannot be used as it stands."""
 
     exit_code = 2
 
@@ -103,7 +104,7 @@ class PlanError(BenchError):
 
 
 class LimitError(BenchError):
-    """A value would leave the limits of the bench or of the instrument; nothing was sent."""
+    """A setting would leave the limits of the bench or of the instrument; nothing was sent."""
 
 
 class InterlockError(BenchError):
@@ -160,7 +161,7 @@ class InstrumentError(BenchError):
 
 
 class WrongInstrument(InstrumentError):
-    """Another model than the bench file says answers at the resource."""
+    """Another model or specimen than the bench file says answers at the resource."""
 
 
 class SelfTestFailed(InstrumentError):
