@@ -10,7 +10,7 @@ from itertools import pairwise
 from textwrap import dedent
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.bench.simulated import chosen_seed, instrument_errors, physical_parameters
+from vcfbench.bench.simulated import chosen_seed, instrument_errors, named_parameters, physical_parameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,6 +30,8 @@ class Row:
     meaning: str
     source: str
 
+
+_CHOSEN = "chosen in the bench file"
 
 _UNITS = (
     ("_deg_s2", "deg/s^2"),
@@ -54,27 +56,45 @@ def inventory(description: BenchDescription, seed: int | None = None) -> list[Ro
     Raises:
         ConfigError: the bench is a real one.
     """
-    physics = (
-        Row(f"override.{row.path}", row.value, row.unit, row.meaning, row.source)
-        for row in physical_parameters(description).rows()
+    used = chosen_seed(description, seed)
+    errors = (
+        row
+        for role, group in instrument_errors(description, used).items()
+        for row in _rows(group, f"errors.{role}", _source(description, role, used))
     )
-    errors = instrument_errors(description, chosen_seed(description, seed))
-    return [*physics, *(row for role, group in errors.items() for row in _rows(group, f"errors.{role}"))]
+    return [*_physics(description), *errors]
 
 
-def _rows(group: Any, path: str) -> Iterator[Row]:
+def _physics(description: BenchDescription) -> Iterator[Row]:
+    rows = physical_parameters(description).rows()
+    assert description.simulation is not None  # noqa: S101  # a real bench has no parameters
+    for row, shipped in zip(rows, named_parameters(description.simulation).rows(), strict=True):
+        source = shipped.source if row.value == shipped.value else _CHOSEN
+        yield Row(f"override.{row.path}", row.value, row.unit, row.meaning, source)
+
+
+def _source(description: BenchDescription, role: str, seed: int) -> str:
+    """Say where the errors of one instrument come from; what they were drawn from, their meanings tell."""
+    assert description.simulation is not None  # noqa: S101  # a real bench was refused before
+    asked = getattr(description.simulation.errors, role)
+    if isinstance(asked, dict):
+        return _CHOSEN
+    return "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {seed}"
+
+
+def _rows(group: Any, path: str, source: str) -> Iterator[Row]:
     kind: type = type(group)
     meanings = _field_docstrings(kind)
     for each in fields(group):
         here, value = f"{path}.{each.name}", getattr(group, each.name)
         if is_dataclass(value):
-            yield from _rows(value, here)
+            yield from _rows(value, here, source)
         elif isinstance(value, tuple) and value and is_dataclass(value[0]):
             for index, entry in enumerate(value):
-                yield from _rows(entry, f"{here}[{index}]")
+                yield from _rows(entry, f"{here}[{index}]", source)
         else:
             told = meanings.get(each.name, "")
-            yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), told, "")
+            yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), told, source)
 
 
 @cache  # finding a class in its file takes a while
