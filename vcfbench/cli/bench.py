@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.discover import discover
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 app = typer.Typer(no_args_is_help=True, help="Show and check a bench.")
+
+app.command("discover")(discover)
 
 Bench_ = Annotated[
     Path | None,

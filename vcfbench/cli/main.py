@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from vcfbench import __version__
-from vcfbench.cli import analyze, bench, run, runs, sim
+from vcfbench.cli import analyze, bench, run, runs, sim, talk
 from vcfbench.errors import Aborted, BenchError
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ app.command("analyze")(analyze.analyze)
 app.add_typer(runs.app, name="runs")
 app.add_typer(bench.app, name="bench")
 app.add_typer(sim.app, name="sim")
+app.command("talk")(talk.talk)
 
 
 def main() -> None:

@@ -585,7 +585,10 @@ class AclTable(LineDevice):
         if not arguments or len(arguments) > 2 or arguments[0].upper() not in {"QERROR", "QFAULT", "QALL"}:
             raise _Refusal(_OUT_OF_RANGE)
         wanted = 1 if len(arguments) == 1 else _message_count(arguments[1])
-        return ";".join(self._queue.popleft() for _ in range(min(wanted, len(self._queue))))
+        messages = [self._queue.popleft() for _ in range(min(wanted, len(self._queue)))]
+        if not self._queue:  # the bit says that there are messages, as a summary bit does (unverified)
+            self._stb &= ~_STB_QUEUE
+        return ";".join(messages)
 
     def _ask_condition(self, arguments: tuple[str, ...]) -> str:
         if not 1 <= len(arguments) <= 2:

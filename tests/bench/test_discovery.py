@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import socket
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.bench import discovery
+from vcfbench.bench.discovery import Discovery, Found, SerialPort, discover, recognise, stanza
+from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.errors import BenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SUPPLY = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
+GENERATOR = "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2"
+METER = "HEWLETT-PACKARD,34401A,0,10-5-2"
+SCOPE = "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003"
+TABLE = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
+
+
+@contextmanager
+def server(reply: bytes) -> Iterator[int]:
+    """Answer each connection's first bytes with `reply`; nothing when it is empty."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        stop = threading.Event()
+
+        def serve() -> None:
+            while not stop.is_set():
+                try:
+                    connection, _ = listener.accept()
+                except OSError:
+                    return
+                with connection:
+                    connection.settimeout(5)
+                    if connection.recv(100) and reply:
+                        connection.sendall(reply)
+                    connection.recv(100)
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield listener.getsockname()[1]
+        stop.set()
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def tried(name: str, timeout_s: float = 1.0) -> Found:
+    (found,) = discover("@vcfbench", [name], timeout_s=timeout_s).tried
+    return found
+
+
+def test_the_simulated_bench_is_recognised() -> None:
+    found = discover("@vcfbench")
+    assert sorted(each.model or "" for each in found.resources) == ["33220A", "34401A", "DSO7104B", "E3631A"]
+    assert found.serial_ports == ()
+
+
+@pytest.mark.parametrize(
+    ("answer", "model"),
+    [
+        (SUPPLY, "E3631A"),
+        (GENERATOR, "33220A"),
+        ("KEYSIGHT TECHNOLOGIES,33220A,MY1,2", "33220A"),
+        (METER, "34401A"),
+        (SCOPE, "DSO7104B"),
+        (TABLE, "acl"),
+        ("ACME,33220A,0,1", None),
+        ("HEWLETT-PACKARD,3458A,0,1", None),
+        ("@01 0 OK IDLE -- 30222", None),
+        ("", None),
+    ],
+)
+def test_who_is_recognised(answer: str, model: str | None) -> None:
+    assert recognise(answer) == model
+
+
+def test_real_sockets_are_asked_by_name() -> None:
+    with server(GENERATOR.encode() + b"\n") as port:
+        found = tried(f"TCPIP::127.0.0.1::{port}::SOCKET")
+    assert (found.answer, found.model, found.serial_number) == (GENERATOR, "33220A", "MY44008868")
+
+
+@pytest.mark.parametrize("header", [b"", b"\0\0\0\0\x34\0\0\0", b"\0\0\0\0\0\0\0\x34"])
+def test_tables_are_asked_by_name(header: bytes) -> None:
+    with server(header + TABLE.encode() + b"\r\n") as port:
+        found = tried(f"socket://127.0.0.1:{port}")
+    assert (found.answer, found.model) == (TABLE, "acl")
+
+
+def test_who_does_not_answer_costs_a_bounded_time() -> None:
+    with server(b"") as port:
+        assert tried(f"TCPIP::127.0.0.1::{port}::SOCKET", timeout_s=0.1).problem == "no answer"
+    with server(b"\xff\xfe\n") as port:
+        assert "no text" in str(tried(f"socket://127.0.0.1:{port}", timeout_s=0.1).problem)
+    with socket.create_server(("127.0.0.1", 0)) as closing:
+        port = closing.getsockname()[1]
+    assert "nobody answers" in str(tried(f"TCPIP::127.0.0.1::{port}::SOCKET").problem)
+    assert "cannot be opened" in str(tried("/dev/no-such-port").problem)
+
+
+def test_a_library_that_does_not_exist_is_an_error() -> None:
+    with pytest.raises(BenchError, match="cannot be used"):
+        discover("/no/such/libvisa.so")
+
+
+def test_nothing_is_sent_to_serial_ports_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def ask(name: str, *_: object) -> Found:
+        asked.append(name)
+        return Found(name, answer=SUPPLY, model="E3631A")
+
+    names = ["GPIB0::5::INSTR", "ASRL/dev/ttyS0::INSTR", "PRLGX-ASRL::/dev/ttyS0::INTFC", "GPIB0::INTFC"]
+    monkeypatch.setattr(discovery, "_listed", lambda _library: names)
+    monkeypatch.setattr(discovery, "_serial_ports", lambda: [("/dev/ttyS0", "a port")])
+    monkeypatch.setattr(discovery, "_ask", ask)
+    monkeypatch.setattr(discovery, "_ask_port", ask)
+    found = discover("@py")
+    assert asked == ["GPIB0::5::INSTR"]
+    assert found.serial_ports == (SerialPort("/dev/ttyS0", "a port", None),)
+    probed = discover("@py", serial_probe=True)
+    assert asked[1:] == ["GPIB0::5::INSTR", "/dev/ttyS0"]
+    assert [each.resource for each in probed.answering()] == ["GPIB0::5::INSTR", "/dev/ttyS0"]
+
+
+def everything() -> Discovery:
+    resources = {
+        "GPIB0::5::INSTR": SUPPLY,
+        "USB0::1::INSTR": GENERATOR,
+        "USB0::2::INSTR": GENERATOR,
+        "USB0::3::INSTR": GENERATOR,
+        "GPIB0::22::INSTR": METER,
+        "USB0::4::INSTR": SCOPE,
+        "GPIB0::7::INSTR": "ACME,KETTLE,0,1",
+        "socket://table:9878": TABLE,
+    }
+    found = tuple(Found(name, answer, recognise(answer)) for name, answer in resources.items())
+    return Discovery("/opt/libvisa.so", (*found, Found("GPIB0::9::INSTR", problem="no answer")), (), ())
+
+
+def test_the_stanza_is_a_piece_of_a_bench_file() -> None:
+    piece = stanza(everything())
+    limits = embedded_text("paper").partition("[limits]")[2].partition("[procedure")[0]
+    site = "" if "[site]" in limits else "\n[site]\nlatitude_deg = 0.0\n"
+    bench = parse_bench(f'name = "found"\n{piece}\n[limits]{limits}{site}', "found")
+    assert bench.visa_library == "/opt/libvisa.so"
+    assert bench.power.resource == "GPIB0::5::INSTR"
+    assert bench.vibration_source is not None
+    assert bench.vibration_source.resource == "USB0::2::INSTR"
+    assert bench.rate_table.resource == "socket://table:9878"
+    assert "# another 33220A:" in piece
+    assert "# not recognised: ACME,KETTLE,0,1" in piece
+    assert '# serial_number = "MY49520121"' in piece

@@ -1,0 +1,239 @@
+"""A conversation with one instrument of a bench: every message judged first, the bench left safe."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.bench.guard import guard_of
+from vcfbench.bench.opening import open_role
+from vcfbench.bench.roles import ROLES, filled_roles, require_still, safe_action
+from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
+from vcfbench.bench.signals import StopSignals
+from vcfbench.bench.station import station
+from vcfbench.errors import BenchError, ConfigError, InstrumentError, NotSafe, TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Any
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.guard import Guard
+    from vcfbench.bench.roles import Role
+    from vcfbench.bench.station import Station
+    from vcfbench.clock import Clock
+    from vcfbench.interfaces import Identity, Instrument
+
+__all__ = ["Console", "Said", "open_console", "summary"]
+
+_SHOWN_BYTES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What came of a message: the answer (None: nothing was asked), and what the error queue held (None: nothing)."""
+
+    answer: bytes | None
+    refusal: str | None
+
+
+class Console:
+    """One open instrument, spoken to in its own words.
+
+    Args:
+        instrument: its driver, which says who answers and reads the error queue.
+        identity: who answered.
+        guard: who judges messages before they are sent; None sends everything.
+        clock: bench time.
+        signals: what stops it.
+        timeout_s: what an exchange may take.
+    """
+
+    def __init__(
+        self,
+        instrument: Instrument,
+        identity: Identity,
+        *,
+        guard: Guard | None,
+        clock: Clock,
+        signals: StopSignals,
+        timeout_s: float,
+    ) -> None:
+        from vcfbench.drivers.plain import plain  # noqa: PLC0415  # the drivers are loaded when a bench is opened
+
+        self.identity = identity
+        self.role = instrument.name
+        self.resource = instrument.resource
+        self._instrument = instrument
+        self._plain = plain(instrument, timeout_s)
+        self._guard = guard
+        self._clock = clock
+        self._signals = signals
+
+    @property
+    def closed(self) -> bool:
+        """Tell whether the connection is gone."""
+        return self._plain.closed
+
+    def say(self, message: str) -> Said:
+        """Send `message`, take the answer if it asks something, and read the error queue.
+
+        Raises:
+            LimitError: it may not be sent.
+            TransportError: the answer did not come, or the connection is gone.
+        """
+        self._signals.safe_point()
+        if not message.isascii():
+            raise ConfigError(f"{message!r} has characters that instruments do not know; nothing was sent")
+        if self._guard is not None:
+            self._guard.judge(message, lambda question: self._plain.ask(question).decode("latin-1").strip())
+        if not _asks(message):
+            return Said(None, self._told(message) or self.errors())
+        try:
+            answer = self._plain.ask(message)
+        except TransportError as error:
+            raise self._explained(error) from None
+        return Said(answer, self.errors())
+
+    def _told(self, message: str) -> str | None:
+        try:
+            self._plain.tell(message)
+        except InstrumentError as error:
+            return error.what
+        return None
+
+    def errors(self) -> str | None:
+        """Read the error queue to its end; return what it held in words, None when it held nothing."""
+        try:
+            self._instrument.check_errors()
+        except InstrumentError as error:
+            return error.what
+        return None
+
+    def _explained(self, error: TransportError) -> TransportError:
+        """Add to `error` why there was no answer, if the instrument says so and can still be asked."""
+        if not self.closed:
+            try:
+                refusal = self.errors()
+            except TransportError:
+                return error
+            error.hint = error.hint or refusal
+        return error
+
+    def wait(self, seconds: float) -> None:
+        """Let bench time pass."""
+        self._signals.wait(self._clock, self._clock.now() + seconds)
+
+    def clear(self) -> None:
+        """Do a device clear."""
+        self._plain.clear()
+
+    def read_line(self, read: Callable[[], str]) -> str:
+        """Wait for a person's line; a signal meanwhile ends the conversation (Aborted)."""
+        typing = _Typing(read)
+        self._signals.wait(typing, 0.0)
+        return typing.line
+
+
+class _Typing:
+    """Waiting for a person, as a clock: the wait as a whole is a safe point."""
+
+    def __init__(self, read: Callable[[], str]) -> None:
+        self._read = read
+        self.line = ""
+
+    def now(self) -> float:
+        return 0.0
+
+    def sleep_until(self, instant_s: float) -> None:
+        del instant_s
+        self.line = self._read()
+
+
+@contextmanager
+def open_console(
+    role: str,
+    description: BenchDescription,
+    *,
+    seed: int | None = None,
+    timeout_s: float | None = None,
+    guarded: bool = True,
+) -> Iterator[Console]:
+    """Open the instrument of `role` alone; make it safe when left, however it is left.
+
+    Raises:
+        ConfigError: the bench has no such role.
+        BenchError: the bench is in use, or the instrument did not open.
+        InterlockError: the table was found turning.
+        NotSafe: on leaving, it could not be made safe.
+    """
+    place = _role(role, description)
+    with StopSignals() as signals, station(description, seed, None) as stand:
+        safety = SafetyStack(stand.clock, patience=stand.patience)
+        under_way: BaseException | None = None
+        try:
+            instrument, identity = _opened(place, description, stand, safety)
+            guard = guard_of(role, description) if guarded else None
+            allowed_s = getattr(description, role).timeout_s if timeout_s is None else timeout_s
+            yield Console(instrument, identity, guard=guard, clock=stand.clock, signals=signals, timeout_s=allowed_s)
+        except BaseException as error:
+            under_way = error
+            raise
+        finally:
+            signals.unwind()
+            _leave(safety, signals, under_way)
+
+
+def _role(name: str, description: BenchDescription) -> Role:
+    known = {role.name: role for role in filled_roles(description)}
+    if name not in known:
+        also = "" if name not in {role.name for role in ROLES} else " on this bench"
+        raise ConfigError(f"there is no {name!r}{also}; there are {', '.join(known)}")
+    return known[name]
+
+
+def _opened(
+    role: Role, description: BenchDescription, stand: Station, safety: SafetyStack
+) -> tuple[Instrument, Identity]:
+    instrument, identity = open_role(role.name, description, stand)
+    safety.register(safe_action(role, instrument, description))
+    if role.stage is Stage.MOTION:
+        table: Any = instrument
+        require_still(table)
+    return instrument, identity
+
+
+def _leave(safety: SafetyStack, signals: StopSignals, under_way: BaseException | None) -> None:
+    """Make it safe, close it, and raise NotSafe from what is under way if it is not."""
+    try:
+        error = not_safe(safety.make_safe())
+    except LeaveNow:
+        error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at the instrument")
+    signals.close()
+    safety.close()
+    if error is None:
+        return
+    if isinstance(under_way, BenchError):
+        error.hint = f"{error.hint}; before that: {under_way}"
+    raise error from under_way
+
+
+def _asks(message: str) -> bool:
+    """Tell whether a message has a question mark outside quotes, or is one of ACL's readings without one."""
+    bare = "".join(piece for index, piece in enumerate(message.replace("'", '"').split('"')) if index % 2 == 0)
+    return "?" in bare or bare.strip().lstrip(":").upper().startswith("READ:")
+
+
+def summary(answer: bytes) -> str:
+    """Return an answer as a person can read it: text as it is, a block by its size and its first bytes."""
+    if answer[:1] == b"#" and answer[1:2].isdigit() and answer[1:2] != b"0":
+        data = answer[2 + int(answer[1:2]) :]
+        return f"block of {len(data)} bytes: {_hexadecimal(data)}"
+    if answer.isascii() and answer.decode("ascii").isprintable():
+        return answer.decode("ascii")
+    return f"{len(answer)} bytes that are no text: {_hexadecimal(answer)}"
+
+
+def _hexadecimal(data: bytes) -> str:
+    return data[:_SHOWN_BYTES].hex(" ") + (" ..." if len(data) > _SHOWN_BYTES else "")

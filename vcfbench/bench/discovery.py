@@ -1,0 +1,276 @@
+"""Finds instruments: asks what VISA resources and serial ports there are, and who answers.
+
+Nothing is sent to a serial port unless that is asked for: what is on it is not known, and a byte can move a table.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from vcfbench.clock import Deadline, WallClock
+from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+_T = TypeVar("_T")
+
+__all__ = ["Discovery", "Found", "SerialPort", "discover", "recognise", "stanza"]
+
+_REAL = "@py"
+_GRACE_S = 2.0
+_LISTING_S = 10.0
+_BAUD_RATES = (9600, 115_200)
+"""As controllers and instruments are shipped: 9600 the older ones, 115200 Zaber's."""
+
+_PLACES = (
+    # model or dialect, beginning of maker and of model in *IDN?, roles in the order in which they are given out
+    ("E3631A", ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT"), "E3631A", ("power",)),
+    ("33220A", ("AGILENT", "KEYSIGHT"), "33220A", ("rate_source", "vibration_source")),
+    ("34401A", ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT"), "34401A", ("multimeter",)),
+    ("DSO7104B", ("AGILENT", "KEYSIGHT"), "DSO7104B", ("oscilloscope",)),
+    ("acl", ("ACUTRONIC", "ACTIDYN"), "AC", ("rate_table",)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A resource and who answers there.
+
+    `answer` is what it said, `model` the model or dialect that a bench file can name (None: not recognised), `problem`
+    why it said nothing.
+    """
+
+    resource: str
+    answer: str | None = None
+    model: str | None = None
+    problem: str | None = None
+
+    @property
+    def serial_number(self) -> str | None:
+        """The serial number in the answer; models that answer 0 have none to tell."""
+        fields = (self.answer or "").split(",")
+        number = fields[2].strip() if len(fields) >= 4 else ""
+        return number if number not in {"", "0"} else None
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPort:
+    """A serial port of this computer; `found` says who answers, None when it was not asked."""
+
+    port: str
+    description: str
+    found: Found | None
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """Everything that was found, and the resources that were asked for by name."""
+
+    library: str
+    resources: tuple[Found, ...]
+    serial_ports: tuple[SerialPort, ...]
+    tried: tuple[Found, ...]
+
+    def answering(self) -> list[Found]:
+        """Return what answered, wherever it was."""
+        asked = [port.found for port in self.serial_ports if port.found is not None]
+        return [each for each in (*self.resources, *asked, *self.tried) if each.answer is not None]
+
+
+def discover(
+    library: str, tries: Sequence[str] = (), *, timeout_s: float = 1.0, serial_probe: bool = False
+) -> Discovery:
+    """Return what answers on the resources of the VISA `library`, on serial ports, and on the resources in `tries`.
+
+    Each resource is given `timeout_s` of wall time. Serial ports are asked only for `serial_probe`. What is in `tries`
+    was named by a person: it is asked wherever it is, and is real whatever the library.
+
+    Raises:
+        BenchError: the library cannot be loaded.
+    """
+    names = _listed(library)
+    ports = [] if _simulated(library) else _serial_ports()
+    asked = [name for name in names if _simulated(library) or _safe_to_ask(name)]
+    real = _REAL if _simulated(library) else library
+    return Discovery(
+        library,
+        tuple(_ask(name, library, timeout_s) for name in asked),
+        tuple(SerialPort(port, words, _ask_port(port, timeout_s) if serial_probe else None) for port, words in ports),
+        tuple(_ask(name, real, timeout_s) if "::" in name else _ask_port(name, timeout_s) for name in tries),
+    )
+
+
+def _simulated(library: str) -> bool:
+    """Tell whether nothing real can be moved through `library`."""
+    return library.endswith("@vcfbench")
+
+
+def _safe_to_ask(name: str) -> bool:
+    """Tell whether a resource is an instrument that is not on a serial port, adapters on such a port included."""
+    upper = name.upper()
+    return upper.endswith(("::INSTR", "::SOCKET")) and "ASRL" not in upper
+
+
+def _listed(library: str) -> list[str]:
+    """Return the names of all resources; a library that lists for ever is given up."""
+    import pyvisa  # noqa: PLC0415  # loaded when first needed
+
+    def names() -> list[str]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # PyVISA-py tells every time which of its extras are not installed
+            return sorted(set(pyvisa.ResourceManager(library).list_resources("?*")))
+
+    try:
+        return _within(_LISTING_S, names)
+    except Exception as error:  # a VISA library is anyone's code
+        raise BenchError(f"VISA library {library} cannot be used: {_words(error)}") from error
+
+
+def _serial_ports() -> list[tuple[str, str]]:
+    from serial.tools import list_ports  # noqa: PLC0415  # loaded when first needed
+
+    return [(port.device, port.description or "") for port in sorted(list_ports.comports())]
+
+
+def _within(seconds: float, act: Callable[[], _T]) -> _T:
+    """Run `act` in a thread, because a library's open may hang for ever; DeadlineExceeded when it does."""
+    done: list[_T] = []
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            done.append(act())
+        except BaseException as error:  # noqa: BLE001  # it is raised again in the thread that waits
+            failed.append(error)
+
+    worker = threading.Thread(target=run, daemon=True)
+    worker.start()
+    worker.join(seconds)
+    if failed:
+        raise failed[0]
+    if not done:
+        raise DeadlineExceeded("the VISA library does not come back")
+    return done[0]
+
+
+def _ask(resource: str, library: str, timeout_s: float) -> Found:
+    """Ask a VISA resource who it is."""
+
+    def answer() -> str:
+        from vcfbench.drivers.session import SerialLine, open_session  # noqa: PLC0415  # loaded when first needed
+
+        session = open_session(
+            resource,
+            library=library,
+            clock=WallClock(),
+            name=resource,
+            timeout_s=timeout_s,
+            serial=SerialLine() if resource.upper().startswith("ASRL") else None,
+        )
+        with session:
+            return session.query("*IDN?")
+
+    return _found(resource, answer, timeout_s)
+
+
+def _found(resource: str, answer: Callable[[], str], timeout_s: float) -> Found:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # VISA libraries warn of what they then raise
+            said = _within(2.0 * timeout_s + _GRACE_S, answer)
+    except TransportError as error:
+        return Found(resource, problem=error.what)
+    except Exception as error:  # noqa: BLE001  # a VISA library is anyone's code, and one resource must not end it all
+        return Found(resource, problem=_words(error))
+    return Found(resource, said, recognise(said))
+
+
+def _words(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _ask_port(url: str, timeout_s: float) -> Found:
+    """Ask who is on a serial port: ``*IDN?`` for instruments and ACL tables, then the device id of a Zaber."""
+    found = Found(url, problem="no answer")
+    for baud_rate in _BAUD_RATES:
+        for question in (b"*IDN?\n", b"/get deviceid\n"):
+            found = _found(url, lambda: _asked(url, baud_rate, question, timeout_s), timeout_s)  # noqa: B023  # run at once
+            if found.answer is not None:
+                return found
+            if found.problem is not None and "cannot be opened" in found.problem:
+                return found
+    return found
+
+
+def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
+    from vcfbench.drivers.rate_table.line import open_line  # noqa: PLC0415  # loaded when first needed
+
+    clock = WallClock()
+    line = open_line(url, clock=clock, name=url, timeout_s=timeout_s, baud_rate=baud_rate)
+    try:
+        deadline = Deadline.after(clock, timeout_s)
+        line.take_unasked()
+        line.send(question, deadline)
+        return _text(line.take_line(deadline))
+    finally:
+        line.close()
+
+
+def _text(reply: bytes) -> str:
+    """Return a reply as text, without the eight bytes that an ACL controller may put before it."""
+    from vcfbench.drivers.rate_table.acl import detect_header  # noqa: PLC0415  # loaded when first needed
+
+    body = reply[8:] if len(reply) > 8 and detect_header(reply[:8]) != "none" else reply
+    words = body.decode("latin-1").strip()
+    if not words or not (words.isascii() and words.isprintable()):
+        raise ConnectFailed(f"it answers {reply[:20]!r}, which is no text")
+    return words
+
+
+def recognise(answer: str) -> str | None:
+    """Return the model or dialect that a bench file can name for who answered so, None when there is none."""
+    fields = [field.strip().upper() for field in answer.split(",")]
+    if len(fields) < 2:
+        return None
+    for model, makers, beginning, _ in _PLACES:
+        if fields[0].startswith(makers) and fields[1].startswith(beginning):
+            return model
+    return None
+
+
+def stanza(discovery: Discovery) -> str:
+    """Return what was recognised as a piece of a bench file; what has no role left is there as a comment."""
+    lines: list[str] = []
+    if discovery.library != _REAL and not _simulated(discovery.library):
+        lines += [f"visa_library = {_quoted(discovery.library)}", ""]
+    free = {model: list(roles) for model, _, _, roles in _PLACES}
+    for found in discovery.answering():
+        roles = free.get(found.model or "", [])
+        lines += _entry(roles.pop(0), found) if roles else [*_spare(found), ""]
+    return "\n".join(lines)
+
+
+def _entry(role: str, found: Found) -> Iterator[str]:
+    kind = "dialect" if role == "rate_table" else "model"
+    yield f"[{role}]  # {found.answer}"
+    yield f"{kind} = {_quoted(found.model or '')}"
+    yield f"resource = {_quoted(found.resource)}"
+    if found.serial_number is not None and kind == "model":
+        yield f"# serial_number = {_quoted(found.serial_number)}  # refuse any other specimen"
+    yield ""
+
+
+def _spare(found: Found) -> Iterator[str]:
+    what = "not recognised" if found.model is None else f"another {found.model}"
+    yield f"# {what}: {found.answer}"
+    yield f"# resource = {_quoted(found.resource)}"
+
+
+def _quoted(text: str) -> str:
+    from json import dumps  # noqa: PLC0415
+
+    return dumps(text, ensure_ascii=False)

@@ -1,0 +1,208 @@
+"""What may be said to a generator (33220A, commands after its guide 33220-90002 as public drivers quote it)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from vcfbench.bench.guard.message import OHM, VOLT, VPP, Unreadable, header_pattern, quantity, read_message, switch
+from vcfbench.bench.guard.rules import at_most, is_one_of, refuse_self_test
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.rules import Ask
+
+__all__ = ["GeneratorRules"]
+
+_OPEN_OHM = 9.9e37
+_SOURCE_OHM = 50.0
+_DEFAULT_VPP = 0.1
+_LOAD_WORDS: Mapping[str, float] = MappingProxyType(
+    {"INFinity": _OPEN_OHM, "MINimum": 1.0, "MAXimum": 10_000.0, "DEFault": 50.0}
+)
+_HARMLESS = (
+    *("*CLS", "*ESE", "*SRE", "*OPC", "*PSC", "*WAI", "*SAV", "*TRG", "TRIGger..."),
+    *(
+        "STATus...",
+        "DISPlay...",
+        "SYSTem...",
+        "FORMat...",
+        "UNIT:ANGLe",
+        "PHASe...",
+        "OUTPut:POLarity",
+        "OUTPut:SYNC...",
+    ),
+    *("OUTPut:TRIGger...", "[SOURce:]FREQuency...", "[SOURce:]VOLTage:UNIT", "[SOURce:]VOLTage:RANGe:AUTO"),
+    *("[SOURce:]FUNCtion:SQUare...", "[SOURce:]FUNCtion:RAMP...", "[SOURce:]FUNCtion:PULSe..."),
+    *("[SOURce:]FUNCtion:USER", "[SOURce:]PULSe...", "[SOURce:]AM:STATe", "[SOURce:]AM:INTernal...", "[SOURce:]FM..."),
+    *("[SOURce:]PM...", "[SOURce:]PWM...", "[SOURce:]FSKey...", "[SOURce:]SWEep...", "[SOURce:]BURSt..."),
+    *("[SOURce:]MARKer...", "[SOURce:]DATA..."),
+)
+"""Of those none makes the peak voltage higher; a waveform in memory is a share of the amplitude."""
+
+_FUNCTIONS = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC", "USER")
+
+
+@dataclass(slots=True)
+class _State:
+    """What the generator is set to, V as it shows them for the load that it is told."""
+
+    function: str
+    vpp: float | None
+    offset_v: float
+    load_ohm: float
+
+    @classmethod
+    def asked(cls, ask: Ask) -> _State:
+        """Ask the generator; an amplitude that is not in Vpp is not known."""
+        peak_to_peak = ask("VOLT:UNIT?").strip().upper() == "VPP"
+        vpp = float(ask("VOLT?")) if peak_to_peak else None
+        return cls(ask("FUNC?").strip().upper(), vpp, float(ask("VOLT:OFFS?")), float(ask("OUTP:LOAD?")))
+
+    @property
+    def factor(self) -> float:
+        """What the open circuit has more than the load that the generator is told."""
+        return 1.0 if self.load_ohm >= _OPEN_OHM else (self.load_ohm + _SOURCE_OHM) / self.load_ohm
+
+    def peak_v(self) -> float:
+        """Return the peak voltage into an open circuit."""
+        if self.function == "DC":
+            return self.factor * abs(self.offset_v)
+        if self.vpp is None:
+            raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
+        return self.factor * (abs(self.offset_v) + self.vpp / 2.0)
+
+    def levels_v(self) -> tuple[float, float]:
+        """Return low and high level."""
+        if self.vpp is None:
+            raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
+        return self.offset_v - self.vpp / 2.0, self.offset_v + self.vpp / 2.0
+
+
+class GeneratorRules:
+    """The peak voltage, offset included, stays within the limit into an open circuit, whatever load is told."""
+
+    def __init__(self, max_v: float) -> None:
+        self._max_v = max_v
+        self._rules: dict[str, Callable[[_State, Part], None]] = {
+            "[SOURce:]FUNCtion": self._function,
+            "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]": self._amplitude,
+            "[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet": self._offset,
+            "[SOURce:]VOLTage[:LEVel][:IMMediate]:HIGH": self._high,
+            "[SOURce:]VOLTage[:LEVel][:IMMediate]:LOW": self._low,
+            "[SOURce:]AM:DEPTh": self._depth,
+            "OUTPut[:STATe]": self._switch,
+            "OUTPut:LOAD": self._load,
+            "*RST": self._reset,
+        }
+
+    def judge(self, message: str, ask: Ask) -> None:
+        """Raise Beyond or Unreadable when `message` may not be sent."""
+        state: _State | None = None
+        for part in read_message(message):
+            refuse_self_test(part)
+            if part.query or is_one_of(part, _HARMLESS) or _switches_off(part):
+                continue
+            rule = self._rule(part)
+            state = state or _State.asked(ask)
+            rule(state, part)
+            at_most("peak voltage", state.peak_v(), self._max_v, "V (open circuit)")
+
+    def _rule(self, part: Part) -> Callable[[_State, Part], None]:
+        if part.path.startswith("APPL"):
+            return self._apply
+        for spelling, rule in self._rules.items():
+            if header_pattern(spelling).fullmatch(part.path):
+                return rule
+        raise Unreadable(f"{part.path} is not known to set nothing")
+
+    def _apply(self, state: _State, part: Part) -> None:
+        """Take frequency, amplitude, offset; what is left out may be the present value or the default: the worse."""
+        word = part.path.partition(":")[2]
+        state.function = _known_function(word)
+        given = part.arguments
+        if len(given) > 1:
+            state.vpp = self._vpp(state, given[1])
+        elif state.vpp is not None:
+            state.vpp = max(state.vpp, _DEFAULT_VPP)
+        if len(given) > 2:
+            state.offset_v = self._volts(state, given[2])
+
+    def _function(self, state: _State, part: Part) -> None:
+        part.require(1)
+        state.function = _known_function(part.argument(0))
+
+    def _amplitude(self, state: _State, part: Part) -> None:
+        part.require(1)
+        if state.vpp is None:
+            state.levels_v()
+        state.vpp = self._vpp(state, part.arguments[0])
+
+    def _offset(self, state: _State, part: Part) -> None:
+        part.require(1)
+        state.offset_v = self._volts(state, part.arguments[0])
+
+    def _high(self, state: _State, part: Part) -> None:
+        part.require(1)
+        high = self._volts(state, part.arguments[0])
+        self._span(state, min(state.levels_v()[0], high), high)
+
+    def _low(self, state: _State, part: Part) -> None:
+        part.require(1)
+        low = self._volts(state, part.arguments[0])
+        self._span(state, low, max(state.levels_v()[1], low))
+
+    def _span(self, state: _State, low_v: float, high_v: float) -> None:
+        at_most("level", state.factor * max(abs(low_v), abs(high_v)), self._max_v, "V (open circuit)")
+        state.vpp, state.offset_v = high_v - low_v, (high_v + low_v) / 2.0
+
+    @staticmethod
+    def _depth(_state: _State, part: Part) -> None:
+        """Above 100 % the envelope exceeds the amplitude."""
+        part.require(1)
+        at_most("modulation depth", quantity(part.arguments[0], {"": 1.0, "PCT": 1.0}, {"MINimum": 0.0}), 100.0, "%")
+
+    @staticmethod
+    def _switch(_state: _State, part: Part) -> None:
+        part.require(1)
+        switch(part.arguments[0])
+
+    @staticmethod
+    def _load(state: _State, part: Part) -> None:
+        """Another load changes what is shown, not what is put out (sibling's guide 33210A p. 168)."""
+        part.require(1)
+        before = state.factor
+        state.load_ohm = quantity(part.arguments[0], OHM, _LOAD_WORDS)
+        if not state.load_ohm >= 1.0:
+            raise Unreadable(f"a load of {state.load_ohm:g} ohm cannot be told")
+        scale = before / state.factor
+        state.offset_v *= scale
+        state.vpp = None if state.vpp is None else state.vpp * scale
+
+    @staticmethod
+    def _reset(state: _State, _part: Part) -> None:
+        state.function, state.vpp, state.offset_v, state.load_ohm = "SIN", _DEFAULT_VPP, 0.0, _SOURCE_OHM
+
+    def _vpp(self, state: _State, text: str) -> float:
+        """Return an amplitude; the largest is what the output can do."""
+        return quantity(text, VPP, {"MINimum": 0.0, "MAXimum": 20.0 / state.factor, "DEFault": _DEFAULT_VPP})
+
+    def _volts(self, state: _State, text: str) -> float:
+        largest = 10.0 / state.factor
+        return quantity(text, VOLT, {"MINimum": -largest, "MAXimum": largest, "DEFault": 0.0})
+
+
+def _switches_off(part: Part) -> bool:
+    """Tell whether `part` opens the output relay, which must never need a look at anything first."""
+    is_switch = header_pattern("OUTPut[:STATe]").fullmatch(part.path) is not None
+    return is_switch and len(part.arguments) == 1 and part.argument(0) in {"OFF", "0"}
+
+
+def _known_function(word: str) -> str:
+    for spelling in _FUNCTIONS:
+        if header_pattern(spelling).fullmatch(word):
+            return spelling
+    raise Unreadable(f"there is no function {word!r}")

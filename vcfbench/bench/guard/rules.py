@@ -1,0 +1,54 @@
+"""What the guards have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+from vcfbench.bench.guard.message import Unreadable, header_pattern
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from vcfbench.bench.guard.message import Part
+
+__all__ = ["Ask", "Beyond", "NoRules", "Rules", "at_most", "is_one_of", "refuse_self_test"]
+
+Ask = Callable[[str], str]
+"""Puts a question to the instrument and returns its answer."""
+
+
+class Beyond(Exception):
+    """The message would leave a limit of the bench; the words say which."""
+
+
+class Rules(Protocol):
+    """The rules of one kind of instrument."""
+
+    def judge(self, message: str, ask: Ask) -> None:
+        """Raise Beyond or Unreadable when `message` may not be sent."""
+        ...
+
+
+class NoRules:
+    """The rules of an instrument that only listens: there are none."""
+
+    def judge(self, message: str, ask: Ask) -> None:
+        """Let everything pass."""
+
+
+def at_most(what: str, value: float, limit: float, unit: str) -> None:
+    """Raise Beyond for a magnitude above `limit`; the last digit of a sum is forgiven."""
+    if not abs(value) <= limit * (1.0 + 1e-9):
+        raise Beyond(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
+
+
+def is_one_of(part: Part, spellings: Iterable[str]) -> bool:
+    """Tell whether the header of `part` is one of those that are printed as `spellings`."""
+    return any(header_pattern(each).fullmatch(part.path) for each in spellings)
+
+
+def refuse_self_test(part: Part) -> None:
+    """Refuse ``*TST?``: what an output does meanwhile is not in the manuals at hand (unverified)."""
+    if part.query and part.path == "*TST":
+        raise Unreadable("what the outputs do in a self-test is not known")

@@ -1,0 +1,100 @@
+"""``vcfbench bench discover``: what answers, and what to write into a bench file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vcfbench.errors import BenchError
+
+if TYPE_CHECKING:
+    from vcfbench.bench.discovery import Discovery, Found
+
+__all__ = ["discover"]
+
+
+def discover(
+    library: Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")] = "@py",
+    tries: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--try", metavar="RESOURCE", help="Ask this one too: a VISA resource, a port, socket://host:port."
+        ),
+    ] = None,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
+    ] = 1.0,
+    *,
+    probe_serial: Annotated[
+        bool, typer.Option("--probe-serial", help="Ask serial ports too. Bytes can move what is not known: look first.")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
+    ] = False,
+) -> None:
+    """Ask every VISA resource who it is, list the serial ports, and print what a bench file can take over.
+
+    Exit code 3 when a resource given with --try does not answer.
+    """
+    from vcfbench.bench import discovery  # noqa: PLC0415
+
+    found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
+    if json:
+        import msgspec  # noqa: PLC0415
+
+        typer.echo(msgspec.json.encode(_as_json(found, discovery.stanza(found))).decode())
+    else:
+        _print(found, discovery.stanza(found))
+    silent = [each.resource for each in found.tried if each.answer is None]
+    if silent:
+        raise BenchError(f"no answer from {', '.join(silent)}")
+
+
+def _as_json(found: Discovery, stanza: str) -> dict[str, Any]:
+    return {
+        "library": found.library,
+        "resources": [_found_json(each) for each in found.resources],
+        "serial_ports": [
+            {
+                "port": each.port,
+                "description": each.description,
+                "asked": each.found is not None,
+                **({} if each.found is None else _found_json(each.found)),
+            }
+            for each in found.serial_ports
+        ],
+        "tried": [_found_json(each) for each in found.tried],
+        "stanza": stanza,
+    }
+
+
+def _found_json(found: Found) -> dict[str, Any]:
+    return {
+        "resource": found.resource,
+        "answer": found.answer,
+        "model": found.model,
+        "problem": found.problem,
+    }
+
+
+def _print(found: Discovery, stanza: str) -> None:
+    for each in (*found.resources, *found.tried):
+        typer.echo(_line(each))
+    for port in found.serial_ports:
+        if port.found is None:
+            typer.echo(f"{port.port}: {port.description}, not asked (--probe-serial asks)")
+        else:
+            typer.echo(_line(port.found))
+    if not (found.resources or found.tried or found.serial_ports):
+        typer.echo("nothing found: no VISA resource, no serial port")
+    if stanza.strip():
+        typer.echo("\n# for a bench file (vcfbench bench show --template has the rest):\n")
+        typer.echo(stanza.rstrip())
+
+
+def _line(found: Found) -> str:
+    if found.answer is None:
+        return f"{found.resource}: {found.problem}"
+    known = f"{found.model}" if found.model is not None else "not recognised"
+    return f"{found.resource}: {known}, {found.answer}"

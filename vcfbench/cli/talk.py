@@ -1,0 +1,178 @@
+"""``vcfbench talk``: a small console on any instrument of a bench."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.console import Console
+
+__all__ = ["talk"]
+
+_HELP = """\
+Each line is sent as typed. What would leave the limits of the bench file is refused before it is sent.
+.wait SECONDS   let bench time pass
+.errors         read the error queue
+.clear          device clear: end what the instrument is doing
+.quit           leave; the instrument is made safe"""
+
+_UNGUARDED = "NOT guarded: nothing is compared with the limits of the bench file"
+
+
+class _Stop(Exception):
+    """The conversation is over."""
+
+
+def talk(
+    role: Annotated[str, typer.Argument(help="power, rate_source, multimeter, oscilloscope, rate_table ...")],
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of a simulated bench.")] = None,
+    command: Annotated[
+        list[str] | None, typer.Option("--command", "-c", metavar="LINE", help="Say this and leave. May be repeated.")
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option("--timeout", metavar="S", min=0.001, help="Longest wait for an answer (bench file: timeout_s)."),
+    ] = None,
+    *,
+    unguarded: Annotated[
+        bool, typer.Option("--unguarded", help="Send everything, beyond the limits of the bench file too.")
+    ] = False,
+) -> None:
+    """Talk to one instrument in its own words; its error queue is read after every line, and it is left safe.
+
+    Answers go to stdout, everything else to stderr. Lines come from -c, else from stdin; the first that is refused or
+    fails ends it with exit code 3, unless a person types them.
+    """
+    from vcfbench.bench.console import open_console  # noqa: PLC0415
+    from vcfbench.bench.file import load_bench  # noqa: PLC0415
+
+    lines = iter(command) if command else None
+    interactive = lines is None and sys.stdin.isatty()
+    with open_console(role, load_bench(bench), seed=seed, timeout_s=timeout, guarded=not unguarded) as console:
+        if unguarded:
+            _remark(_UNGUARDED)
+        if interactive:
+            _greet(console)
+            _converse(console)
+        else:
+            _recite(console, lines or _stdin())
+
+
+def _stdin() -> Iterator[str]:
+    for line in sys.stdin:
+        yield line.rstrip("\r\n")
+
+
+def _greet(console: Console) -> None:
+    identity = console.identity
+    who = f"{identity.maker} {identity.model}, {identity.serial}, {identity.firmware}"
+    _remark(f"{console.role} at {console.resource}: {who}")
+    _remark("lines are sent as typed; .help shows what else there is, Ctrl-D leaves")
+
+
+def _recite(console: Console, lines: Iterator[str]) -> None:
+    """Say prepared lines; the first that is refused or fails ends it."""
+    with contextlib.suppress(_Stop):
+        for line in lines:
+            refusal = _perform(console, line)
+            if refusal is not None:
+                raise BenchError(refusal, instrument=console.role, resource=console.resource, command=line.strip())
+
+
+def _converse(console: Console) -> None:
+    """Say what a person types; what is refused or fails is told, and the next line taken."""
+    with _history():
+        while not console.closed:
+            try:
+                refusal = _perform(console, console.read_line(lambda: input(f"{console.role}> ")))
+                if refusal is not None:
+                    _remark(refusal)
+            except (EOFError, _Stop):
+                return
+            except (LimitError, ConfigError, TransportError) as error:
+                _remark(str(error))
+    raise BenchError("the connection is gone", instrument=console.role, resource=console.resource)
+
+
+def _perform(console: Console, line: str) -> str | None:
+    """Do what a line says; return what the instrument says against it."""
+    text = line.strip()
+    if not text or text.startswith("//"):
+        return None
+    if text.startswith("."):
+        _direct(console, text)
+        return None
+    from vcfbench.bench.console import summary  # noqa: PLC0415
+
+    said = console.say(text)
+    if said.answer is not None:
+        typer.echo(summary(said.answer))
+    elif said.refusal is None:
+        _remark("no error")
+    return said.refusal
+
+
+def _direct(console: Console, text: str) -> None:
+    """Do what the console itself is told."""
+    word, _, rest = text.partition(" ")
+    if word == ".wait":
+        console.wait(_seconds(rest))
+    elif word == ".errors":
+        _remark(console.errors() or "no error")
+    elif word == ".clear":
+        console.clear()
+    elif word == ".help":
+        _remark(_HELP)
+    elif word in {".quit", ".exit"}:
+        raise _Stop
+    else:
+        raise ConfigError(f"{text!r}: there are .wait SECONDS, .errors, .clear, .help and .quit")
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 <= seconds <= 86_400.0:
+        raise ConfigError(f".wait {text}: expected seconds, from 0 to 86400")
+    return seconds
+
+
+def _remark(text: str) -> None:
+    typer.echo(text, err=True)
+
+
+@contextlib.contextmanager
+def _history() -> Iterator[None]:
+    """Keep typed lines from one conversation to the next, where there is a readline."""
+    try:
+        import readline  # noqa: PLC0415
+    except ImportError:
+        yield
+        return
+    from vcfbench.bench.lock import lock_path  # noqa: PLC0415
+
+    path = lock_path("talk").parents[1] / "talk-history"
+    with contextlib.suppress(OSError):
+        readline.read_history_file(path)
+    try:
+        yield
+    finally:
+        readline.set_history_length(1000)
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            readline.write_history_file(path)
