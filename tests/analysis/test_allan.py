@@ -149,3 +149,10 @@ def test_a_record_too_short_is_refused(factor: int) -> None:
     if factor:
         with pytest.raises(ConfigError, match="two clusters"):
             equivalent_dof(10, factor)
+
+
+def test_decomposition_trusts_a_point_as_much_as_it_is_certain() -> None:
+    """Sure points of pure white noise, and one at the end that lies 45 % low and is worth one degree of freedom."""
+    sure = [AllanPoint(float(tau), tau**-0.5, 1000.0, 0.0, 0.0) for tau in (1, 2, 4, 8)]
+    doubtful = AllanPoint(8.0, 0.55 * 8**-0.5, 1.0, 0.0, 0.0)
+    assert decompose([*sure, doubtful]).angle_random_walk == pytest.approx(1.0, rel=0.01)

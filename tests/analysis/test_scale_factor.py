@@ -132,3 +132,14 @@ def test_a_reference_that_rounds_to_zero_has_no_rounded_error() -> None:
 def test_an_output_that_does_not_follow_is_refused() -> None:
     with pytest.raises(ConfigError, match="does not follow the rate"):
         characterise([-1, 0, 1], [0.5, 0.5, 0.5])
+
+
+def test_noise_of_a_lopsided_grid_is_that_of_the_weighted_sums() -> None:
+    """Each point with a noise of its own, through the normal equations written out: (X'X)^-1 X' V X (X'X)^-1."""
+    rate, u = np.array([0.0, 10.0, 50.0, 200.0]), np.array([1e-5, 2e-5, 3e-5, 5e-5])
+    noise = characterise(rate, -0.0125 * rate, u).type_a
+    assert noise is not None
+    design = np.column_stack([np.ones(4), rate])
+    weights = np.linalg.inv(design.T @ design) @ design.T
+    bias, slope_ = np.sqrt(np.diag(weights @ np.diag(u**2) @ weights.T))
+    assert (noise.u_bias, noise.u_scale_factor) == pytest.approx((bias, slope_), rel=1e-9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
 
 if TYPE_CHECKING:
@@ -14,9 +15,29 @@ if TYPE_CHECKING:
     from vcfbench.procedures.settings import Match
     from vcfbench.record.schema import Point
 
-__all__ = ["K_VC_UNIT", "pooled_std_v", "turntable_results", "u_output_v", "virtual_coriolis_results"]
+__all__ = [
+    "GENERATOR_ACCURACY",
+    "GENERATOR_OFFSET_V",
+    "K_VC_UNIT",
+    "LEVEL_RESOLUTION",
+    "noise_std_v",
+    "pooled_std_v",
+    "repeat_std_v",
+    "turntable_results",
+    "u_output_v",
+    "virtual_coriolis_results",
+]
 
 K_VC_UNIT = "(deg/s)/V"
+
+LEVEL_RESOLUTION = 2.0 * math.sqrt(10.0) / 2**14
+"""Step of the generator's level over the level: 14 bit of a bipolar range that ends at most 10 dB above it (33220A; the
+14 bit are of its data sheet, where the ranges lie is unverified)."""
+
+_U_LEVEL = LEVEL_RESOLUTION / math.sqrt(12.0)
+
+GENERATOR_ACCURACY, GENERATOR_OFFSET_V = 0.02, 2e-3
+"""What a 33220A promises of a direct voltage: 2 % of the setting and 2 mV (data sheet, unverified)."""
 
 
 def turntable_results(points: Sequence[Point], meter_resolution_v: float) -> dict[str, Any]:
@@ -29,21 +50,26 @@ def virtual_coriolis_results(
 ) -> dict[str, Any]:
     """Return the results of a four-step calibration.
 
-    `scale_factor_error_u_percent` is what the noise of the readings and the meter's resolution allow, through both
-    slopes and K_Vc; `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of
-    fit.
+    `scale_factor_error_u_percent` is what noise and the resolutions of meter and generator allow, through both slopes
+    and K_Vc; `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
+    Neither knows of the generator's accuracy: a V_Vc that is set and not measured may be off by as much as
+    `k_vc_u_generator` says (standard uncertainty), at step 2 and at each level of step 4 differently.
     """
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
 
     u_v = u_output_v(points, meter_resolution_v)
-    turntable, virtual = (_column(_of_step(points, step), u_v) for step in (3, 4))
     matching = Matching.of(points, match, match_rate_deg_s)
-    u_k_vc = matching.u_k_vc(pooled_std_v(points), _u_resolution_v(meter_resolution_v))
+    noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
+    u_k_vc = math.hypot(noise_k_vc, _U_LEVEL * matching.k_vc)
+    driven = _of_step(points, 4)
+    turntable = _column(_of_step(points, 3), u_v)
+    virtual = _column(driven, [math.hypot(u_v, _U_LEVEL * matching.slope * point.v_vc_v) for point in driven])
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
     return {
         "k_vc": {"value": matching.k_vc, "u": u_k_vc, "unit": K_VC_UNIT},
+        "k_vc_u_generator": _u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
         "turntable": turntable.as_json(),
         "virtual": virtual.as_json(),
@@ -60,8 +86,14 @@ def virtual_coriolis_results(
 
 
 def pooled_std_v(points: Sequence[Point]) -> float:
-    """Return the standard deviation of one reading, V, from all windows: ten readings know theirs to a quarter."""
+    """Return the standard deviation of one reading, V, from all windows: ten readings know theirs to a quarter.
+
+    Raises:
+        ConfigError: no window has two readings.
+    """
     degrees = sum(point.n - 1 for point in points)
+    if degrees < 1:
+        raise ConfigError("no window of two readings or more tells the noise")
     return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees)
 
 
@@ -72,8 +104,39 @@ def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:
     to dither it, averaging does not make it smaller. The meter's gain and the table's rate are common to all points and
     belong to a budget.
     """
-    type_a_v = pooled_std_v(points) / math.sqrt(min(point.n for point in points))
+    type_a_v = noise_std_v(points) / math.sqrt(_shortest(points))
     return math.hypot(type_a_v, _u_resolution_v(meter_resolution_v))
+
+
+def noise_std_v(points: Sequence[Point]) -> float:
+    """Return the standard deviation of one reading, V, that the means of windows scatter by.
+
+    Where windows were taken again it is their scatter, since that holds the flicker that readings within a window do
+    not see; it is never less than the readings' own.
+    """
+    return max(pooled_std_v(points), repeat_std_v(points) * math.sqrt(_shortest(points)))
+
+
+def _shortest(points: Sequence[Point]) -> int:
+    return min(point.n for point in points)
+
+
+def repeat_std_v(points: Sequence[Point]) -> float:
+    """Return the standard deviation of the means of windows taken again at the same setting, V; 0 without any."""
+    groups: dict[tuple[int, float, float], list[float]] = {}
+    for point in points:
+        groups.setdefault((point.step, point.rate_deg_s, point.v_vc_v), []).append(point.output_v)
+    degrees = sum(len(group) - 1 for group in groups.values())
+    if not degrees:
+        return 0.0
+    centres = {key: math.fsum(group) / len(group) for key, group in groups.items()}
+    squares = math.fsum((output_v - centres[key]) ** 2 for key, group in groups.items() for output_v in group)
+    return math.sqrt(squares / degrees)
+
+
+def _u_generator(v_vc_v: float) -> float:
+    """Return the relative standard uncertainty of a level that is known by its setting alone, rectangular limits."""
+    return (GENERATOR_ACCURACY + GENERATOR_OFFSET_V / abs(v_vc_v)) / math.sqrt(3.0)
 
 
 def _u_resolution_v(meter_resolution_v: float) -> float:
@@ -84,7 +147,7 @@ def _of_step(points: Sequence[Point], step: int) -> list[Point]:
     return [point for point in points if point.step == step]
 
 
-def _column(points: Sequence[Point], u_v: float) -> ScaleFactorResult:
+def _column(points: Sequence[Point], u_v: float | list[float]) -> ScaleFactorResult:
     from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415  # numpy comes with it
 
     return characterise([point.rate_deg_s for point in points], [point.output_v for point in points], u_v)

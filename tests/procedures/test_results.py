@@ -1,0 +1,109 @@
+"""What a run says of its own uncertainty."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.results import (
+    pooled_std_v,
+    repeat_std_v,
+    turntable_results,
+    u_output_v,
+    virtual_coriolis_results,
+)
+from vcfbench.procedures.settings import Match
+from vcfbench.record.schema import Point
+
+RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
+K, K_VC, READINGS = -0.0125, 150.0, 10
+
+
+def point(step: int, rate: float, v_vc: float, output_v: float, std_v: float = 0.0) -> Point:
+    return Point(step, rate, v_vc, output_v, std_v, READINGS)
+
+
+def calibration(
+    rng: np.random.Generator, *, noise_v: float = 0.0, wander_v: float = 0.0, level: float = 0.0
+) -> list[Point]:
+    """A straight gyro: white noise of a reading, a zero that moves from window to window, a DAC's uniform error."""
+
+    def taken(step: int, rate: float, v_vc: float) -> Point:
+        readings = rng.normal(0.0, noise_v, READINGS) if noise_v else np.zeros(READINGS)
+        really = v_vc * (1.0 + level * errors.setdefault(v_vc, rng.uniform(-0.5, 0.5)))
+        output = K * (K_VC * really if step in {2, 4} else rate) + rng.normal(0.0, wander_v) + readings.mean()
+        return point(step, rate, v_vc, float(output), float(readings.std(ddof=1)))
+
+    errors: dict[float, float] = {}
+    turns = [False, True, True, False] * 2
+    points = [taken(1, 10.0 * turn, 0.0) for turn in turns]
+    points += [taken(2, 0.0, 10.0 / K_VC * pushed) for pushed in turns]
+    k_vc = virtual_coriolis_k_vc(points)
+    points += [taken(3, rate, 0.0) for rate in RATES]
+    return points + [taken(4, rate, rate / k_vc) for rate in RATES]
+
+
+def virtual_coriolis_k_vc(points: list[Point]) -> float:
+    means = {
+        key: np.mean([p.output_v for p in points if (p.step, bool(p.rate_deg_s or p.v_vc_v)) == key])
+        for key in ((1, False), (1, True), (2, False), (2, True))
+    }
+    return float(K_VC * (means[2, True] - means[2, False]) / (means[1, True] - means[1, False]))
+
+
+@pytest.mark.parametrize(
+    ("noise_v", "wander_v", "level"), [(1.2e-4, 0.0, 0.0), (1.2e-4, 25e-6, 0.0), (1e-6, 0.0, 3.86e-4)]
+)
+def test_stated_uncertainties_are_not_below_the_scatter_of_200_runs(
+    noise_v: float, wander_v: float, level: float
+) -> None:
+    """A scatter of 200 is known to 5 %: 10 % low at most. The DAC's worst range is stated, so twice as much at most."""
+    rng = np.random.default_rng(1)
+    results = []
+    for _ in range(200):
+        points = calibration(rng, noise_v=noise_v, wander_v=wander_v, level=level)
+        results.append(virtual_coriolis_results(points, Match.ZERO, 10.0, 0.0))
+    for value, u in (
+        ([r["k_vc"]["value"] for r in results], [r["k_vc"]["u"] for r in results]),
+        (
+            [r["scale_factor_error_percent"] for r in results],
+            [r["scale_factor_error_u_percent"] for r in results],
+        ),
+        (
+            [r["turntable"]["scale_factor"]["value"] for r in results],
+            [r["turntable"]["type_a"]["u_scale_factor"] for r in results],
+        ),
+    ):
+        assert 0.5 < np.std(value) / np.sqrt(np.mean(np.square(u))) < 1.1
+
+
+def test_noise_of_a_reading_is_pooled_by_degrees_of_freedom() -> None:
+    windows = [Point(3, 0.0, 0.0, 0.0, 1e-4, 2), Point(3, 1.0, 0.0, 0.0, 3e-4, 4)]
+    assert pooled_std_v(windows) == pytest.approx(math.sqrt((1e-8 + 3 * 9e-8) / 4))
+    with pytest.raises(ConfigError, match="no window of two readings"):
+        pooled_std_v([])
+
+
+def test_windows_taken_again_tell_what_readings_within_one_do_not() -> None:
+    again = [point(1, 0.0, 0.0, v, 1e-6) for v in (0.0, 2e-5)] + [
+        point(1, 10.0, 0.0, v, 1e-6) for v in (-0.1, -0.10004)
+    ]
+    assert repeat_std_v(again) == pytest.approx(math.sqrt((2 * 1e-5**2 + 2 * 2e-5**2) / 2))
+    assert u_output_v(again, 0.0) == pytest.approx(repeat_std_v(again))
+    assert repeat_std_v(again[::2]) == 0.0
+    assert u_output_v(again[::2], 0.0) == pytest.approx(1e-6 / math.sqrt(READINGS))
+
+
+def test_a_level_that_nobody_measured_is_known_to_per_cents() -> None:
+    """2 % and 2 mV at 66.7 mV: 5 %, rectangular."""
+    results = virtual_coriolis_results(calibration(np.random.default_rng(2)), Match.ZERO, 10.0, 0.0)
+    assert results["k_vc_u_generator"] / results["k_vc"]["value"] == pytest.approx(0.05 / math.sqrt(3), rel=1e-6)
+    assert results["k_vc"]["u"] / results["k_vc"]["value"] == pytest.approx(3.86e-4 / math.sqrt(12), rel=1e-3)
+
+
+def test_a_turntable_run_has_no_generator() -> None:
+    run = turntable_results([point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES], 0.0)
+    assert run["type_a"]["u_scale_factor"] == pytest.approx(1e-4 / math.sqrt(READINGS * 106060.0))
