@@ -104,7 +104,6 @@ class AtlDialect:
     def _jog(self, line: TableLine, command: str, deadline: Deadline) -> None:
         patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
         with line.exclusive():
-            self._owed = True
             try:
                 self._find_place(line, deadline)
                 line.send(f"{command}\r".encode("ascii"), deadline)

@@ -414,8 +414,9 @@ class ConfigurableDialect:
         self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
     ) -> Received | None:
         for left in range(step.retry, -1, -1):
+            share = Deadline.after(line.clock, deadline.remaining() / (left + 1))
             try:
-                return self._once(line, name, step, deadline, values)
+                return self._once(line, name, step, share, values)
             except (DeadlineExceeded, FramingError):
                 if not left:
                     raise

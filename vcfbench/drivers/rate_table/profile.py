@@ -351,8 +351,27 @@ def _explained(message: str, raw: Any, path: tuple[str, ...], source: str) -> Co
         return _error(source, f"{dotted}.{missing[1]}".removeprefix("."), "a value", "nothing")
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
         return _error(source, f"{dotted}.{unknown[1]}".removeprefix("."), "a known key", "an unknown key")
+    return _error(source, dotted, _in_words(what), value)
+
+
+_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    ">=": "at least",
+    "<=": "at most",
+    ">": "above",
+    "<": "below",
+}
+
+
+def _in_words(what: str) -> str:
+    """Say what msgspec expected, without the names of Python's types."""
     expected = what.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
-    return _error(source, dotted, expected, value)
+    return " ".join(_WORDS.get(word, word) for word in expected.split())
 
 
 def _dotted(keys: tuple[str | int, ...]) -> str:

@@ -1,0 +1,246 @@
+"""Every dialect on its simulated table: what the driver promises holds for each, judged by the table's true motion."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from vcfbench.clock import Deadline, VirtualClock, sleep
+from vcfbench.drivers.rate_table.dialects import DIALECTS, SHIPPED, spoken
+from vcfbench.drivers.registry import open_instrument
+from vcfbench.errors import ConfigError, InterlockError, LimitError
+from vcfbench.sim import serial_backend
+from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.rate_tables.aaaa import AaaaTable
+from vcfbench.sim.rate_tables.acl import AclTable
+from vcfbench.sim.rate_tables.atl import AtlTable
+from vcfbench.sim.rate_tables.axis import TableErrors
+from vcfbench.sim.rate_tables.dd16 import Dd16Table
+from vcfbench.sim.rate_tables.esp import EspTable
+from vcfbench.sim.rate_tables.mn_as import MnAsTable
+from vcfbench.sim.rate_tables.ruya import RuyaTable
+from vcfbench.sim.rate_tables.zaber import ZaberTable
+from vcfbench.sim.world import World
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from vcfbench.sim.device import Device
+
+TWINS: dict[str, Callable[..., Any]] = {
+    "acl": AclTable,
+    "zaber": ZaberTable,
+    "atl": AtlTable,
+    "esp": EspTable,
+    "dd16": Dd16Table,
+    "mn_as": MnAsTable,
+    "ruya": RuyaTable,
+    "aaaa": AaaaTable,
+}
+ANSWERING = [name for name in DIALECTS if name not in ("ruya", "aaaa")]
+LIMITS = {"max_rate_deg_s": 300.0, "max_acceleration_deg_s2": 200.0}
+
+
+class Muffled:
+    """A device whose next replies get lost."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.losing = 0
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        self.device.write(data, end=end)
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        while self.losing and self.device.read(limit)[0]:
+            self.losing -= 1
+        return self.device.read(limit)
+
+    def wake_at(self) -> float | None:
+        return self.device.wake_at()
+
+
+class Bench:
+    """A table on simulated time, and its driver."""
+
+    def __init__(self, name: str, **settings: Any) -> None:
+        self.clock = AttendedClock(VirtualClock())
+        self.world = World(self.clock, BenchParameters.ideal(), 0)
+        self.twin = Muffled(TWINS[name](self.world, errors=TableErrors.none()))
+        self.clock.attend(self.twin)
+        serial_backend.register("dialects", self.twin, self.clock)  # type: ignore[arg-type]
+        told = {**LIMITS, **settings, **({"steps_per_deg": 640000 / 360} if name == "zaber" else {})}
+        self.driver: Any = open_instrument(
+            "rate_table", name, "sim://dialects", library="", clock=self.clock, settings=told
+        )
+
+    def wait(self, seconds: float) -> None:
+        sleep(self.clock, seconds)
+
+    def reach(self, rate_deg_s: float) -> None:
+        self.driver.set_rate(rate_deg_s, 100.0)
+        deadline = Deadline.after(self.clock, 20.0)
+        while not self.driver.at_rate():
+            assert not deadline.expired(), "the rate was not reached"
+            self.wait(0.05)
+        self.wait(0.5)
+
+
+@pytest.fixture(autouse=True)
+def _unplugged() -> Iterator[None]:
+    yield
+    serial_backend.unregister("dialects")
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_rates_are_reached_and_read_back(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    quantum = spoken(name, steps_per_deg=640000 / 360).dialect.rate_quantum_deg_s
+    for rate in (10.0, -20.0, 0.5, -0.1, 0.0):
+        bench.reach(rate)
+        assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=quantum)
+        assert bench.driver.rate_deg_s() == pytest.approx(rate, abs=2e-3)
+        assert bench.driver.fault() is None
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_angles_count_the_way_the_table_turns(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(10.0)
+    told, true = bench.driver.angle_deg(), bench.world.table.angle_deg()
+    bench.wait(1.0)
+    turned = (bench.driver.angle_deg() - told + 180.0) % 360.0 - 180.0
+    assert turned == pytest.approx(bench.world.table.angle_deg() - true, abs=3.0)
+    assert turned > 8.0
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_safe_is_at_rest_and_servo_open(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(-50.0)
+    report = bench.driver.make_safe(Deadline.after(bench.clock, 20.0))
+    assert report.safe, report.detail
+    assert abs(bench.world.table.rate_deg_s()) < 0.01
+    assert not bench.world.table.servo_closed
+
+
+@pytest.mark.parametrize("name", ANSWERING)
+def test_safe_in_spite_of_lost_answers(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(50.0)
+    bench.twin.losing = 2
+    report = bench.driver.make_safe(Deadline.after(bench.clock, 40.0))
+    assert report.safe, report.detail
+    assert abs(bench.world.table.rate_deg_s()) < 0.01
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_lost_answer_is_not_a_wrong_one(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(10.0)
+    for losing in (1, 1, 0):
+        bench.twin.losing = losing
+        assert bench.driver.rate_deg_s() == pytest.approx(10.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_table_found_turning_is_not_started(name: str) -> None:
+    bench = Bench(name)
+    bench.world.table.close_servo()
+    bench.world.table.demand_rate(30.0, 1000.0)
+    bench.wait(1.0)
+    with pytest.raises(InterlockError, match=r"found turning at (30|29\.9999) deg/s"):
+        bench.driver.enable()
+    assert bench.world.table.profile_rate_deg_s() == 30.0
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_the_servo_of_a_turning_table_is_not_opened(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(5.0)
+    with pytest.raises(InterlockError, match="still turns at 5"):
+        bench.driver.disable()
+    if name != "acl":  # whose Open is itself an orderly shutdown
+        dialect = bench.driver._dialect
+        with pytest.raises(InterlockError, match="the servo was not opened"):
+            dialect.open_servo(bench.driver._line, bench.driver._line.deadline())
+    assert bench.world.table.servo_closed
+    assert bench.world.table.profile_rate_deg_s() == pytest.approx(5.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize("rate", [math.nan, math.inf, 300.1])
+def test_what_is_beyond_the_limits_does_not_reach_the_table(name: str, rate: float) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(1.0)
+    with pytest.raises(LimitError):
+        bench.driver.set_rate(rate, 100.0)
+    assert bench.world.table.profile_rate_deg_s() == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_table_turns_on_when_the_host_is_gone_and_can_be_stopped_anew(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(20.0)
+    bench.driver._line.close()
+    bench.wait(20.0)
+    assert bench.world.table.profile_rate_deg_s() == pytest.approx(20.0, abs=1e-3)
+    report = bench.driver.make_safe(Deadline.after(bench.clock, 20.0))
+    assert report.safe, report.detail
+    assert abs(bench.world.table.rate_deg_s()) < 0.01
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_table_of_the_other_sign(name: str) -> None:
+    bench = Bench(name, axis_sign=-1)
+    bench.driver.enable()
+    bench.reach(10.0)
+    assert bench.world.table.rate_deg_s() == pytest.approx(-10.0, abs=1e-3)
+
+
+def test_ruya_stops_before_each_change_of_rate_and_waits_for_it() -> None:
+    bench = Bench("ruya")
+    bench.driver.enable()
+    bench.reach(100.0)
+    started_s = bench.clock.now()
+    bench.driver.set_rate(50.0, 10.0)
+    assert bench.clock.now() - started_s > 1.0  # 100 deg/s at the 100 deg/s2 of the run that is left
+    assert 0.0 < bench.world.table.profile_rate_deg_s() < 10.0
+
+
+def test_aaaa_comes_to_rest_at_the_end_of_travel() -> None:
+    bench = Bench("aaaa")
+    bench.driver.enable()
+    bench.reach(200.0)
+    bench.wait(10.0)
+    assert bench.driver.angle_deg() == pytest.approx(838.8607, abs=2e-4)
+    assert not bench.driver.at_rate()
+
+
+def test_a_zaber_stage_must_be_told_its_steps() -> None:
+    with pytest.raises(ConfigError, match=r"rate_table\.steps_per_deg: expected the stage's microsteps per degree"):
+        spoken("zaber")
+
+
+@pytest.mark.parametrize("prompting", [True, False])
+def test_atl_without_the_prompt_after_jog(prompting: bool) -> None:  # noqa: FBT001
+    bench = Bench("atl")
+    bench.twin.device = AtlTable(bench.world, TableErrors.none(), prompt_after_motion=prompting)
+    bench.driver.enable()
+    for rate in (10.0, -10.0):
+        bench.reach(rate)
+        assert bench.driver.rate_deg_s() == rate
+    bench.driver.stop(100.0)
+    bench.wait(1.0)
+    assert bench.driver.rate_deg_s() == 0.0

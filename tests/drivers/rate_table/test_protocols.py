@@ -1,0 +1,252 @@
+"""What zaber, esp and atl say and hear, message by message."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from vcfbench.drivers.rate_table.atl import AtlDialect
+from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.rate_table.esp import EspDialect
+from vcfbench.drivers.rate_table.zaber import ZaberDialect, frame_request, lrc, parse_reply
+from vcfbench.errors import FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
+from vcfbench.testing import expected_exchange, over_serial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.clock import VirtualClock
+    from vcfbench.testing import Exchange, ScriptedWire
+
+LIMITS = TableLimits(100.0, 50.0)
+
+
+def driver(dialect: Any) -> Callable[[ScriptedWire, VirtualClock], RateTableDriver]:
+    return over_serial(lambda line: RateTableDriver(line, dialect, limits=LIMITS))
+
+
+# Zaber
+
+
+def zaber(*said: tuple[str, str]) -> list[Exchange]:
+    """Number requests and replies as they come; ``*`` in front of a request is for the device and not the axis."""
+    exchanges: list[Exchange] = []
+    for number, (request, reply) in enumerate(said):
+        axis, command = (0, request[1:]) if request.startswith("*") else (1, request)
+        answer = f"@01 {axis} {number:02d} {reply}\r\n".encode()
+        exchanges.append((frame_request(1, axis, number, command), answer))
+    return exchanges
+
+
+KNOWN = [
+    ("*get deviceid", "OK IDLE -- 50081"),
+    ("*get system.serial", "RJ IDLE -- BADCOMMAND"),
+    ("*get version", "OK IDLE -- 7.33"),
+]
+STAGE = 640000 / 360
+
+
+def test_zaber_golden_frames() -> None:
+    assert frame_request(1, 0, 0, "get deviceid") == b"/1 0 00 get deviceid:42\n"
+    assert lrc("1 1 move vel 16384") == "1A"
+    assert parse_reply("@01 1 02 OK BUSY -- 0").busy
+    assert not parse_reply("@01 1 03 RJ BUSY -- BADCOMMAND").accepted
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "@01 1 OK", "@01 1 01 OK IDLE --", "@01 1 01 NO IDLE -- 0", "@01 1 01 OK IDLE -- 0:00", "/1 1 01 get pos"],
+)
+def test_what_is_no_reply_of_a_zaber_device(text: str) -> None:
+    with pytest.raises(FramingError):
+        parse_reply(text)
+
+
+def test_zaber_rate_of_ten_deg_s() -> None:
+    said = [*KNOWN, ("set accel 14", "OK IDLE -- 0"), ("move vel 29127", "OK BUSY -- 0"), ("stop", "OK BUSY -- 0")]
+    with expected_exchange(driver(ZaberDialect(STAGE)), zaber(*said)) as table:
+        table._enabled = True
+        table.set_rate(10.0, 50.0)
+        table._dialect.hold(table._line, table._line.deadline())
+
+
+def test_zaber_reasons_and_warnings() -> None:
+    said = [
+        *KNOWN,
+        ("warnings", "OK IDLE FS 03 FS WR FO"),
+        ("get vel", "RJ IDLE -- BADAXIS"),
+        ("warnings", "OK IDLE -- 00"),
+    ]
+    with expected_exchange(driver(ZaberDialect(STAGE)), zaber(*said)) as table:
+        assert table.fault() == "stalled (FS)"
+        with pytest.raises(InstrumentError, match=r"rejected \(BADAXIS: no such axis\)"):
+            table.rate_deg_s()
+        assert table.fault() is None
+
+
+def test_zaber_late_replies_alerts_and_damage_are_told_from_the_answer() -> None:
+    exchanges = zaber(*KNOWN, ("get pos", "OK IDLE -- 0"), ("get pos", "OK IDLE -- 0"))
+    noise = b"!01 1 IDLE --\r\n#01 0 hello\r\n@01 1 77 OK IDLE -- 999\r\n"
+    exchanges[3] = (
+        exchanges[3][0],
+        noise + b"@01 1 03 OK IDLE -- 640000:%s\r\n" % lrc("01 1 03 OK IDLE -- 640000").encode(),
+    )
+    exchanges[4] = (exchanges[4][0], b"@01 1 04 OK IDLE -- 641000:00\r\n")
+    exchanges.append((frame_request(1, 1, 5, "get pos"), b"@01 1 05 OK IDLE -- 1\r\n"))
+    with expected_exchange(driver(ZaberDialect(STAGE)), exchanges) as table:
+        assert table.angle_deg() == 360.0
+        assert table.angle_deg() == pytest.approx(1 / STAGE)
+
+
+def test_zaber_acceleration_that_would_mean_infinity() -> None:
+    with (
+        expected_exchange(driver(ZaberDialect(STAGE)), zaber(*KNOWN)) as table,
+        pytest.raises(LimitError, match="below"),
+    ):
+        table._dialect.demand_rate(table._line, 1.0, 1.0, table._line.deadline())
+
+
+# ESP
+
+
+def esp(*said: tuple[str, str | None]) -> list[Exchange]:
+    return [(f"{sent}\r".encode(), None if answer is None else f"{answer}\r\n".encode()) for sent, answer in said]
+
+
+VERSION = ("VE?", "ESP301 Version 3.0.1 6/1/99")
+FINE = ("TB?", "0, 451322, NO ERROR DETECTED")
+
+
+def test_esp_jog_and_stop() -> None:
+    said = [
+        VERSION,
+        ("1AC20;1AG20;1VA10.5;1MV+", None),
+        FINE,
+        ("1TV", "10.5"),
+        ("1AC20;1AG20;1ST", None),
+        FINE,
+    ]
+    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+        table._enabled = True
+        table.set_rate(10.5, 20.0)
+        assert table.rate_deg_s() == 10.5
+        table.stop(20.0)
+
+
+def test_esp_stops_before_it_turns_the_other_way() -> None:
+    said = [
+        VERSION,
+        ("1AC20;1AG20;1VA10;1MV+", None),
+        FINE,
+        ("1AC20;1AG20;1ST", None),
+        FINE,
+        ("1AG?", "20"),
+        ("1TV", "8"),
+        ("1MD?", "0"),
+        ("1MD?", "1"),
+        ("1AC20;1AG20;1VA5;1MV-", None),
+        FINE,
+    ]
+    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+        table._enabled = True
+        table.set_rate(10.0, 20.0)
+        table.set_rate(-5.0, 20.0)
+
+
+def test_esp_refusals_are_raised_and_faults_kept() -> None:
+    said = [
+        VERSION,
+        ("1VA10;1MV+", None),
+        ("TB?", "7, 451322, PARAMETER OUT OF RANGE"),
+        ("TB?", "113, 451330, AXIS-1 MOTOR NOT ENABLED"),
+        FINE,
+        ("TB?", "110, 460000, AXIS-1 MAXIMUM VELOCITY EXCEEDED"),
+        FINE,
+        FINE,
+    ]
+    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+        with pytest.raises(InstrumentError, match="refused with 7 PARAMETER OUT OF RANGE; then 113 AXIS-1") as caught:
+            table._dialect.demand_rate(table._line, 10.0, float("inf"), table._line.deadline())
+        assert caught.value.number == 7
+        assert table.fault() == "overspeed (110 AXIS-1 MAXIMUM VELOCITY EXCEEDED)"
+        with pytest.raises(InterlockError, match="overspeed"):
+            table.enable()
+
+
+def test_esp_finds_its_place_by_the_version() -> None:
+    said = [VERSION, ("1TV", None), ("VE?", "3.5\r\nESP301 Version 3.0.1 6/1/99"), ("1MO?", "1"), ("1TV", "4.5")]
+    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+        assert table.rate_deg_s() == 4.5
+
+
+def test_esp_status_character() -> None:
+    with expected_exchange(driver(EspDialect()), esp(VERSION, ("TS", "Q"), ("TS", "P"))) as table:
+        dialect, line = table._dialect, table._line
+        assert isinstance(dialect, EspDialect)
+        assert dialect.moving(line, line.deadline())
+        assert not dialect.moving(line, line.deadline())
+
+
+# ATL
+
+PROMPT = b"\r\n>\r\n"
+
+
+def atl(*said: tuple[str, bytes | None]) -> list[Exchange]:
+    return [(f"{sent}\r".encode(), answer) for sent, answer in said]
+
+
+def test_atl_the_agreed_subset() -> None:
+    said = [
+        ("PPO", b"0.0000" + PROMPT),
+        ("ACL20", PROMPT),
+        ("JOG30", PROMPT),
+        ("PVE", b"PVE30.0000" + PROMPT),
+        ("ACL20", PROMPT),
+        ("\rSTO", PROMPT),
+    ]
+    with expected_exchange(driver(AtlDialect()), atl(*said)) as table:
+        table._enabled = True
+        table.set_rate(30.0, 20.0)
+        assert table.rate_deg_s() == 30.0
+        table.stop(20.0)
+
+
+def test_atl_a_prompt_that_stays_away_after_jog_is_made_up_for() -> None:
+    said = [
+        ("PPO", b"0.0000" + PROMPT),
+        ("ACL20", PROMPT),
+        ("JOG30", None),
+        ("\rSTA", PROMPT + b"1" + PROMPT),
+        ("ACL20", PROMPT),
+        ("\rSTO", PROMPT),
+    ]
+    with expected_exchange(driver(AtlDialect()), atl(*said)) as table:
+        table._enabled = True
+        table.set_rate(30.0, 20.0)
+        table.stop(20.0)
+
+
+def test_atl_without_pve_watches_the_angle() -> None:
+    said = [
+        ("PPO", b"0.0000" + PROMPT),
+        ("PVE", b"?" + PROMPT),
+        ("PPO", b"359.0000" + PROMPT),
+        ("PPO", b"2.0000" + PROMPT),
+    ]
+    with expected_exchange(driver(AtlDialect()), atl(*said)) as table:
+        assert table.rate_deg_s() == pytest.approx(10.0)
+
+
+def test_atl_stops_even_if_the_acceleration_is_refused() -> None:
+    said = [("PPO", b"0.0000" + PROMPT), *[("ACL20", b"?" + PROMPT), ("\rSTO", PROMPT)] * 3]
+    with expected_exchange(driver(AtlDialect()), atl(*said)) as table, pytest.raises(InstrumentError, match=r"refused"):
+        table.stop(20.0)
+
+
+def test_atl_silence_closes_the_line() -> None:
+    said = [("PPO", b"0.0000" + PROMPT), ("PVE", None), ("\rSTA", None)]
+    with expected_exchange(driver(AtlDialect()), atl(*said)) as table, pytest.raises(OutOfSync):
+        table.rate_deg_s()
