@@ -79,6 +79,16 @@ def test_supply_current_is_resistive_below_brown_out_and_larger_while_starting()
     assert world.rail_current_a("negative", -10.0) == pytest.approx(supply.quiescent_a)
 
 
+def test_a_rail_that_would_start_the_board_would_draw_the_start_up_current() -> None:
+    """A supply asks before it gives: the other rail is there already, this one is not."""
+    bench = BenchParameters.paper()
+    world = World(VirtualClock(), bench, 0)
+    world.set_rail("positive", 10.0)
+    starting_a = bench.supply.quiescent_a + bench.supply.start_up_a
+    assert world.rail_current_a("negative", -10.0) == pytest.approx(starting_a)
+    assert world.rail_current_a("negative", 0.0) == 0.0
+
+
 @pytest.mark.parametrize("rate", [200.0, -50.0, 1.0])
 def test_the_table_turns_into_the_scale_factor_on_ideal_within_1e_9(rate: float) -> None:
     clock, world = powered(IDEAL)

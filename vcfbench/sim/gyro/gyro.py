@@ -76,9 +76,9 @@ class Gyro:
 
     def rail_current_a(self, rail: int, voltage_v: float) -> float:
         """Return the magnitude of the current drawn from rail 0 (positive) or 1 (negative) at a voltage."""
-        others = (abs(voltage_v), abs(self._rails[1 - rail]))
-        starts = self._running or min(others) >= self._bench.supply.start_v
-        lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m() if starts else 0.0
+        weaker_v = min(abs(voltage_v), abs(self._rails[1 - rail]))
+        starts = weaker_v > 0.0 and (self._running or weaker_v >= self._bench.supply.start_v)
+        lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m(weaker_v) if starts else 0.0
         return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
 
     # -- time --
@@ -121,7 +121,7 @@ class Gyro:
     def _settle(self) -> None:
         """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
         if self._drive[0].locked:
-            self._drive = [locked(self._amplitude_m(), self._drive_mode().natural_rad_s)]
+            self._drive = [locked(self._amplitude_m(self._weaker_rail()), self._drive_mode().natural_rad_s)]
         turn = self._turn()
         state, noise = self._chain.state(self._modal, turn), self._chain.state(self._noise.modal, 0j)
         self._chain, self._noisy_chain = self._new_chain()
@@ -200,12 +200,12 @@ class Gyro:
         positive, negative = self._rails
         return max(min(positive, -negative), 0.0)
 
-    def _amplitude_m(self) -> float:
-        """Return the drive amplitude that the AGC holds on the present rails, at most what its force can hold."""
-        loop, nominal, rail = self._bench.drive_loop, self._bench.supply.nominal_v, self._weaker_rail()
-        wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail - nominal))
+    def _amplitude_m(self, rail_v: float) -> float:
+        """Return the drive amplitude that the AGC holds on rails of `rail_v`, at most what its force can hold."""
+        loop, nominal = self._bench.drive_loop, self._bench.supply.nominal_v
+        wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
         mode, mass = self._drive_mode(), self._bench.drive_mode.mass_kg
-        strongest = loop.force_limit_n_per_v * rail * mode.quality / (mass * mode.natural_rad_s**2)
+        strongest = loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
         return min(wanted, strongest)
 
     def _heat(self) -> None:
@@ -222,7 +222,7 @@ class Gyro:
             self._drive_parts(),
             start_s=self.now_s,
             phase_rad=self._phase,
-            amplitude_m=self._amplitude_m(),
+            amplitude_m=self._amplitude_m(self._weaker_rail()),
             supply_v=self._weaker_rail(),
         )
 
