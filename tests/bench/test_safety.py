@@ -11,6 +11,7 @@ from tests.bench.fakes import FakeInstrument
 from vcfbench.bench.safety import SafeAction, SafetyStack, Stage, not_safe
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import NotSafe
+from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -123,3 +124,8 @@ def test_not_safe_names_everything_that_is_not_and_nothing_else(log: list[str]) 
     assert "source at FAKE::source" in str(error)
     assert "power" not in str(error)
     assert not_safe([]) is None
+
+
+def test_not_safe_names_an_instrument_once_though_its_error_names_it_too() -> None:
+    error = not_safe([SafeReport("power", "COM1", safe=False, detail="power at COM1: nobody answers")])
+    assert str(error) == "NOT SAFE: power at COM1: nobody answers; make it safe by hand before anything else"

@@ -132,10 +132,16 @@ def _close(instrument: Instrument) -> None:
 
 def not_safe(reports: Iterable[SafeReport]) -> NotSafe | None:
     """Return the error that names everything in `reports` that is not safe, None when all is."""
-    unsafe = [f"{report.instrument} at {report.resource}: {report.detail}" for report in reports if not report.safe]
+    unsafe = [_located(report) for report in reports if not report.safe]
     if not unsafe:
         return None
     return NotSafe(f"NOT SAFE: {'; '.join(unsafe)}", hint="make it safe by hand before anything else")
+
+
+def _located(report: SafeReport) -> str:
+    """Say once where `report` comes from: its detail may be an error that names the instrument too."""
+    where = f"{report.instrument} at {report.resource}: "
+    return where + report.detail.removeprefix(where)
 
 
 def _report(instrument: Instrument, detail: str) -> SafeReport:
