@@ -51,8 +51,8 @@ RESET = {
     "TRIG:DEL? MAX": "+3.60000000E+03",
     "DISP?": "1",
     "DISP:TEXT?": '""',
-    "STAT:QUES?": "+0",
-    "STAT:QUES:INST:ISUM3:COND?": "+0",
+    "STAT:QUES?": "0",
+    "STAT:QUES:INST:ISUM3:COND?": "0",
     "CAL:SEC:STAT?": "1",
     "*TST?": "0",
     "SYST:ERR?": '+0,"No error"',
@@ -190,7 +190,7 @@ def test_constant_voltage_or_constant_current(ohm: float, limit: float) -> None:
     expected = limit * ohm if limited else 10.0
     assert world.rail_v("positive") == pytest.approx(expected, rel=1e-9)
     assert float(talk.ask("MEAS:CURR?") or "nan") == pytest.approx(min(limit, 10.0 / ohm), rel=1e-8)
-    assert talk.ask("STAT:QUES:INST:ISUM2:COND?") == ("+1" if limited else "+2")
+    assert talk.ask("STAT:QUES:INST:ISUM2:COND?") == ("1" if limited else "2")
 
 
 def test_constant_current_reaches_the_status_byte() -> None:
@@ -201,7 +201,7 @@ def test_constant_current_reaches_the_status_byte() -> None:
     assert not supply.requests_service()
     world.load_ohm["positive"] = 4.0
     assert supply.status_byte() == 8 + 64
-    assert talk.ask("STAT:QUES?;QUES:INST?;INST:ISUM2?") == "+8192;+4;+3"
+    assert talk.ask("STAT:QUES?;QUES:INST?;INST:ISUM2?") == "8192;4;3"
     assert supply.status_byte() == 0
 
 

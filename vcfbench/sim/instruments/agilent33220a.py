@@ -44,6 +44,7 @@ from vcfbench.sim.scpi import (
     condition,
     enable,
     event,
+    next_error,
     quoted,
     real,
     signed_integer,
@@ -1268,6 +1269,7 @@ TABLE = CommandTable(
     _panel("DISPlay:TEXT", "text", Text(limit=40), quoted),
     Command("DISPlay:TEXT:CLEar", do=lambda model: model.panel.update(text="")),
     Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
+    Command("SYSTem:ERRor:NEXT", query=next_error),  # of SCPI 1999.0, which it claims; unverified
     _panel("SYSTem:BEEPer:STATe", "beep", Boolean(), boolean),
     _panel("SYSTem:KLOCk[:STATe]", "lock", Boolean(), boolean),
     _panel("SYSTem:KLOCk:EXCLude", "exclude", Choice(("NONE", "LOCal")), str),

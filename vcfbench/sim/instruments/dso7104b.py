@@ -919,6 +919,17 @@ _TRIGGER_SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
 _VOLTS = Number(unit="V")
 _SECONDS = Number(unit="S")
 _PLACES = Integer(limits=Limits(0, 9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Label(Text):
+    """A channel's label: ten capitals are kept (siblings' guide, as quoted by PyMeasure's DSOX1102G)."""
+
+    def parse(self, token: Token) -> str:
+        """Return the label as it will be shown."""
+        return Text.parse(self, token)[:10].upper()
+
+
 _GLITCH_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
 _TRIGGER_LEVEL = Number(unit="V", limits=Limits(-75.0, 75.0))
 _TIME_RANGE = Limits(5e-9, 500.0)
@@ -1013,7 +1024,7 @@ TABLE = CommandTable(
     _of_channel("DISP", "DISPlay", Boolean(), boolean),
     _of_channel("IMP", "IMPedance", Choice(("ONEMeg", "FIFTy"))),
     _of_channel("INV", "INVert", Boolean(), boolean),
-    _of_channel("LAB", "LABel", Text(limit=10), quoted),
+    _of_channel("LAB", "LABel", _Label(), quoted),
     _of_channel("PROT", "PROTection", Choice(("CLEar",))),
     _of_channel("UNIT", "UNITs", Choice(("VOLT", "AMPere"))),
     _of_channel("VERN", "VERNier", Boolean(), boolean),

@@ -35,9 +35,9 @@ from vcfbench.sim.scpi import (
     boolean,
     enable,
     event,
+    next_error,
     quoted,
     real,
-    signed_integer,
 )
 
 if TYPE_CHECKING:
@@ -832,7 +832,8 @@ def _choose_point(supply: E3631A, point: str) -> None:
 # --- the command list (p. 84-108) -------------------------------------------------------------------------
 
 _INTERFACES = {"gpib": GPIB, "rs232": RS232}
-_DIALECT = Dialect(queue_depth=20, number_not_allowed=-128)
+_DIALECT = Dialect(queue_depth=20, number_not_allowed=-128, integer=bare_integer)
+"""The guide prints every integer of a reply bare; that the wire has no sign either is unverified."""
 _NR3 = real(8)
 _OUTPUT = Choice(("P6V", "P25V", "N25V"))
 _OUTPUT_OR_SELECTED = (Choice(("P6V", "P25V", "N25V"), required=False),)
@@ -935,6 +936,7 @@ TABLE = CommandTable(
     Command("DISPlay[:WINDow]:TEXT[:DATA]", (Text(),), do=_set_display_text, query=_display_text, reply=quoted),
     Command("DISPlay[:WINDow]:TEXT:CLEar", do=_clear_display_text),
     Command("SYSTem:BEEPer[:IMMediate]", do=_beep),
+    Command("SYSTem:ERRor:NEXT", query=next_error),  # SCPI's own optional node; not in the guide, unverified
     Command("SYSTem:VERSion", query=_version),
     Command("SYSTem:LOCal", do=_go_local),
     Command("SYSTem:REMote", do=_go_remote),
@@ -947,18 +949,18 @@ TABLE = CommandTable(
     enable("STATus:QUEStionable:ENABle", lambda supply: supply.questionable),
     event("STATus:QUEStionable:INSTrument[:EVENt]", lambda supply: supply.instrument_summary),
     enable("STATus:QUEStionable:INSTrument:ENABle", lambda supply: supply.instrument_summary),
-    Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>[:EVENt]", query=_summary_event, reply=signed_integer),
-    Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>:CONDition", query=_summary_condition, reply=signed_integer),
+    Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>[:EVENt]", query=_summary_event, reply=bare_integer),
+    Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>:CONDition", query=_summary_condition, reply=bare_integer),
     Command(
         "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:ENABle",
         (Integer(limits=Limits(0, 32767)),),
         do=_set_summary_enable,
         query=_summary_enable,
         query_parameters=(),
-        reply=signed_integer,
+        reply=bare_integer,
     ),
     # calibration
-    Command("CALibration:COUNt", query=_calibration_count, reply=signed_integer),
+    Command("CALibration:COUNt", query=_calibration_count, reply=bare_integer),
     Command("CALibration:SECure:CODE", (Word(),), do=_set_code),
     Command("CALibration:SECure:STATe", (Boolean(), Word()), do=_set_secured, query=_secured, reply=boolean),
     Command("CALibration:STRing", (Text(limit=40),), do=_set_calibration_text, query=_calibration_text, reply=quoted),

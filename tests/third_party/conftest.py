@@ -1,0 +1,101 @@
+"""Programs that nobody here wrote, against the served bench; collected when VCFBENCH_THIRD_PARTY=1 is set.
+
+They are fetched from the package registry into environments that live as long as the session.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tomllib
+import venv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+collect_ignore_glob = [] if os.environ.get("VCFBENCH_THIRD_PARTY") == "1" else ["test_*.py"]
+
+HERE = Path(__file__).parent
+ROLES = ("power", "rate_source", "multimeter", "oscilloscope")
+PYMEASURE = "pymeasure==0.16.0"
+QCODES = "qcodes==0.58.0"
+TOOLS = ("pyvisa==1.16.2", "pyvisa-py==0.8.1", "pyserial")
+
+
+def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYVISA_LIBRARY": "@py"}
+    return subprocess.run(  # noqa: S603
+        [str(word) for word in words], capture_output=True, text=True, check=False, timeout=timeout_s, env=environment
+    )
+
+
+def _environment(folder: Path, *packages: str) -> Path:
+    venv.create(folder, with_pip=True)
+    python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+    done = command(python, "-m", "pip", "install", "--quiet", *packages)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return python
+
+
+@pytest.fixture(scope="session")
+def pymeasure(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Interpreter of an environment with PyMeasure."""
+    return _environment(tmp_path_factory.mktemp("pymeasure"), PYMEASURE, *TOOLS, "pytest")
+
+
+@pytest.fixture(scope="session")
+def qcodes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Interpreter of an environment with QCoDeS."""
+    return _environment(tmp_path_factory.mktemp("qcodes"), QCODES, *TOOLS)
+
+
+@pytest.fixture(scope="session")
+def pymeasure_source(pymeasure: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """PyMeasure's source distribution, unpacked; its suites for devices are in there only."""
+    folder = tmp_path_factory.mktemp("source")
+    done = command(
+        pymeasure, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":none:", "--no-binary", "pymeasure",
+        "--dest", folder, PYMEASURE,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
+        archive.extractall(folder, filter="data")
+    return next(path for path in folder.iterdir() if path.is_dir())
+
+
+@dataclass(frozen=True)
+class Served:
+    """Resource strings by role and wire."""
+
+    wires: dict[str, dict[str, Any]]
+
+    def resource(self, role: str, wire: str) -> str:
+        return str(self.wires[role][wire])
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    """A bench, served by the command itself."""
+    offers = [word for role in ROLES for word in ("--offer", f"{role}:tcp,pty")]
+    words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--speed", "max", "--json", *offers]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
+        assert server.stdout is not None
+        try:
+            yield Served(json.loads(server.stdout.readline())["instruments"])
+        finally:
+            server.terminate()
+            server.wait(10)
+
+
+def expected_failures(suite: str) -> dict[str, str]:
+    """Return the tests of a suite that the real box fails too, each with the reason."""
+    listed = tomllib.loads((HERE / "expected_failures.toml").read_text(encoding="utf-8"))
+    return dict(listed.get(suite, {}))

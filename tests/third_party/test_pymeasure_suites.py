@@ -1,0 +1,60 @@
+"""PyMeasure's own suites for connected devices, from its source distribution, against a served pty or VXI-11."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path  # noqa: TC003  # fixtures are annotated with it
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from tests.third_party.conftest import Served, command, expected_failures
+
+
+def outcomes(python: Path, source: Path, suite: str, address: str, report: Path) -> dict[str, bool]:
+    """Run a suite; return for every test whether it passed."""
+    command(
+        python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:warnings", "--rootdir", source,
+        "--junit-xml", report, "--device-address", address, suite,
+    )  # fmt: skip
+    cases = ET.parse(report).getroot().iter("testcase")  # noqa: S314  # our own pytest wrote it
+    return {str(case.get("name")): case.find("failure") is None and case.find("error") is None for case in cases}
+
+
+def check(seen: dict[str, bool], suite: str, at_least: int) -> None:
+    failed = {name for name, passed in seen.items() if not passed}
+    assert len(seen) >= at_least
+    assert failed == set(expected_failures(suite)), f"{len(seen) - len(failed)} of {len(seen)} passed"
+
+
+@pytest.mark.parametrize(
+    ("role", "suite", "at_least"),
+    [
+        ("multimeter", "hp/test_hp34401a_with_device.py", 108),
+        ("power", "keysight/test_keysightE3631A_with_device.py", 34),
+        ("rate_source", "keysight/test_keysight33250A_with_device.py", 6),
+    ],
+)
+def test_suite_on_a_pty(  # noqa: PLR0917  # fixtures
+    role: str, suite: str, at_least: int, pymeasure: Path, pymeasure_source: Path, served: Served, tmp_path: Path
+) -> None:
+    path = pymeasure_source / "tests" / "instruments" / suite
+    seen = outcomes(pymeasure, path.parents[2], str(path), served.resource(role, "pty"), tmp_path / "report.xml")
+    check(seen, suite, at_least)
+
+
+def test_suite_of_the_small_oscilloscope(
+    pymeasure: Path, pymeasure_source: Path, served: Served, tmp_path: Path
+) -> None:
+    """The DSOX1102G suite has its address in its text and skips itself: both lines are replaced in a copy."""
+    suite = "keysight/test_keysightDSOX1102G_with_device.py"
+    text = (pymeasure_source / "tests" / "instruments" / suite).read_text(encoding="utf-8")
+    address = served.resource("oscilloscope", "vxi11")
+    text = re.sub(r"(?m)^pytest\.skip\(.*$", "", text)
+    text = re.sub(r"(?m)^(\s+RESOURCE = ).*$", lambda match: f"{match[1]}{address!r}", text)
+    copy = tmp_path / "test_dsox1102g.py"
+    copy.write_text(text, encoding="utf-8")
+    (tmp_path / "conftest.py").write_text(
+        (pymeasure_source / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    check(outcomes(pymeasure, tmp_path, str(copy), address, tmp_path / "report.xml"), suite, 141)
