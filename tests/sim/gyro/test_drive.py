@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,20 +20,71 @@ MODE = Resonance(2 * math.pi * 3488.9, 1395.0)
 AMPLITUDE = PAPER.drive_loop.amplitude_m
 
 
-def test_start_up_time_is_what_saturated_force_and_damping_say() -> None:
+@pytest.mark.parametrize("supply_v", [10.0, 8.0])
+def test_start_up_time_is_what_saturated_force_and_damping_say(supply_v: float) -> None:
     """Saturated, the amplitude grows as F/F0 (1 - exp(-t w/2Q)), F0 the force that holds A_x.
 
     The PI leaves saturation only above 40 % of it. Then 1 % is reached within a quarter of a second.
     """
-    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=10.0)
+    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=supply_v)
     damping = MODE.natural_rad_s / (2 * MODE.quality)
     holding = PAPER.drive_mode.mass_kg * MODE.natural_rad_s**2 * AMPLITUDE / MODE.quality
-    wanted = -math.log(1 - 0.4 * holding / (PAPER.drive_loop.force_limit_n_per_v * 10.0)) / damping
-    seen = next(each.stop_s for each in segments if abs(each.displacement_m) > 0.4 * AMPLITUDE)
-    assert seen == pytest.approx(wanted, abs=0.005)
+    wanted = -math.log(1 - 0.4 * holding / (PAPER.drive_loop.force_limit_n_per_v * supply_v)) / damping
+    before, after = next(pair for pair in pairwise(segments) if abs(pair[1].displacement_m) > 0.4 * AMPLITUDE)
+    span = abs(after.displacement_m) - abs(before.displacement_m)  # segments hold their middle's envelope
+    seen = before.stop_s - 0.002 + 0.004 * (0.4 * AMPLITUDE - abs(before.displacement_m)) / span
+    assert seen == pytest.approx(wanted, abs=0.001)
     settled = [each.stop_s for each in segments if abs(abs(each.displacement_m) / AMPLITUDE - 1) > 0.01]
     assert 0.1 < settled[-1] < 0.25
     assert max(abs(each.displacement_m) for each in segments) < 1.1 * AMPLITUDE
+
+
+def started_plainly(steps: int) -> np.ndarray:
+    """Drive pick-off (V) after each control step from power-on, from x'' + (w/Q) x' + w^2 x = F sin(th) itself.
+
+    Runge-Kutta, 96 steps a control step of 0.25 ms; the controller takes amplitude and phase off x and x'.
+    """
+    loop, w, q = PAPER.drive_loop, MODE.natural_rad_s, MODE.quality
+    hold = w**2 / q  # displacement in units of A_x
+    strongest = loop.force_limit_n_per_v * 10.0 / (PAPER.drive_mode.mass_kg * AMPLITUDE * hold)
+    x = v = theta = agc = pll = 0.0
+    control, h, seen = 0.25e-3, 0.25e-3 / 96, []
+    for _ in range(steps):
+        picture = complex(x, -v / w) * cmath.exp(-1j * theta)
+        error, phase = 1 - abs(picture), cmath.phase(-picture) if picture else 0.0
+        force = min(max(loop.agc_proportional * error + agc, 0.0), strongest)
+        if force == loop.agc_proportional * error + agc:
+            agc += loop.agc_integral_per_s * error * control
+        pll += loop.pll_integral_per_s2 * phase * control
+        speed = w + 2 * math.pi * loop.pll_free_running_offset_hz + loop.pll_proportional_per_s * phase + pll
+        for _ in range(96):
+            pushes = [force * hold * math.sin(theta + part * h * speed) for part in (0.0, 0.5, 1.0)]
+
+            def slope(y: float, dy: float, push: float) -> tuple[float, float]:
+                return dy, push - w / q * dy - w * w * y
+
+            a = slope(x, v, pushes[0])
+            b = slope(x + 0.5 * h * a[0], v + 0.5 * h * a[1], pushes[1])
+            c = slope(x + 0.5 * h * b[0], v + 0.5 * h * b[1], pushes[1])
+            d = slope(x + h * c[0], v + h * c[1], pushes[2])
+            x += h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
+            v += h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+            theta += h * speed
+        seen.append(loop.pick_off_v_per_m * AMPLITUDE * x)
+    return np.array(seen)
+
+
+def test_start_up_follows_the_equation_of_motion_under_the_same_controller() -> None:
+    """The first 60 ms, from saturation through lock; the pick-off is 1 V, a phase off by 1 mrad is 1 mV."""
+    steps = 240
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.set_rail("positive", 10.0)
+    world.set_rail("negative", -10.0)
+    capture = world.capture(0.0, 0.2)
+    clock.sleep_until(0.2)
+    seen = capture.samples("drive", np.asarray(0.25e-3 * np.arange(1, steps + 1) - 1e-9, float))
+    assert np.max(np.abs(seen - started_plainly(steps))) < 1e-3
 
 
 def test_start_up_ends_locked_at_resonance_with_x_as_minus_cosine() -> None:

@@ -118,6 +118,15 @@ def test_a_bench_that_is_never_asked_at_equal_intervals_does_not_grow() -> None:
     assert len(noise._steps) == STEPS_KEPT  # nothing else shows it but memory
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_goes_on_where_the_parameters_change(seed: int) -> None:
+    """10 mV of supply move the amplitude by 2 ppm; the noise at an instant, 1 mV or so, must not begin anew."""
+    _, world = powered(PAPER, seed)
+    before = world.value_v("output")
+    world.set_rail("positive", 9.99)
+    assert world.value_v("output") == pytest.approx(before, abs=2e-6)
+
+
 def test_long_step_and_short_steps_give_the_same_spread_of_the_mean() -> None:
     """Statistical: 1 s averages drawn in one step or in ten agree in variance, F-test at five sigma."""
     noise = noisy()
