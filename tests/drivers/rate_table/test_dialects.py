@@ -10,7 +10,7 @@ import pytest
 from vcfbench.clock import Deadline, VirtualClock, sleep
 from vcfbench.drivers.rate_table.dialects import DIALECTS, SHIPPED, spoken
 from vcfbench.drivers.registry import open_instrument
-from vcfbench.errors import ConfigError, InterlockError, LimitError
+from vcfbench.errors import ConfigError, InterlockError, LimitError, TransportError
 from vcfbench.sim import serial_backend
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.parameters import BenchParameters
@@ -45,11 +45,14 @@ LIMITS = {"max_rate_deg_s": 300.0, "max_acceleration_deg_s2": 200.0}
 
 
 class Muffled:
-    """A device whose next replies get lost."""
+    """A device whose next replies get lost, or come late and hold up those behind them."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, clock: AttendedClock) -> None:
         self.device = device
+        self.clock = clock
         self.losing = 0
+        self.late_s = 0.0
+        self._held: list[tuple[float, bytes]] = []
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         self.device.write(data, end=end)
@@ -57,10 +60,20 @@ class Muffled:
     def read(self, limit: int) -> tuple[bytes, bool]:
         while self.losing and self.device.read(limit)[0]:
             self.losing -= 1
-        return self.device.read(limit)
+        data = self.device.read(limit)[0]
+        if data and (self.late_s or self._held):
+            ready_s = max(self.clock.now() + self.late_s, self._held[-1][0] if self._held else 0.0)
+            self._held.append((ready_s, data))
+            self.late_s, data = 0.0, b""
+        if not data and self._held and self._held[0][0] <= self.clock.now():
+            data = self._held.pop(0)[1]
+        return data, bool(data)
 
     def wake_at(self) -> float | None:
-        return self.device.wake_at()
+        self.device.wake_at()
+        held = [self._held[0][0]] if self._held else []
+        wakes = [*held, *([own] if (own := self.device.wake_at()) is not None else [])]
+        return min(wakes, default=None)
 
 
 class Bench:
@@ -69,7 +82,7 @@ class Bench:
     def __init__(self, name: str, **settings: Any) -> None:
         self.clock = AttendedClock(VirtualClock())
         self.world = World(self.clock, BenchParameters.ideal(), 0)
-        self.twin = Muffled(TWINS[name](self.world, errors=TableErrors.none()))
+        self.twin = Muffled(TWINS[name](self.world, errors=TableErrors.none()), self.clock)
         self.clock.attend(self.twin)
         serial_backend.register("dialects", self.twin, self.clock)  # type: ignore[arg-type]
         told = {**LIMITS, **settings, **({"steps_per_deg": 640000 / 360} if name == "zaber" else {})}
@@ -149,6 +162,24 @@ def test_a_lost_answer_is_not_a_wrong_one(name: str) -> None:
     for losing in (1, 1, 0):
         bench.twin.losing = losing
         assert bench.driver.rate_deg_s() == pytest.approx(10.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ANSWERING)
+@pytest.mark.parametrize("late_s", [1.95, 2.01, 2.1, 2.5, 3.9, 4.05])
+def test_a_late_answer_is_never_taken_for_another(name: str, late_s: float) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(10.0)
+    bench.twin.late_s = late_s
+    for _ in range(4):
+        asked_deg = bench.world.table.angle_deg()
+        try:
+            angle_deg, rate_deg_s = bench.driver.angle_deg(), bench.driver.rate_deg_s()
+        except TransportError:
+            return  # no answer is better than a wrong one; the line is closed and the bench makes itself safe
+        turned_deg = bench.world.table.angle_deg() - asked_deg
+        assert -0.01 <= (angle_deg - asked_deg + 90.0) % 360.0 - 90.0 <= turned_deg  # read since it was asked for
+        assert rate_deg_s == pytest.approx(10.0, abs=2e-3)
 
 
 @pytest.mark.parametrize("name", DIALECTS)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, require_rest
 from vcfbench.errors import DeadlineExceeded, InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
 
@@ -55,7 +55,7 @@ class AtlDialect:
             line.take_unasked()
             line.send(b"\rSTA\r", deadline)
             self._data_then_prompt(line, "STA", deadline)
-            line.take_unasked()
+            drain(line, deadline)  # that data may have been a late answer, and the status still to come
         except LinkLost as error:
             raise line.locate(error, "STA", deadline)  # noqa: B904 - the same error, now knowing where
         except TransportError as error:

@@ -18,7 +18,7 @@ from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.fields import decode, text_value, unwrapped
 from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_frame, take_text
 from vcfbench.drivers.rate_table.profile import STREAM
-from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, require_rest
 from vcfbench.errors import (
     ConfigError,
     DeadlineExceeded,
@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.templates import Value
 
 __all__ = ["ConfigurableDialect", "Received"]
-
-_QUIET_S = 0.1
-"""How long nothing must come before the line counts as drained."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +94,7 @@ class ConfigurableDialect:
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain the line, then ask something and drop what comes before its answer; a stream needs draining only."""
         try:
-            self._drain(line, deadline)
+            line.take_unasked()
             if self.profile.stream is None:
                 self._probe(line, deadline)
         except LinkLost as error:
@@ -107,21 +104,14 @@ class ConfigurableDialect:
             raise line.locate(lost, "resynchronise", deadline) from error
         line.dirty = False
 
-    def _drain(self, line: TableLine, deadline: Deadline) -> None:
-        line.take_unasked()
-        if self.profile.stream is None:
-            sleep(line.clock, min(_QUIET_S, deadline.remaining()))
-            line.take_unasked()
-
     def _probe(self, line: TableLine, deadline: Deadline) -> None:
-        """Ask the first question that there is; a second time, for the one that failed may have been the same."""
+        """Ask the first question that there is; what its answer does not push out is drained."""
         name = next(name for name in ("identify", "read_all", "read_pos") if self.profile.commands.get(name))
         for step in self.profile.commands[name]:
             self._send(line, step, {}, deadline)
             if step.expect is not None:
                 self._await(line, step.expect, deadline, among_others=True)
-        sleep(line.clock, min(_QUIET_S, deadline.remaining()))
-        line.take_unasked()
+        drain(line, deadline)
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control."""

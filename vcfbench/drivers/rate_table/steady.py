@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.clock import sleep
 from vcfbench.errors import InterlockError
 
 if TYPE_CHECKING:
+    from vcfbench.clock import Deadline
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["REST_DEG_S", "SteadyRate", "located", "require_rest"]
+__all__ = ["REST_DEG_S", "SteadyRate", "drain", "located", "require_rest"]
 
 REST_DEG_S = 0.1
 """Above this rate a servo is not opened: the table would coast."""
+
+_QUIET_S = 0.2
+"""How long nothing must come before a line counts as drained."""
 
 
 @dataclass(slots=True)
@@ -41,6 +46,15 @@ def require_rest(line: TableLine, rate_deg_s: float) -> None:
     """Raise InterlockError when the servo must not be opened because the table turns."""
     if not abs(rate_deg_s) < REST_DEG_S:
         raise InterlockError(f"it still turns at {rate_deg_s:g} deg/s, the servo was not opened", **located(line))
+
+
+def drain(line: TableLine, deadline: Deadline) -> None:
+    """Drop what comes until nothing does; answers that look alike cannot be told from late ones otherwise."""
+    line.take_unasked()
+    while not deadline.expired():
+        sleep(line.clock, min(_QUIET_S, deadline.remaining()))
+        if not line.take_unasked():
+            return
 
 
 def located(line: TableLine) -> dict[str, Any]:
