@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import inspect, structs
 
-from vcfbench.bench.description import BenchDescription, SerialSettings, Simulation
+from vcfbench.bench.description import BenchDescription, SerialSettings, Served, Simulation
 from vcfbench.bench.file import EMBEDDED, embedded_text, load_bench, parse_bench, template
 from vcfbench.errors import ConfigError
 
@@ -39,10 +39,15 @@ def value_to_toml(value: object) -> str:
     return repr(value)
 
 
+def full_template() -> dict[str, Any]:
+    """Every key of the template."""
+    return tomllib.loads("\n".join(uncommented(line) for line in template().splitlines()))
+
+
 def full_file() -> dict[str, Any]:
-    """A bench file with every key written out."""
-    text = "\n".join(uncommented(line) for line in template().splitlines())
-    raw = tomllib.loads(text)
+    """A bench file with every key written out that can stand beside the others."""
+    raw = full_template()
+    del raw["served"]
     raw["simulation"]["errors"]["power"] = "none"
     return raw
 
@@ -98,7 +103,9 @@ REQUIRED = [
 
 def test_the_template_names_every_key_once_and_shows_the_defaults() -> None:
     written = parse_bench(to_toml(FULL), "full")
-    assert keys_of(BenchDescription) - {"override"} <= {key for path in LEAVES for key in path} | set(FULL)
+    apart = {"served", *full_template()["served"]}
+    assert apart == {"served", *keys_of(Served)}
+    assert keys_of(BenchDescription) - {"override"} - apart <= {key for path in LEAVES for key in path} | set(FULL)
     bare = parse_bench(template(), "template")
     assert written.procedure == bare.procedure
     assert written.wiring == bare.wiring
@@ -121,6 +128,30 @@ def keys_of(node: object) -> set[str]:
             found |= {field.encode_name for field in kind.fields}
             pending += [field.type for field in kind.fields]
     return found
+
+
+@pytest.mark.parametrize(
+    ("control", "expected"),
+    [
+        ("20220", "with host and port, as in 127.0.0.1:20220"),
+        ("127.0.0.1:99999", "a port from 1 to 65535"),
+        ("::1:20220", "with host and port"),
+    ],
+)
+def test_an_address_is_a_host_and_a_port(control: str, expected: str) -> None:
+    served = {key: value for key, value in FULL.items() if key != "simulation"} | {"served": {"control": control}}
+    assert f"served.control: expected {expected}" in refusal(served).replace("expected a text with", "expected with")
+
+
+def test_a_bench_is_simulated_here_or_elsewhere() -> None:
+    assert "served: expected no [served] beside [simulation]" in refusal(FULL | {"served": {"control": "a:1"}})
+
+
+@pytest.mark.parametrize(
+    ("control", "address"), [("127.0.0.1:20220", ("127.0.0.1", 20220)), ("[::1]:20220", ("::1", 20220))]
+)
+def test_an_address_is_taken_apart(control: str, address: tuple[str, int]) -> None:
+    assert Served(control=control).address() == address
 
 
 def test_the_examples_are_the_embedded_files() -> None:

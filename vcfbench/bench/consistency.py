@@ -39,6 +39,7 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
         _windows(description),
         _resources(description),
         _simulation(description),
+        _served(description),
     )
 
 
@@ -156,3 +157,13 @@ def _simulation(description: BenchDescription) -> Iterator[Misfit]:
     for role, model in instrument_models(description).items():
         if isinstance(told[role], dict):
             yield from override_misfits(model.errors_class().none(), told[role], f"simulation.errors.{role}")
+
+
+def _served(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that the simulation is either here or elsewhere, and that the port of the latter is one."""
+    if description.served is None:
+        return
+    if description.simulation is not None:
+        yield Misfit("served", "no [served] beside [simulation]: the bench is simulated here or elsewhere", "both")
+    if not 0 < description.served.address()[1] < 65536:
+        yield Misfit("served.control", "a port from 1 to 65535", description.served.control)

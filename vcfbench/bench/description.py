@@ -25,6 +25,7 @@ __all__ = [
     "RailWiring",
     "RateTableRole",
     "SerialSettings",
+    "Served",
     "Simulation",
     "SimulationErrors",
     "Site",
@@ -39,6 +40,7 @@ Window = tuple[float, float]
 
 DIALECT_PATTERN = r"\A(?:acl|zaber|atl|esp|dd16|mn_as|ruya|aaaa|[^\x00-\x1f\x7f]+\.toml)\Z"
 NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
+ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
 LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
 
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
@@ -70,6 +72,7 @@ class _VisaRole(_Part, frozen=True, kw_only=True):
     timeout_s: Seconds = 5.0
     serial_number: Text | None = None
     serial: SerialSettings | None = None
+    serial_pause_s: Annotated[float, Meta(ge=0.0, le=60.0)] | None = None
 
 
 class PowerRole(_VisaRole, frozen=True, kw_only=True):
@@ -217,6 +220,17 @@ class Simulation(_Part, frozen=True, kw_only=True):
     override: dict[str, Any] = field(default_factory=dict)
 
 
+class Served(_Part, frozen=True, kw_only=True):
+    """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
+
+    control: Annotated[str, Meta(pattern=ADDRESS_PATTERN)]
+
+    def address(self) -> tuple[str, int]:
+        """Return host and port of the control port."""
+        host, _, port = self.control.rpartition(":")
+        return host.strip("[]"), int(port)
+
+
 class BenchDescription(_Part, frozen=True, kw_only=True):
     """One station, as its bench file describes it, defaults filled in."""
 
@@ -234,8 +248,9 @@ class BenchDescription(_Part, frozen=True, kw_only=True):
     site: Site
     procedure: ProcedureSettings = field(default_factory=ProcedureSettings)
     simulation: Simulation | None = None
+    served: Served | None = None
 
     @property
     def simulated(self) -> bool:
-        """Tell whether the bench is simulated."""
-        return self.simulation is not None
+        """Tell whether the bench is simulated, in this process or in another."""
+        return self.simulation is not None or self.served is not None

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import inspect
 
 from vcfbench.bench.consistency import misfits
-from vcfbench.bench.description import DIALECT_PATTERN, NAME_PATTERN, BenchDescription
+from vcfbench.bench.description import ADDRESS_PATTERN, DIALECT_PATTERN, NAME_PATTERN, BenchDescription
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -245,6 +245,8 @@ def _range(node: inspect.FloatType | inspect.IntType) -> str:
 def _form(node: inspect.StrType) -> str:
     if node.pattern == DIALECT_PATTERN:
         return ": one of acl, zaber, atl, esp, dd16, mn_as, ruya, aaaa, or the name of a profile, FILE.toml"
+    if node.pattern == ADDRESS_PATTERN:
+        return " with host and port, as in 127.0.0.1:20220"
     if node.pattern == NAME_PATTERN:
         return " of letters, digits, '_', '-' and '.'"
     return f" of {node.min_length} to {node.max_length} characters on one line" if node.max_length else ""

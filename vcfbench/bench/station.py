@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.lock import station_lock
+from vcfbench.bench.served import led_clock
 from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.description import BenchDescription, Served
     from vcfbench.clock import Clock
 
 __all__ = ["Station", "checked_pace", "station"]
@@ -44,10 +45,12 @@ def station(
     """Return the context in which the bench's instruments can be opened.
 
     Raises:
-        ConfigError: `speed` is no speed, or is asked of a real bench.
-        BenchError: another process has the real bench.
+        ConfigError: `speed` is no speed, or is asked of a bench that has its own.
+        BenchError: another process has the bench, or nobody serves it.
     """
     pace = checked_pace(description, speed)
+    if description.served is not None:
+        return _served(description, description.served)
     return _real(description) if description.simulation is None else _simulated(description, seed, pace)
 
 
@@ -55,6 +58,12 @@ def station(
 def _real(description: BenchDescription) -> Iterator[Station]:
     with station_lock(description.name):
         yield Station(WallClock(), description.visa_library, description.rate_table.resource)
+
+
+@contextmanager
+def _served(description: BenchDescription, served: Served) -> Iterator[Station]:
+    with led_clock(served) as (clock, seed):  # who leads the time has the bench; it needs no other lock
+        yield Station(clock, description.visa_library, description.rate_table.resource, seed)
 
 
 @contextmanager
@@ -72,9 +81,12 @@ def checked_pace(description: BenchDescription, speed: str | float | None) -> fl
     """Return how many times real time to run at, None for as fast as it goes.
 
     Raises:
-        ConfigError: `speed` is no speed, or any speed is asked of a real bench, which has its own.
+        ConfigError: `speed` is no speed, or is asked of a real bench, which has its own, or of a served one, whose time
+            jumps to what the run waits for.
     """
-    if speed is not None and description.simulation is None:
+    if description.served is not None and speed not in {None, FASTEST}:
+        raise ConfigError(f"--speed {speed}: {description.name} is a served bench, which a run always takes at max")
+    if speed is not None and not description.simulated:
         raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
     if speed is None or speed == FASTEST:
         return None

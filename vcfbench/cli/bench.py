@@ -11,8 +11,6 @@ from vcfbench.cli.answer import print_json
 from vcfbench.cli.discover import discover
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from vcfbench.bench.check import BenchCheck, CheckedInstrument
 
 __all__ = ["app"]
@@ -45,12 +43,13 @@ def show(
         return
     import msgspec  # noqa: PLC0415
 
-    resolved = msgspec.to_builtins(file.load_bench(bench))
+    from vcfbench.bench.writing import bench_text  # noqa: PLC0415
+
+    description = file.load_bench(bench)
     if json:
-        print_json(resolved)
-        return
-    for line in _toml(resolved, ""):
-        typer.echo(line)
+        print_json(msgspec.to_builtins(description))
+    else:
+        typer.echo(bench_text(description), nl=False)
 
 
 @app.command("check")
@@ -104,25 +103,3 @@ def _who(each: CheckedInstrument) -> str:
         return "-"
     identity = each.identity
     return " ".join(filter(None, (identity.maker, identity.model, identity.serial, identity.firmware)))
-
-
-def _toml(table: dict[str, Any], path: str) -> Iterator[str]:
-    """Yield a nested dict as the lines of a TOML file; what is None is left out, as in a bench file."""
-    plain = {key: value for key, value in table.items() if not isinstance(value, dict) and value is not None}
-    if path and plain:
-        yield f"\n[{path}]"
-    for key, value in plain.items():
-        yield f"{key} = {_value(value)}"
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _toml(value, f"{path}.{key}" if path else key)
-
-
-def _value(value: object) -> str:
-    from json import dumps  # noqa: PLC0415
-
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    return dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

@@ -131,6 +131,8 @@ def _prepare(report: RunReport, options: RunOptions) -> tuple[Procedure, Calibra
     report.description = description
     if description.simulation is not None:
         report.seed = description.simulation.seed if options.seed is None else options.seed
+    elif description.served is not None and options.seed is not None:
+        raise ConfigError(f"--seed {options.seed}: {description.name} is served, its server was given the seed")
     elif options.seed is not None:
         raise ConfigError(f"--seed {options.seed}: {description.name} is a real bench, only simulated ones have a seed")
     checked_pace(description, options.speed)
@@ -245,6 +247,7 @@ class Record:
         from vcfbench.record.directory import create_run  # noqa: PLC0415
         from vcfbench.record.journal import Journal  # noqa: PLC0415
 
+        self.report.seed = bench.seed
         self.report.directory = create_run(options.runs, self.procedure.name)
         self.journal = Journal(self.report.directory.journal)
         self.journal.header(self._header(bench, options))

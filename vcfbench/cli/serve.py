@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import signal
+from dataclasses import replace
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["ctl", "register", "serve"]
 
 _CONTROL_PORT = 20220
+_CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
 
 
 def register(app: typer.Typer) -> None:
@@ -42,6 +44,17 @@ def serve(
     ports: Annotated[
         str, typer.Option("--ports", metavar="auto|BASE", help="Ports: any that are free, or from BASE on.")
     ] = "auto",
+    control_port: Annotated[
+        int | None,
+        typer.Option(
+            "--control-port",
+            metavar="PORT",
+            min=1,
+            max=65535,
+            help="Control port; by default 20220, or one that is free.",
+            envvar=_CONTROL_VARIABLE,
+        ),
+    ] = None,
     faults: Annotated[
         Path | None, typer.Option("--faults", metavar="FILE", help="What goes wrong on the wires, and when (TOML).")
     ] = None,
@@ -55,6 +68,16 @@ def serve(
         int | None,
         typer.Option("--port-mapper", metavar="PORT", help="Also run a port mapper for VXI-11 clients (111)."),
     ] = None,
+    write_bench: Annotated[
+        Path | None,
+        typer.Option("--write-bench", metavar="FILE", help="Write the bench file that runs on what is served here."),
+    ] = None,
+    wires: Annotated[
+        str,
+        typer.Option(
+            "--wires", metavar="KIND", help="Which wires that file names where offered, else tcp: vxi11, hislip, pty."
+        ),
+    ] = "tcp",
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of every random stream.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
 ) -> None:
@@ -63,7 +86,12 @@ def serve(
     from vcfbench.sim.serve import BenchServer, ServedClock  # noqa: PLC0415
 
     description = load_bench(bench)
-    settings = _settings(host, ports, offer or [], port_mapper, faults)
+    settings = replace(
+        _settings(host, ports, faults),
+        control_port=control_port,
+        offers=dict(map(_offer, offer or [])),
+        port_mapper=port_mapper,
+    )
     clock = ServedClock(_speed(speed))
     built = _built(description, seed, clock)
     try:
@@ -73,6 +101,8 @@ def serve(
     except OSError as error:
         raise BenchError(f"cannot serve on {host}, ports {ports}: {error}") from error
     with server, _stopped_by_signals(server):
+        if write_bench is not None:
+            _write_bench(write_bench, description, server, wires)
         _announce(server, description.title, json=json)
         gc.freeze()  # what is here now stays: collections in between the answers are short
         server.run()
@@ -81,7 +111,7 @@ def serve(
 def ctl(
     command: Annotated[list[str], typer.Argument(help="Command and its arguments, e.g. set applied_rate_deg_s 10.")],
     port: Annotated[
-        int, typer.Option("--port", help="Control port that serve has printed.", envvar="VCFBENCH_CONTROL_PORT")
+        int, typer.Option("--port", help="Control port that serve has printed.", envvar=_CONTROL_VARIABLE)
     ] = _CONTROL_PORT,
 ) -> None:
     """Read and change a served bench from outside its wires.
@@ -140,7 +170,7 @@ def _speed(text: str) -> float:
     raise ConfigError(f"--speed {text}: expected a number above 0, or 'max'")
 
 
-def _settings(host: str, ports: str, offers: list[str], port_mapper: int | None, faults: Path | None) -> ServerSettings:
+def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
     from vcfbench.sim.serve import ServerSettings, read_faults  # noqa: PLC0415
 
     if ports != "auto" and not (ports.isdigit() and 0 < int(ports) < 65536):
@@ -150,7 +180,7 @@ def _settings(host: str, ports: str, offers: list[str], port_mapper: int | None,
         planned = () if faults is None else tuple(read_faults(faults))
     except (OSError, ValueError) as error:
         raise ConfigError(f"--faults {error}") from error
-    return ServerSettings(host, base, dict(map(_offer, offers)), port_mapper, planned)
+    return ServerSettings(host, base, faults=planned)
 
 
 def _offer(text: str) -> tuple[str, frozenset[Offer]]:
@@ -164,13 +194,31 @@ def _built(description: BenchDescription, seed: int | None, clock: ServedClock) 
     from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415
     from vcfbench.sim.serve import ServedBench  # noqa: PLC0415
 
-    bench = SimulatedBench.build(description, chosen_seed(description, seed), clock)
-    return ServedBench(bench.world, bench.devices, {role: _model(description, role) for role in bench.devices})
+    used = chosen_seed(description, seed)
+    bench = SimulatedBench.build(description, used, clock)
+    return ServedBench(bench.world, bench.devices, {role: _model(description, role) for role in bench.devices}, used)
 
 
 def _model(description: BenchDescription, role: str) -> str:
     part = getattr(description, role)
     return str(part.dialect if role == "rate_table" else part.model)
+
+
+def _write_bench(path: Path, description: BenchDescription, server: BenchServer, kind: str) -> None:
+    from vcfbench.bench.served import on_wires  # noqa: PLC0415
+    from vcfbench.bench.writing import bench_text  # noqa: PLC0415
+
+    where = {role: wires.as_json() for role, wires in server.wires.items()}
+    if not any(kind in wires and kind != "model" for wires in where.values()):
+        raise ConfigError(f"--wires {kind}: expected tcp, vxi11, hislip or pty")
+    resources = {role: str(wires[kind] or wires["tcp"]) for role, wires in where.items()}
+    control = server.as_json()["control"]
+    host = f"[{control['host']}]" if ":" in control["host"] else control["host"]
+    text = bench_text(on_wires(description, resources, f"{host}:{control['port']}"))
+    try:
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise ConfigError(f"--write-bench {path}: {error.strerror}") from error
 
 
 @contextlib.contextmanager

@@ -46,6 +46,8 @@ class VisaSettings:
     serial: SerialParameters | None = None
     serial_number: str | None = None
     mains_hz: float = 50.0
+    serial_pause_s: float | None = None
+    """Pause after a command on RS-232; None is what the model needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +143,7 @@ def _visa(
             timeout_s=told.timeout_s,
             open_timeout_s=max(told.timeout_s, driver_class.first_answer_s),
             serial=told.serial,
-            write_pause_s=driver_class.serial_pause_s if resource.upper().startswith("ASRL") else 0.0,
+            write_pause_s=_pause_s(driver_class, resource, told.serial_pause_s),
         )
         try:
             return make(session, told)
@@ -150,6 +152,12 @@ def _visa(
             raise
 
     return Driver(model, driver_class, opener)
+
+
+def _pause_s(driver_class: type[ScpiInstrument], resource: str, told_s: float | None) -> float:
+    if not resource.upper().startswith("ASRL"):
+        return 0.0
+    return driver_class.serial_pause_s if told_s is None else told_s
 
 
 def _settings(kind: Callable[..., _S], role: str, settings: Mapping[str, Any]) -> _S:

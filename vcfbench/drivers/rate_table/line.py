@@ -90,12 +90,14 @@ class SerialWire:
         return data, False
 
     def pending(self) -> bytes:
-        """Take what has come unasked."""
+        """Take what has come unasked; a port on a socket never says that more than one byte waits."""
+        data = b""
         try:
-            waiting = self._port.in_waiting
-            return self._port.read(waiting) if waiting else b""
+            while len(data) < _LONGEST_LINE and (waiting := self._port.in_waiting):
+                data += self._port.read(waiting)
         except OSError as error:
             raise _lost(error) from error
+        return data
 
     def clear(self, deadline: Deadline) -> None:
         """Forget what has come; tables know no device clear."""

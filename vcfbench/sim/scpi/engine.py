@@ -262,6 +262,11 @@ class ScpiEngine:
         self.errors.push(error)
         self.status.esr |= esr_bit(error.number)
 
+    @property
+    def busy(self) -> bool:
+        """Whether a message is under way or waits for its turn; what the model does by itself does not count."""
+        return self._pending is not None or bool(self._queue)
+
     def status_now(self) -> int:
         """Return the status byte without bit 6."""
         return self.status.byte(message_available=bool(self._output or self._replies))

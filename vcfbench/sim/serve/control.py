@@ -1,7 +1,8 @@
 """The control port: reads and changes the World while it is served, from outside the instruments' wires.
 
 A request is one line of JSON, an object with the command under `do` and its arguments beside it; the reply is one line,
-``{"ok": true, "result": ...}`` or ``{"ok": false, "error": "..."}``. Requests of a connection are answered in order.
+``{"ok": true, "result": ...}`` or ``{"ok": false, "error": "..."}``. Requests of a connection are answered in order;
+an ``id`` beside the command comes back with the reply.
 
 ======================  =============================================  ======================================
 do                      arguments                                      result
@@ -114,14 +115,17 @@ class _Control(Connection):
     def _answer(self, line: bytes) -> None:
         if self.closed:
             return
+        reply: dict[str, Any] = {}
         try:
-            reply = {"ok": True, "result": self._obey(line)}
-        except (Refused, ValueError, TypeError, RuntimeError) as error:
-            reply = {"ok": False, "error": str(error)}
+            request = json.loads(line)
+            if isinstance(request, dict) and "id" in request:
+                reply["id"] = request.pop("id")
+            reply |= {"ok": True, "result": self._obey(request)}
+        except Exception as error:  # noqa: BLE001  (whatever a quantity is told, the others are still served)
+            reply |= {"ok": False, "error": str(error) or type(error).__name__}
         self.send(json.dumps(reply).encode() + b"\n")
 
-    def _obey(self, line: bytes) -> Any:
-        request = json.loads(line)
+    def _obey(self, request: Any) -> Any:
         if not isinstance(request, dict) or request.get("do") not in self._commands:
             raise Refused(f'a request is an object whose "do" is one of {", ".join(self._commands)}')
         command = self._commands[request.pop("do")]

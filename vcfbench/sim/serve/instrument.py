@@ -324,11 +324,11 @@ class Instrument:
     @property
     def busy(self) -> bool:
         """Whether the device works on a message."""
-        engine = self.engine
-        if engine is None:
-            return self.device.wake_at() is not None
-        # the seam does not tell a command under way from an event that the model has planned
-        return engine._pending is not None or bool(engine._queue)  # noqa: SLF001
+        if self.engine is not None:
+            return self.engine.busy
+        if isinstance(self.device, LineDevice):
+            return self.device.answering  # not merely turning
+        return self.device.wake_at() is not None
 
     @property
     def engaged(self) -> bool:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
+from itertools import count
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
@@ -15,13 +17,19 @@ if TYPE_CHECKING:
 
 __all__ = ["Control", "ControlError", "RemoteClock"]
 
+_CHUNK = 1 << 16
+
 
 class ControlError(Exception):
     """The server refused a request, or has gone; the words are its."""
 
 
 class Control:
-    """A connection to a control port."""
+    """A connection to a control port; threads may share it.
+
+    Requests are numbered. A request that was broken off (a signal, a time-out) leaves its reply behind, which is never
+    taken for the reply to the next.
+    """
 
     def __init__(self, port: int, host: str = "127.0.0.1", timeout_s: float | None = 60.0) -> None:
         try:
@@ -29,7 +37,9 @@ class Control:
         except OSError as error:
             raise ControlError(f"no bench is served with its control port at {host}:{port} ({error})") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._replies = self._socket.makefile("rb")
+        self._numbers = count(1)
+        self._received = b""
+        self._lock = threading.Lock()
 
     def request(self, do: str, **arguments: Any) -> Any:
         """Send a request; return its result.
@@ -37,21 +47,29 @@ class Control:
         Raises:
             ControlError: it was refused, or the connection has ended.
         """
-        try:
-            self._socket.sendall(json.dumps({"do": do, **arguments}).encode() + b"\n")
-            line = self._replies.readline()
-        except OSError as error:
-            raise ControlError(f"the control port does not answer ({error})") from error
-        if not line:
-            raise ControlError("the server has gone")
-        reply = json.loads(line)
+        with self._lock:
+            number = next(self._numbers)
+            try:
+                self._socket.sendall(json.dumps({"do": do, "id": number, **arguments}).encode() + b"\n")
+                while (reply := json.loads(self._line())).get("id") != number:
+                    pass
+            except OSError as error:
+                raise ControlError(f"the control port does not answer ({error})") from error
         if not reply["ok"]:
             raise ControlError(reply["error"])
         return reply["result"]
 
+    def _line(self) -> bytes:
+        while (end := self._received.find(b"\n")) < 0:
+            data = self._socket.recv(_CHUNK)
+            if not data:
+                raise ControlError("the server has gone")
+            self._received += data
+        line, self._received = self._received[:end], self._received[end + 1 :]
+        return line
+
     def close(self) -> None:
         """End the connection."""
-        self._replies.close()
         self._socket.close()
 
     def __enter__(self) -> Self:

@@ -49,6 +49,8 @@ class ServedBench:
     world: World
     devices: Mapping[str, Device]
     models: Mapping[str, str]
+    seed: int | None = None
+    """What it was built from, for whoever asks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,7 @@ class ServerSettings:
     Args:
         host: address to listen on.
         base_port: first of the ports, the control port; None lets the system choose.
+        control_port: the control port, wherever the others are; None takes 20220 if that is free.
         offers: further interfaces by role, beside those of the real box.
         port_mapper: port of a port mapper for VXI-11 (111 is what clients expect), None for none.
         faults: what goes wrong, and when.
@@ -65,6 +68,7 @@ class ServerSettings:
 
     host: str = "127.0.0.1"
     base_port: int | None = None
+    control_port: int | None = None
     offers: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
     port_mapper: int | None = None
     faults: tuple[Fault, ...] = ()
@@ -184,6 +188,8 @@ class BenchServer:
 
     def _control(self, ports: _Ports) -> ControlServer:
         address = _loopback(self.settings.host)
+        if self.settings.control_port is not None:
+            return ControlServer(self, (address, self.settings.control_port))
         if self.settings.base_port is not None:
             return ControlServer(self, (address, ports.take()))
         try:
@@ -255,6 +261,7 @@ class BenchServer:
         clock = self.clock
         return {
             "now_s": clock.now(),
+            "seed": self.bench.seed,
             "speed": "max" if math.isinf(clock.speed) else clock.speed,
             "paused": clock.paused,
             "led": clock.led,

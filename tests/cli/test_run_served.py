@@ -1,0 +1,150 @@
+"""A run over real wires to a bench in another process gives the results of the run in one process, byte for byte."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.ports import free_port
+from vcfbench.bench.file import embedded_text, load_bench
+from vcfbench.cli.main import app
+from vcfbench.sim.serve import Control
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+SHORT = "\n[procedure]\nrates_deg_s = [100, 20, 0, -50]\nsamples = 3\nmatch_rate_deg_s = 20\n[procedure.drive]"
+QUICK = """
+[procedure]
+rates_deg_s = [40, 20, -40]
+match_rate_deg_s = 20
+acceleration_deg_s2 = 200
+settle_s = 0.1
+sample_interval_s = 0.05
+samples = 3
+nplc = 1
+[procedure.drive]"""
+needs_ptys = pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    """The paper bench with few rates."""
+    path = tmp_path / "short.toml"
+    path.write_text(embedded_text("paper").replace("\n[procedure.drive]", SHORT), encoding="utf-8")
+    return path
+
+
+@contextmanager
+def serving(bench: Path, *arguments: str) -> Iterator[Path]:
+    """Serve `bench` in another process; the bench file that it writes."""
+    written = bench.with_name("served.toml")
+    words = ["sim", "serve", "--bench", str(bench), "--speed", "max", "--control-port", str(free_port())]
+    with subprocess.Popen(  # noqa: S603 - our own command
+        [sys.executable, "-m", "vcfbench", *words, "--write-bench", str(written), *arguments],
+        stdout=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline()
+            yield written
+        finally:
+            process.terminate()
+
+
+def answer(folder: Path, procedure: str, *arguments: str) -> dict[str, Any]:
+    done = CliRunner().invoke(app, ["run", procedure, "--json", "--quiet", "--runs", str(folder), *arguments])
+    assert done.exit_code == 0, done.output
+    given: dict[str, Any] = json.loads(done.stdout)
+    del given["run"]  # it holds the time of day
+    return given
+
+
+@pytest.mark.parametrize("wires", ["tcp", pytest.param("pty", marks=needs_ptys), "vxi11"])
+def test_turntable_over_real_wires_gives_the_same_bytes(short: Path, tmp_path: Path, wires: str) -> None:
+    alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
+    with serving(short, "--wires", wires, "--seed", "7") as served:
+        over_wires = answer(tmp_path, "turntable", "--bench", str(served))
+    assert json.dumps(over_wires) == json.dumps(alone)
+
+
+def test_all_four_steps_over_real_wires_give_the_same_bytes(tmp_path: Path) -> None:
+    paper = tmp_path / "paper.toml"
+    paper.write_text(embedded_text("paper"), encoding="utf-8")
+    alone = answer(tmp_path, "virtual-coriolis")
+    with serving(paper, *(["--wires", "pty"] if hasattr(os, "openpty") else [])) as served:
+        over_wires = answer(tmp_path, "virtual-coriolis", "--bench", str(served), "--speed", "max")
+    assert json.dumps(over_wires) == json.dumps(alone)
+
+
+def test_without_its_key_a_served_bench_is_a_real_bench_on_a_wall_clock(short: Path, tmp_path: Path) -> None:
+    """At 20 times real time a program's waits are that much longer for the bench; the physics is the same."""
+    quick = short.read_text(encoding="utf-8").replace(SHORT, QUICK)
+    short.write_text(quick.replace('name = "paper"', f'name = "{tmp_path.parent.name}"'), encoding="utf-8")
+    alone = answer(tmp_path, "turntable", "--bench", str(short))
+    with serving(short, "--speed", "20") as served:
+        served.write_text(served.read_text(encoding="utf-8").split("\n[served]")[0], encoding="utf-8")
+        real = answer(tmp_path, "turntable", "--bench", str(served))
+    assert (real["simulated"], real["seed"]) == (False, None)
+    slopes = [given["results"]["scale_factor"]["value"] for given in (alone, real)]
+    assert slopes[1] == pytest.approx(slopes[0], rel=2e-3)
+
+
+def test_who_leads_the_time_has_the_bench(short: Path) -> None:
+    with serving(short) as served:
+        told = load_bench(served).served
+        assert told is not None
+        with Control(told.address()[1]) as other:
+            other.request("lead")
+            refused = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--bench", str(served)])
+    assert refused.exit_code == 3
+    assert "another connection leads the clock" in refused.stderr
+
+
+def test_a_bench_that_is_not_served_any_more_is_told_in_a_sentence(short: Path) -> None:
+    with serving(short) as served:
+        pass
+    refused = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--bench", str(served)])
+    assert refused.exit_code == 3
+    assert "start it with vcfbench sim serve" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--seed", "3"], "its server was given the seed"), (["--speed", "5"], "always takes at max")],
+)
+def test_seed_and_speed_are_the_servers(short: Path, arguments: list[str], words: str) -> None:
+    text = embedded_text("paper").split("[simulation]")[0] + '[served]\ncontrol = "127.0.0.1:1"\n'
+    short.write_text(text, encoding="utf-8")
+    refused = CliRunner().invoke(app, ["run", "turntable", "--bench", str(short), *arguments])
+    assert refused.exit_code == 2
+    assert words in refused.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a child alone")
+def test_a_run_that_is_stopped_makes_the_served_bench_safe(short: Path, tmp_path: Path) -> None:
+    """Broken off amid a request, the clock still tells the right time, or making safe would miss its deadlines."""
+    with serving(short, "--speed", "1") as served:
+        told = load_bench(served).served
+        assert told is not None
+        command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--json", "--bench", str(served)]
+        with subprocess.Popen(  # noqa: S603 - our own command
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        ) as process:
+            assert process.stderr is not None
+            assert any("average 3 readings" in line for line in process.stderr)
+            process.send_signal(signal.SIGINT)
+            process.stderr.read()
+            assert process.wait(30) == 4
+        with Control(told.address()[1]) as control:
+            assert control.request("get", name="applied_rate_deg_s") == pytest.approx(0.0, abs=0.1)
+            assert control.request("get", name="rail.positive.voltage_v") == pytest.approx(0.0, abs=0.1)

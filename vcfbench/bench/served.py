@@ -1,0 +1,95 @@
+"""A bench that another process simulates: its instruments are on real wires, and its clock is there too.
+
+Everything that waits is given that clock, so that a run takes no longer than its exchanges do, and gives the results of
+the same run on a bench simulated in this process, to the last digit.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from msgspec import structs
+
+from vcfbench.bench.description import Served
+from vcfbench.errors import ConnectFailed, LinkLost
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.sim.serve import RemoteClock
+
+__all__ = ["LedClock", "led_clock", "on_wires"]
+
+_CONTROL = "control port"
+
+
+class LedClock:
+    """The clock of the served bench, with the bench's own errors: a `vcfbench.clock.Clock`."""
+
+    __slots__ = ("_address", "_remote")
+
+    def __init__(self, remote: RemoteClock, address: str) -> None:
+        self._remote = remote
+        self._address = address
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        from vcfbench.sim.serve import ControlError  # noqa: PLC0415
+
+        try:
+            return self._remote.now()
+        except ControlError as error:
+            raise LinkLost(str(error), instrument=_CONTROL, resource=self._address) from error
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Let bench time jump to `instant_s`."""
+        from vcfbench.sim.serve import ControlError  # noqa: PLC0415
+
+        try:
+            self._remote.sleep_until(instant_s)
+        except ControlError as error:
+            raise LinkLost(str(error), instrument=_CONTROL, resource=self._address) from error
+
+
+@contextmanager
+def led_clock(served: Served) -> Iterator[tuple[LedClock, int | None]]:
+    """Lead the time of a served bench; yield its clock and the seed that it was built from.
+
+    Raises:
+        ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
+    """
+    from vcfbench.sim.serve import Control, ControlError, RemoteClock  # noqa: PLC0415
+
+    host, port = served.address()
+    try:
+        control = Control(port, host)
+    except ControlError as error:
+        raise ConnectFailed(str(error), hint="start it with vcfbench sim serve") from error
+    with control:
+        try:
+            remote, seed = RemoteClock(control), control.request("status")["seed"]
+        except ControlError as error:
+            raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
+        yield LedClock(remote, served.control), seed
+
+
+def on_wires(description: BenchDescription, resources: Mapping[str, str], control: str) -> BenchDescription:
+    """Return the bench of `description` as it is seen from outside the process that serves it.
+
+    Args:
+        description: the simulated bench.
+        resources: resource string of each role.
+        control: host and port of the control port.
+    """
+    roles = {role: _moved(getattr(description, role), resource) for role, resource in resources.items()}
+    return structs.replace(
+        description, **roles, title=f"{description.title}, served", simulation=None, served=Served(control=control)
+    )
+
+
+def _moved(role: Any, resource: str) -> Any:
+    """Return `role` at `resource`; a simulated serial line needs no pauses, and they would shift the readings."""
+    pause = {"serial_pause_s": 0.0} if resource.startswith("ASRL") else {}
+    return structs.replace(role, resource=resource, **pause)

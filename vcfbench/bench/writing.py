@@ -1,0 +1,40 @@
+"""Writes a bench description as a bench file."""
+
+from __future__ import annotations
+
+from json import dumps
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.description import BenchDescription
+
+__all__ = ["bench_text"]
+
+
+def bench_text(description: BenchDescription) -> str:
+    """Return the bench file of `description`: every key, defaults included."""
+    return "\n".join(_lines(msgspec.to_builtins(description), "")) + "\n"
+
+
+def _lines(table: dict[str, Any], path: str) -> Iterator[str]:
+    """Yield a nested dict as the lines of a TOML file; what is None is left out, as in a bench file."""
+    plain = {key: value for key, value in table.items() if not isinstance(value, dict) and value is not None}
+    if path and plain:
+        yield f"\n[{path}]"
+    for key, value in plain.items():
+        yield f"{key} = {_value(value)}"
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _lines(value, f"{path}.{key}" if path else key)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
