@@ -1,17 +1,44 @@
-"""Helpers for the tests of drivers and procedures, here and in other projects."""
+"""Helpers for the tests of drivers and procedures, here and in other projects.
+
+Names are loaded when they are first asked for: pytest imports this package in every project where it is installed.
+"""
 
 from __future__ import annotations
 
-from vcfbench.testing.conformance import ConformanceCase, conformance_cases, conformance_problems
-from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vcfbench.testing.benches import ServedLab, SimulatedLab, open_simulated, serve_simulated, simulated
+    from vcfbench.testing.conformance import ConformanceCase, conformance_cases, conformance_problems
+    from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
 
 __all__ = [
     "ConformanceCase",
     "Exchange",
     "ScriptedWire",
+    "ServedLab",
+    "SimulatedLab",
     "conformance_cases",
     "conformance_problems",
     "expected_exchange",
+    "open_simulated",
     "over_serial",
     "over_visa",
+    "serve_simulated",
+    "simulated",
 ]
+
+_MODULES = {
+    "vcfbench.testing.benches": ("ServedLab", "SimulatedLab", "open_simulated", "serve_simulated", "simulated"),
+    "vcfbench.testing.conformance": ("ConformanceCase", "conformance_cases", "conformance_problems"),
+    "vcfbench.testing.exchange": ("Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load what `name` stands for."""
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,175 @@
+"""Procedures on benches that go wrong, as anybody can test theirs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.file import load_bench, template
+from vcfbench.bench.simulated import SimulatedBench
+from vcfbench.clock import sleep
+from vcfbench.errors import (
+    BenchError,
+    ConfigError,
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    LinkLost,
+    MeasurementError,
+    NotSafe,
+    OutOfSync,
+)
+from vcfbench.interfaces import Regulation
+from vcfbench.testing import open_simulated, serve_simulated, simulated
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.testing import SimulatedLab
+
+
+def energised(lab: SimulatedLab) -> None:
+    bench = lab.bench
+    bench.power.configure_output("P25V", 10.0, 0.1)
+    bench.power.configure_output("N25V", -10.0, 0.1)
+    bench.power.enable_outputs()
+    bench.rate_table.enable()
+    bench.rate_table.set_rate(50.0, 100.0)
+    bench.multimeter.configure_dc_voltage(10.0, 10.0)
+    sleep(bench.clock, 3.0)
+
+
+def test_a_bench_without_faults_is_the_bench_that_it_always_is() -> None:
+    with open_simulated(seed=3) as lab:
+        energised(lab)
+        here = lab.bench.multimeter.read_voltage_v(), lab.bench.clock.now()
+    with open_bench(load_bench(None), seed=3) as bench:
+        energised(lab=type("Lab", (), {"bench": bench})())
+        there = bench.multimeter.read_voltage_v(), bench.clock.now()
+    assert here == there
+    assert SimulatedBench.__dict__["build"].__class__ is classmethod
+
+
+@pytest.mark.parametrize(
+    ("role", "kind", "settings", "error"),
+    [
+        ("multimeter", "overload", {}, MeasurementError),
+        ("multimeter", "late", {"delay_s": 60.0}, DeadlineExceeded),
+        ("multimeter", "silent", {}, DeadlineExceeded),
+        ("multimeter", "garbled", {}, FramingError),
+        ("multimeter", "garbage", {}, FramingError),
+        ("multimeter", "truncated", {}, (FramingError, DeadlineExceeded)),
+        ("multimeter", "disconnect", {}, LinkLost),
+        ("multimeter", "unreachable", {}, LinkLost),
+        ("multimeter", "error", {"number": -330}, InstrumentError),
+    ],
+)
+def test_every_fault_of_the_multimeter_is_the_error_of_its_kind(
+    role: str, kind: str, settings: dict[str, float], error: type[BenchError] | tuple[type[BenchError], ...]
+) -> None:
+    with open_simulated("ideal") as lab:
+        energised(lab)
+        lab.fault(role, kind, **settings)
+        with pytest.raises(error):
+            read_and_check(lab)
+        lab.faults.clear()
+    assert lab.world.table.rate_deg_s() == 0.0
+
+
+def read_and_check(lab: SimulatedLab) -> None:
+    lab.bench.multimeter.read_voltage_v()
+    lab.bench.multimeter.check_errors()
+
+
+def test_after_a_late_answer_the_right_one_comes() -> None:
+    with open_simulated("ideal") as lab:
+        energised(lab)
+        before = lab.bench.multimeter.read_voltage_v()
+        lab.fault("multimeter", "late", delay_s=20.0, duration_s=1.0)
+        with pytest.raises((DeadlineExceeded, OutOfSync)):
+            lab.bench.multimeter.read_voltage_v()
+        lab.bench.rate_table.set_rate(0.0, 100.0)
+        sleep(lab.bench.clock, 30.0)
+        assert lab.bench.multimeter.read_voltage_v() != pytest.approx(before, abs=1e-3)
+
+
+def test_a_supply_in_its_limit_says_so() -> None:
+    with open_simulated("ideal") as lab:
+        energised(lab)
+        lab.fault("power", "current_limit", at_s=lab.bench.clock.now() + 5.0)
+        assert lab.bench.power.regulation("P25V") is Regulation.CONSTANT_VOLTAGE
+        sleep(lab.bench.clock, 6.0)
+        assert lab.bench.power.regulation("P25V") is Regulation.CONSTANT_CURRENT
+        assert abs(lab.world.value_v("rail_positive")) < 0.2
+
+
+def test_faults_happen_at_their_own_instant_in_the_middle_of_a_wait() -> None:
+    with open_simulated("ideal") as lab:
+        energised(lab)
+        begun = lab.bench.clock.now()
+        lab.play(f'[[fault]]\ninstrument = "rate_table"\nkind = "interlock"\nat_s = {begun + 10.0}\n')
+        sleep(lab.bench.clock, 9.9)
+        assert lab.world.table.servo_closed
+        angle = lab.world.table.angle_deg()
+        sleep(lab.bench.clock, 10.0)
+        assert not lab.world.table.servo_closed
+        assert lab.world.table.angle_deg() - angle < 50.0 * 5.0
+        assert "interlock" in str(lab.bench.rate_table.fault())
+
+
+def test_what_cannot_be_made_safe_is_told() -> None:
+    def lose_the_table(lab: SimulatedLab) -> None:
+        energised(lab)
+        lab.fault("rate_table", "unreachable")
+
+    with pytest.raises(NotSafe, match="rate_table"), open_simulated("ideal") as lab:
+        lose_the_table(lab)
+    assert lab.world.table.rate_deg_s() == pytest.approx(50.0, abs=0.5)
+    assert abs(lab.world.value_v("rail_positive")) < 0.05
+
+
+def test_a_real_stations_file_is_simulated_with_its_own_limits(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(template().replace("max_rate_deg_s = 300", "max_rate_deg_s = 250"), "utf-8")
+    description = simulated(path, parameters="ideal", errors="none", overrides="site.latitude_deg = 10.0")
+    assert description.simulation is not None
+    assert description.simulation.errors.multimeter == "none"
+    with open_simulated(description) as lab:
+        assert lab.world.parameters.site.latitude_deg == 10.0
+        with pytest.raises(BenchError, match="limit of 250 deg/s"):
+            lab.bench.rate_table.set_rate(251.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"parameters": "mine"}, "expected paper or ideal, came 'mine'"),
+        ({"errors": "some"}, "expected none or drawn, came 'some'"),
+        ({"overrides": "a b"}, "expected TOML"),
+        ({"overrides": {"site": {"latitude": 3}}}, "simulation.override.site.latitude: expected a known name"),
+    ],
+)
+def test_what_no_bench_can_be_is_told(settings: dict[str, str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        simulated(**settings)
+
+
+def test_a_served_bench_answers_on_its_resource_strings() -> None:
+    import pyvisa  # noqa: PLC0415
+
+    with serve_simulated("ideal", seed=5) as lab:
+        manager = pyvisa.ResourceManager("@py")
+        with manager.open_resource(
+            lab.resource("multimeter"), read_termination="\n", write_termination="\n", open_timeout=5000
+        ) as meter:
+            assert "34401A" in meter.query("*IDN?")  # type: ignore[attr-defined]
+        manager.close()
+        assert lab.resource("rate_table").startswith("socket://")
+        assert lab.ask("set", name="applied_rate_deg_s", value=10.0) is not None
+        lab.fault("multimeter", "silent", duration_s=1.0)
+        with pytest.raises(ConfigError, match="multimeter is not served on hislip"):
+            lab.resource("multimeter", "hislip")
+        with pytest.raises(ConfigError, match="kettle is not served on tcp"):
+            lab.resource("kettle")

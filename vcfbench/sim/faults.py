@@ -1,0 +1,429 @@
+"""What can go wrong on a simulated bench: on a wire, at an instrument, at a bench time, from a script.
+
+A script is TOML; `vcfbench sim serve --faults FILE` and the test fixtures read the same files::
+
+    seed = 0                    # of the noise; without it 0
+
+    [[fault]]
+    at_s = 10.0                 # bench time; without it from the start
+    instrument = "multimeter"   # a role
+    kind = "late"
+    duration_s = 5.0            # bench time; without it the fault lasts until it is cleared
+    delay_s = 3.0               # of the kind `late`
+
+==============  ====================================================================================================
+kind            what happens
+==============  ====================================================================================================
+silent          answers are lost
+late            answers come `delay_s` later
+garbled         one byte of each answer is noise
+garbage         a burst of noise comes before each answer
+truncated       the second half of each answer is missing
+disconnect      the connection is cut once
+unreachable     the connection is cut, and there is no new one
+error           `number` is in the error queue
+overload        the multimeter's input is beyond every range
+current_limit   a short circuit (1 ohm) across the rails: the supply goes to its current limit
+interlock       the rate table's master interlock opens: the servo drops
+==============  ====================================================================================================
+
+:class:`FaultyDevice` stands around a `Device`, so that transports, drivers and procedures see what they would see of a
+real fault. The last three are faults of the bench, not of a wire, and act on the instrument itself.
+"""
+
+from __future__ import annotations
+
+import random
+import tomllib
+from collections import deque
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from vcfbench.sim.instruments.dmm_math import OVERLOAD
+from vcfbench.sim.scpi import ScpiError, ScpiInstrument
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+
+    from vcfbench.clock import Clock
+    from vcfbench.sim.device import Device
+
+__all__ = [
+    "Fault",
+    "FaultInjector",
+    "FaultScript",
+    "FaultyDevice",
+    "Kind",
+    "parse_script",
+    "read_faults",
+    "read_script",
+]
+
+Kind = Literal[
+    "silent",
+    "late",
+    "garbled",
+    "garbage",
+    "truncated",
+    "disconnect",
+    "unreachable",
+    "error",
+    "overload",
+    "current_limit",
+    "interlock",
+]
+
+_WHOLE = 1 << 25
+_MASTER_INTERLOCK = 9
+_SHORT_OHM = 1.0
+_AT_ONCE = frozenset({"disconnect", "error"})
+"""Kinds that happen and are over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault of one instrument.
+
+    Raises:
+        ValueError: there is no such kind, or a time is negative.
+    """
+
+    instrument: str
+    """Its role."""
+    kind: Kind
+    at_s: float = 0.0
+    """Bench time at which it begins."""
+    duration_s: float | None = None
+    """Bench time for which it lasts; None until it is cleared."""
+    number: int = -300
+    """Error number of the kind `error`."""
+    delay_s: float = 1.0
+    """Lateness of the kind `late`, bench time."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {self.kind!r}")
+        if self.at_s < 0 or self.delay_s < 0 or (self.duration_s is not None and self.duration_s <= 0):
+            raise ValueError("a fault begins at 0 s or later, and lasts")
+
+
+@dataclass(frozen=True, slots=True)
+class FaultScript:
+    """What goes wrong and when; `seed` is that of the noise."""
+
+    faults: tuple[Fault, ...]
+    seed: int = 0
+
+
+def parse_script(text: str, source: str) -> FaultScript:
+    """Return the script that the TOML `text` describes; `source` names it in errors (ValueError)."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{source}: expected TOML: {error}") from None
+    seed, entries = table.get("seed", 0), table.get("fault", [])
+    if set(table) - {"seed", "fault"} or type(seed) is not int or not isinstance(entries, list):
+        raise ValueError(f"{source}: expected seed and [[fault]] and nothing else")
+    return FaultScript(
+        tuple(_fault(entry, f"{source}: fault {number}") for number, entry in enumerate(entries, start=1)), seed
+    )
+
+
+def read_script(path: Path) -> FaultScript:
+    """Return the script in a file.
+
+    Raises:
+        ValueError: it is not TOML, or an entry is no fault; the words say which.
+        OSError: it cannot be read.
+    """
+    return parse_script(path.read_text(encoding="utf-8"), str(path))
+
+
+def read_faults(path: Path) -> list[Fault]:
+    """Return the faults of the script in a file; errors as of :func:`read_script`."""
+    return list(read_script(path).faults)
+
+
+def _fault(entry: Any, where: str) -> Fault:
+    known = {field.name for field in fields(Fault)}
+    if not isinstance(entry, dict) or not {"instrument", "kind"} <= set(entry) <= known:
+        raise ValueError(f"{where}: expected instrument and kind, and of {', '.join(sorted(known))} no others")
+    try:
+        return Fault(**entry)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+# --- faults of the bench: each begins at once and returns what ends it ---------------------------------------------
+
+
+def _overdrive(device: Any, _fault: Fault) -> Callable[[], None]:
+    inputs = device.inputs
+    device.inputs = _Overdriven(inputs)
+    return lambda: setattr(device, "inputs", inputs)
+
+
+class _Overdriven:
+    """The input stage of a multimeter whose input is beyond every range."""
+
+    def __init__(self, inputs: Any) -> None:
+        self._inputs = inputs
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inputs, name)
+
+    def autorange(self, function: Any, _range: float) -> float:
+        return float(function.ranges[-1])
+
+    def begin(self, *arguments: Any, **settings: Any) -> Any:
+        reading = self._inputs.begin(*arguments, **settings)
+        return type(reading)(reading.end_s, lambda: OVERLOAD)
+
+
+def _short(device: Any, _fault: Fault) -> Callable[[], None]:
+    worlds = {name: output._world for name, output in device.outputs.items()}  # noqa: SLF001  # the leads end there
+
+    def connect(lead: Callable[[Any], Any]) -> None:
+        for name, output in device.outputs.items():
+            output._world = lead(worlds[name])  # noqa: SLF001  # as above
+        device.observe()
+
+    connect(_Shorted)
+    return lambda: connect(lambda world: world)
+
+
+class _Shorted:
+    """The World at the end of a supply's leads when something lies across them."""
+
+    def __init__(self, world: Any) -> None:
+        self._world = world
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._world, name)
+
+    def rail_current_a(self, rail: str, voltage_v: float) -> float:
+        return float(self._world.rail_current_a(rail, voltage_v)) + abs(voltage_v) / _SHORT_OHM
+
+
+def _open_interlock(device: Any, _fault: Fault) -> Callable[[], None]:
+    device.set_interlock(_MASTER_INTERLOCK, faulty=True)
+    return lambda: device.set_interlock(_MASTER_INTERLOCK, faulty=False)
+
+
+_ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]] = {
+    # kind: what an instrument must have to suffer it, and how it begins
+    "overload": ("inputs", _overdrive),
+    "current_limit": ("outputs", _short),
+    "interlock": ("set_interlock", _open_interlock),
+}
+
+
+# --- faults of a wire ------------------------------------------------------------------------------------------------
+
+
+class FaultyDevice:
+    """A device, and what goes wrong with it.
+
+    Args:
+        device: what it stands around.
+        clock: bench time.
+        noise: where noise comes from.
+    """
+
+    def __init__(self, device: Device, clock: Clock, noise: random.Random) -> None:
+        self.device = device
+        self._clock = clock
+        self._noise = noise
+        self._planned: list[Fault] = []
+        self._active: list[tuple[float | None, Fault, Callable[[], None]]] = []
+        self._underway: deque[tuple[float, bytes, bool]] = deque()
+        self._cut = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.device, name)
+
+    def add(self, fault: Fault) -> None:
+        """Let `fault` happen at its time, now if that has passed.
+
+        Raises:
+            ValueError: the instrument cannot suffer it.
+        """
+        needed = _ON_THE_BENCH.get(fault.kind, ("write",))[0]
+        if not hasattr(self.device, needed) or (fault.kind == "error" and not isinstance(self.device, ScpiInstrument)):
+            raise ValueError(f"{fault.instrument} knows no {fault.kind!r}")
+        self._planned.append(fault)
+        self._planned.sort(key=lambda each: each.at_s)
+        self._advance()
+
+    def clear_faults(self) -> None:
+        """End what goes on and forget what is planned."""
+        self._planned.clear()
+        while self._active:
+            self._active.pop()[2]()
+        self._cut = False
+
+    # --- what transports call -------------------------------------------------------------------------------------
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes from the controller; ConnectionResetError when the link is lost."""
+        self._require_link()
+        self.device.write(data, end=end)
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return what has arrived; ConnectionResetError when the link is lost."""
+        self._require_link()
+        if not self._underway:
+            return self.device.read(limit) if not self._spoiling() else (b"", False)
+        arrives_s, data, end = self._underway[0]
+        if arrives_s > self._clock.now():
+            return b"", False
+        part, rest = data[:limit], data[limit:]
+        if rest:
+            self._underway[0] = (arrives_s, rest, end)
+        else:
+            self._underway.popleft()
+        return part, end and not rest
+
+    def wake_at(self) -> float | None:
+        """Do what is due; return when something next happens by itself."""
+        self._advance()
+        coming = [
+            self.device.wake_at(),
+            *(each[0] for each in self._active),
+            *(each.at_s for each in self._planned[:1]),
+        ]
+        coming += [arrives_s for arrives_s, _, _ in self._underway]
+        return min((instant for instant in coming if instant is not None), default=None)
+
+    def clear(self) -> None:
+        """Device clear."""
+        self._require_link()
+        self._underway.clear()
+        self.device.clear()
+
+    def status_byte(self) -> int:
+        """Serial poll."""
+        self._require_link()
+        return self.device.status_byte()
+
+    def trigger(self) -> None:
+        """Group execute trigger."""
+        self._require_link()
+        self.device.trigger()
+
+    # --- faults ---------------------------------------------------------------------------------------------------
+
+    def _advance(self) -> None:
+        """Begin and end what is due, and spoil what the device has said."""
+        now = self._clock.now()
+        while self._planned and self._planned[0].at_s <= now:
+            self._begin(self._planned.pop(0))
+        for each in [each for each in self._active if each[0] is not None and each[0] <= now]:
+            self._active.remove(each)
+            each[2]()
+        if self._spoiling():
+            self._spoil_what_is_said()
+
+    def _begin(self, fault: Fault) -> None:
+        if fault.kind == "error":
+            self.device.engine.report(ScpiError(fault.number))  # type: ignore[attr-defined]  # add() has seen to it
+        if fault.kind in {"disconnect", "unreachable"}:
+            self._underway.clear()
+            self.device.clear()
+            self._cut = fault.kind == "disconnect"
+        if fault.kind in _AT_ONCE:
+            return
+        start = _ON_THE_BENCH.get(fault.kind)
+        undo = (lambda: None) if start is None else start[1](self.device, fault)
+        ends_s = None if fault.duration_s is None else max(fault.at_s, self._clock.now()) + fault.duration_s
+        self._active.append((ends_s, fault, undo))
+
+    def _require_link(self) -> None:
+        self._advance()
+        if self._cut or any(fault.kind == "unreachable" for _, fault, _ in self._active):
+            self._cut = False
+            raise ConnectionResetError("the link to the instrument is lost")
+
+    def _spoiling(self) -> list[Fault]:
+        return [fault for _, fault, _ in self._active if fault.kind in _SPOILERS]
+
+    def _spoil_what_is_said(self) -> None:
+        data, end = self.device.read(_WHOLE)
+        if not data:
+            return
+        arrives_s = max([self._clock.now(), *(each[0] for each in self._underway)])
+        for fault in self._spoiling():
+            if fault.kind == "late":
+                arrives_s += fault.delay_s
+            data, end = _SPOILERS[fault.kind](self._noise, data, end)
+        if data:
+            self._underway.append((arrives_s, data, end))
+
+
+def _lose(_noise: random.Random, _data: bytes, _end: bool) -> tuple[bytes, bool]:  # noqa: FBT001  # as an answer is
+    return b"", False
+
+
+def _leave(_noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
+    return data, end
+
+
+def _garble(noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
+    """Spoil one byte, not the terminator if there is another; what comes instead is never text."""
+    place = noise.randrange(max(1, len(data) - 2))
+    return data[:place] + bytes([noise.randrange(0x80, 0x100)]) + data[place + 1 :], end
+
+
+def _add_garbage(noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
+    return bytes(noise.randrange(0x80, 0x100) for _ in range(noise.randrange(1, 20))) + data, end
+
+
+def _cut_short(_noise: random.Random, data: bytes, _end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
+    return data[: len(data) // 2], False
+
+
+_SPOILERS: dict[str, Callable[[random.Random, bytes, bool], tuple[bytes, bool]]] = {
+    "silent": _lose,
+    "late": _leave,
+    "garbled": _garble,
+    "garbage": _add_garbage,
+    "truncated": _cut_short,
+}
+
+
+class FaultInjector:
+    """The instruments of a bench, and what goes wrong with them; `devices` stand in for those that it was made of."""
+
+    def __init__(self, devices: Mapping[str, Device], clock: Clock, seed: int = 0) -> None:
+        self._clock = clock
+        self.devices = {
+            role: FaultyDevice(device, clock, random.Random(f"{seed}/{role}"))  # noqa: S311  # noise, not secrets
+            for role, device in devices.items()
+        }
+
+    def add(self, *faults: Fault) -> None:
+        """Let `faults` happen at their times.
+
+        Raises:
+            ValueError: the bench has no such instrument, or the instrument cannot suffer that.
+        """
+        for fault in faults:
+            self._device(fault.instrument).add(fault)
+
+    def play(self, script: FaultScript) -> None:
+        """Let everything in `script` happen, its noise from its seed; errors as of :meth:`add`."""
+        for role, device in self.devices.items():
+            device._noise.seed(f"{script.seed}/{role}")  # noqa: SLF001  # its own
+        self.add(*script.faults)
+
+    def clear(self, roles: Iterable[str] | None = None) -> None:
+        """End the faults of `roles`, or of all, and forget those that are planned."""
+        for role in self.devices if roles is None else roles:
+            self._device(role).clear_faults()
+
+    def _device(self, role: str) -> FaultyDevice:
+        try:
+            return self.devices[role]
+        except KeyError:
+            raise ValueError(f"the bench has no {role!r}, only {', '.join(self.devices)}") from None

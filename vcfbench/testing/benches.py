@@ -1,0 +1,218 @@
+"""Simulated benches for tests: open on virtual time, or served on real wires; their physics and their faults at hand.
+
+::
+
+    with open_simulated(simulated(load_bench("lab.toml")), seed=3) as lab:
+        lab.bench.power.enable_outputs()
+        lab.fault("multimeter", "overload", at_s=20.0)
+        assert lab.world.value_v("rail_positive") > 9.9
+"""
+
+from __future__ import annotations
+
+import tomllib
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from msgspec import structs
+
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.consistency import misfits
+from vcfbench.bench.description import BenchDescription, Simulation, SimulationErrors
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.simulated import SimulatedBench, chosen_seed
+from vcfbench.errors import ConfigError
+from vcfbench.sim.faults import Fault, FaultInjector, parse_script, read_script
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.bench.bench import Bench
+    from vcfbench.clock import Clock
+    from vcfbench.sim.serve import Control, Wires
+    from vcfbench.sim.world import World
+
+__all__ = ["ServedLab", "SimulatedLab", "open_simulated", "serve_simulated", "simulated"]
+
+_GIVING_UP_S = 10.0
+
+
+def simulated(
+    bench: BenchDescription | Path | str | None = None,
+    *,
+    parameters: str | None = None,
+    errors: str | None = None,
+    overrides: Mapping[str, Any] | str | None = None,
+) -> BenchDescription:
+    """Return a bench to be simulated: a real station's file keeps its limits, wiring and procedure settings.
+
+    Args:
+        bench: a description, a bench file, or the name of an embedded bench; None is the paper's.
+        parameters: ``paper`` or ``ideal`` gyroscope and PCB; None leaves what the file says.
+        errors: ``none`` or ``drawn`` for every instrument; None leaves what the file says.
+        overrides: single physical parameters by name (``vcfbench sim show``), nested, or as TOML text.
+
+    Raises:
+        ConfigError: the file cannot be used, or a value is not one.
+    """
+    description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
+    simulation = description.simulation or Simulation()
+    changes: dict[str, Any] = {}
+    if parameters is not None:
+        changes["parameters"] = parameters
+    if errors is not None:
+        changes["errors"] = SimulationErrors(**dict.fromkeys(SimulationErrors.__struct_fields__, errors))  # type: ignore[arg-type]
+    if overrides is not None:
+        changes["override"] = {**simulation.override, **_table(overrides)}
+    return _checked(structs.replace(description, simulation=structs.replace(simulation, **changes)))
+
+
+def _table(overrides: Mapping[str, Any] | str) -> Mapping[str, Any]:
+    if not isinstance(overrides, str):
+        return overrides
+    try:
+        return tomllib.loads(overrides)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"overrides: expected TOML: {error}") from None
+
+
+def _checked(description: BenchDescription) -> BenchDescription:
+    simulation = cast("Simulation", description.simulation)
+    if simulation.parameters not in {"paper", "ideal"}:
+        raise ConfigError(f"parameters: expected paper or ideal, came {simulation.parameters!r}")
+    for asked in structs.asdict(simulation.errors).values():
+        if isinstance(asked, str) and asked not in {"none", "drawn"}:
+            raise ConfigError(f"errors: expected none or drawn, came {asked!r}")
+    for misfit in misfits(description):
+        raise ConfigError(f"{misfit.path}: expected {misfit.expected}, came {misfit.came!r}")
+    return description
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedLab:
+    """An open simulated bench: the bench as procedures see it, the physics behind it, what goes wrong with it."""
+
+    bench: Bench
+    world: World
+    faults: FaultInjector
+
+    def fault(self, instrument: str, kind: Any, **when: Any) -> None:
+        """Let a fault happen now, or `at_s`; further fields as of :class:`~vcfbench.sim.faults.Fault`."""
+        self.faults.add(Fault(instrument, kind, **{"at_s": self.bench.clock.now(), **when}))
+
+    def play(self, script: Path | str) -> None:
+        """Let everything in a fault script happen: a file, or TOML text."""
+        self.faults.play(read_script(script) if isinstance(script, Path) else parse_script(script, "fault script"))
+
+
+@contextmanager
+def open_simulated(
+    bench: BenchDescription | Path | str | None = None, *, seed: int | None = None, speed: str | float | None = None
+) -> Iterator[SimulatedLab]:
+    """Open a simulated bench on virtual time; leaving it runs the safety stack, as on a real one.
+
+    Raises:
+        NotSafe: on leaving, something could not be made safe, for instance because a fault keeps its link down.
+    """
+    made: list[tuple[World, FaultInjector]] = []
+    description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
+    with _tapped(made), open_bench(description, seed=seed, speed=speed) as opened:
+        world, faults = made[0]
+        yield SimulatedLab(opened, world, faults)
+
+
+@contextmanager
+def _tapped(made: list[tuple[World, FaultInjector]]) -> Iterator[None]:
+    """Put every bench that is built meanwhile behind a fault injector, and keep both."""
+    build = SimulatedBench.__dict__["build"]
+
+    def tapped(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        built: SimulatedBench = build.__func__(SimulatedBench, description, seed, clock)
+        faults = FaultInjector(built.devices, built.clock, seed)
+        cast("Any", built.clock).attend(*faults.devices.values())  # what is planned must happen at its own instant
+        made.append((built.world, faults))
+        return replace(built, devices=faults.devices)
+
+    kind: Any = SimulatedBench
+    kind.build = staticmethod(tapped)
+    try:
+        yield
+    finally:
+        kind.build = build
+
+
+@dataclass(frozen=True, slots=True)
+class ServedLab:
+    """A simulated bench on real wires: what it is, ready resource strings, and its control port."""
+
+    description: BenchDescription
+    seed: int
+    wires: Mapping[str, Wires]
+    control_port: int
+
+    def resource(self, role: str, interface: str = "tcp") -> str:
+        """Return the resource string of an instrument on ``tcp``, ``vxi11``, ``hislip`` or ``pty``.
+
+        Raises:
+            ConfigError: it is not offered there.
+        """
+        found = getattr(self.wires[role], interface, None) if role in self.wires else None
+        if found is None:
+            raise ConfigError(f"{role} is not served on {interface}")
+        return str(found)
+
+    def control(self) -> Control:
+        """Return a connection to the control port, to be closed: ``with served_bench.control() as control``."""
+        from vcfbench.sim.serve import Control  # noqa: PLC0415  # loaded when it is needed
+
+        return Control(self.control_port)
+
+    def ask(self, do: str, **arguments: Any) -> Any:
+        """Put one request to the control port: ``ask("set", name="applied_rate_deg_s", value=10.0)``."""
+        with self.control() as control:
+            return control.request(do, **arguments)
+
+    def fault(self, instrument: str, kind: str, *, duration_s: float | None = None) -> None:
+        """Let a fault happen on the wires now."""
+        self.ask("fault", instrument=instrument, kind=kind, duration_s=duration_s)
+
+    def on_wires(self) -> BenchDescription:
+        """Return the bench as a run of this program opens it from outside: over TCP, led by its clock."""
+        from vcfbench.bench.served import on_wires  # noqa: PLC0415  # loaded when it is needed
+
+        resources = {role: str(wires.tcp) for role, wires in self.wires.items()}
+        return on_wires(self.description, resources, f"127.0.0.1:{self.control_port}")
+
+
+@contextmanager
+def serve_simulated(
+    bench: BenchDescription | Path | str | None = None, *, seed: int | None = None, speed: float | None = None
+) -> Iterator[ServedLab]:
+    """Serve a simulated bench from a thread of this process.
+
+    Without `speed` (times real time) bench time jumps to whatever a client waits for.
+    """
+    import threading  # noqa: PLC0415  # only served benches need one
+
+    from vcfbench.sim.serve import MAX_SPEED, BenchServer, ServedBench, ServedClock  # noqa: PLC0415
+
+    description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
+    used = chosen_seed(description, seed)
+    clock = ServedClock(MAX_SPEED if speed is None else speed)
+    built = SimulatedBench.build(description, used, clock)
+    models = {role: _model(description, role) for role in built.devices}
+    with BenchServer(ServedBench(built.world, built.devices, models), clock) as server:
+        worker = threading.Thread(target=server.run, daemon=True)
+        worker.start()
+        try:
+            yield ServedLab(description, used, server.wires, server.control.port)
+        finally:
+            server.stop()
+            worker.join(_GIVING_UP_S)
+
+
+def _model(description: BenchDescription, role: str) -> str:
+    part = getattr(description, role)
+    return str(part.dialect if role == "rate_table" else part.model)

@@ -1,0 +1,184 @@
+"""The pytest plugin: simulated and served benches, faults and protocol tests for anybody's procedures and drivers.
+
+It comes with the package and does nothing until a test asks for one of its fixtures; nothing of the package is imported
+before that.
+
+Fixtures: `simulated_bench` (an open bench on virtual time), `simulated_world` (the physics behind it), `fault` (what
+goes wrong with it), `open_simulated_bench` (as many benches as a test wants, left when it wants), `served_bench` (the
+bench on real wires), `expected_exchange` (protocol tests of drivers).
+
+The mark `vcfbench` says which bench, for the test, class or module that carries it; the ini options ``vcfbench_bench``,
+``vcfbench_parameters``, ``vcfbench_errors``, ``vcfbench_seed`` and ``vcfbench_overrides`` say it for all::
+
+    @pytest.mark.vcfbench(seed=3, parameters="ideal", overrides={"site": {"latitude_deg": 0.0}})
+    def test_scale_factor(simulated_bench): ...
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
+
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.sim.world import World
+    from vcfbench.testing.benches import ServedLab, SimulatedLab
+
+__all__ = [
+    "Faults",
+    "expected_exchange",
+    "fault",
+    "open_simulated_bench",
+    "pytest_addoption",
+    "pytest_configure",
+    "served_bench",
+    "simulated_bench",
+    "simulated_world",
+]
+
+_MARK = (
+    "vcfbench(bench=None, seed=None, parameters=None, errors=None, overrides=None, faults=None, speed=None): "
+    "which simulated bench the fixtures of vcfbench open"
+)
+_SETTINGS = ("bench", "seed", "parameters", "errors", "overrides", "faults", "speed")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare the ini options."""
+    parser.addini("vcfbench_bench", "bench file, from the root directory, or the name of an embedded bench")
+    parser.addini("vcfbench_parameters", "parameters of the simulated gyroscope: paper or ideal")
+    parser.addini("vcfbench_errors", "errors of the simulated instruments: none or drawn")
+    parser.addini("vcfbench_seed", "seed of the simulated benches")
+    parser.addini("vcfbench_overrides", "single physical parameters, one a line, as in TOML", type="linelist")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the mark."""
+    config.addinivalue_line("markers", _MARK)
+
+
+class Faults:
+    """What the fixture `fault` is: called, it lets a fault happen on the simulated bench.
+
+    ``fault("multimeter", "overload")`` happens now, ``fault("rate_table", "interlock", at_s=20.0)`` at a bench time,
+    ``duration_s=`` says for how long; `play` takes a script, `clear` ends all. The kinds are in `vcfbench.sim.faults`.
+    """
+
+    def __init__(self, lab: SimulatedLab) -> None:
+        self._lab = lab
+
+    def __call__(self, instrument: str, kind: str, **when: Any) -> None:
+        """Let a fault happen."""
+        self._lab.fault(instrument, kind, **when)
+
+    def play(self, script: Any) -> None:
+        """Let everything in a fault script happen: a path, or TOML text."""
+        self._lab.play(script)
+
+    def clear(self) -> None:
+        """End every fault and forget those that are planned."""
+        self._lab.faults.clear()
+
+
+@pytest.fixture
+def _vcfbench_lab(request: pytest.FixtureRequest) -> Iterator[SimulatedLab]:
+    """Open the bench that the mark and the ini options ask for; faults are ended before it is left."""
+    from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
+
+    asked = _asked(request)
+    with open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"]) as lab:
+        if asked["faults"] is not None:
+            lab.play(_script(request, asked["faults"]))
+        try:
+            yield lab
+        finally:
+            lab.faults.clear()
+
+
+@pytest.fixture
+def simulated_bench(_vcfbench_lab: SimulatedLab) -> Bench:
+    """Return an open simulated bench on virtual time; it is left through its safety stack."""
+    return _vcfbench_lab.bench
+
+
+@pytest.fixture
+def simulated_world(_vcfbench_lab: SimulatedLab) -> World:
+    """Return the physics behind `simulated_bench`: what is really there, whatever instruments say."""
+    return _vcfbench_lab.world
+
+
+@pytest.fixture
+def fault(_vcfbench_lab: SimulatedLab) -> Faults:
+    """Return what lets faults happen on `simulated_bench`."""
+    return Faults(_vcfbench_lab)
+
+
+@pytest.fixture
+def open_simulated_bench(request: pytest.FixtureRequest) -> Callable[..., AbstractContextManager[SimulatedLab]]:
+    """Return what opens benches as the mark and the ini options ask, but for what is given in the call.
+
+    ``with open_simulated_bench(seed=4) as lab:`` has `lab.bench`, `lab.world` and `lab.fault`. Faults go on while it is
+    left, so that NotSafe can be expected.
+    """
+    from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
+
+    def open_one(**changes: Any) -> AbstractContextManager[SimulatedLab]:
+        asked = {**_asked(request), **changes}
+        return open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
+
+    return open_one
+
+
+@pytest.fixture
+def served_bench(request: pytest.FixtureRequest) -> Iterator[ServedLab]:
+    """Serve the bench on sockets of this computer; it has ready resource strings for any program."""
+    from vcfbench.testing.benches import serve_simulated  # noqa: PLC0415  # heavy, and only now needed
+
+    asked = _asked(request)
+    with serve_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"]) as lab:
+        yield lab
+
+
+@pytest.fixture
+def expected_exchange() -> Callable[..., AbstractContextManager[Any]]:
+    """Return :func:`vcfbench.testing.expected_exchange`, for protocol tests of drivers."""
+    from vcfbench.testing.exchange import expected_exchange as exchange  # noqa: PLC0415  # heavy, and only now needed
+
+    return exchange
+
+
+def _asked(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Return what is asked for: the nearest mark that says it, else the ini options."""
+    config, asked = request.config, dict[str, Any].fromkeys(_SETTINGS)
+    for name in ("bench", "parameters", "errors", "seed"):
+        asked[name] = config.getini(f"vcfbench_{name}") or None
+    asked["overrides"] = "\n".join(config.getini("vcfbench_overrides")) or None
+    for mark in reversed(list(request.node.iter_markers("vcfbench"))):
+        if mark.args or not set(mark.kwargs) <= set(_SETTINGS):
+            raise pytest.UsageError(f"the mark is {_MARK}")
+        asked.update(mark.kwargs)
+    asked["seed"] = None if asked["seed"] is None else int(asked["seed"])
+    return asked
+
+
+def _described(request: pytest.FixtureRequest, asked: dict[str, Any]) -> BenchDescription:
+    from vcfbench.errors import ConfigError  # noqa: PLC0415  # nothing of the package before it is needed
+    from vcfbench.testing.benches import simulated  # noqa: PLC0415  # heavy, and only now needed
+
+    bench = asked["bench"]
+    if isinstance(bench, str) and (found := request.config.rootpath / bench).is_file():
+        bench = found
+    try:
+        return simulated(bench, parameters=asked["parameters"], errors=asked["errors"], overrides=asked["overrides"])
+    except ConfigError as error:
+        raise pytest.UsageError(f"vcfbench: {error}") from None
+
+
+def _script(request: pytest.FixtureRequest, faults: Any) -> Any:
+    """Return a fault script: TOML text as it is, a path from the root directory."""
+    return faults if isinstance(faults, str) and "\n" in faults else request.config.rootpath / faults
