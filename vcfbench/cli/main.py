@@ -114,6 +114,8 @@ app.command("talk")(talk.talk)
 
 def main() -> None:
     """Run the command line."""
+    # the model's matrices have some twenty rows: threads for them cost half as much again as the whole calibration
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app(prog_name="vcfbench")
     finally:  # the answer is given: a signal that comes this late shall not change the exit code
