@@ -37,7 +37,7 @@ def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.Complete
     )
 
 
-def _environment(folder: Path, *packages: str) -> Path:
+def environment(folder: Path, *packages: str) -> Path:
     venv.create(folder, with_pip=True)
     python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
     done = command(python, "-m", "pip", "install", "--quiet", *packages)
@@ -48,13 +48,13 @@ def _environment(folder: Path, *packages: str) -> Path:
 @pytest.fixture(scope="session")
 def pymeasure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Interpreter of an environment with PyMeasure."""
-    return _environment(tmp_path_factory.mktemp("pymeasure"), PYMEASURE, *TOOLS, "pytest")
+    return environment(tmp_path_factory.mktemp("pymeasure"), PYMEASURE, *TOOLS, "pytest")
 
 
 @pytest.fixture(scope="session")
 def qcodes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Interpreter of an environment with QCoDeS."""
-    return _environment(tmp_path_factory.mktemp("qcodes"), QCODES, *TOOLS)
+    return environment(tmp_path_factory.mktemp("qcodes"), QCODES, *TOOLS)
 
 
 @pytest.fixture(scope="session")
