@@ -197,3 +197,13 @@ def test_what_a_model_has_not_is_refused(model: str, message: str, numbers: list
     number = bench.error()
     assert number in numbers, f"{number}, not {numbers}"
     assert bench.error() == 0
+
+
+@pytest.mark.parametrize("model", walk.MODELS)
+def test_power_on_state_is_the_reset_state(model: str) -> None:
+    bench = walk.bench(model)
+    for name, command in walk.commands(model):
+        if command.reset is not None and not command.arrange:
+            answer = bench.ask(command.question or "")
+            assert matches(answer, command.reset), f"{name}: {answer!r}"
+    assert bench.error() == 0
