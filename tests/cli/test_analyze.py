@@ -51,6 +51,16 @@ def test_paper_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert (result["comparison"]["reference"], result["comparison"]["other"]) == ("turntable_v", "virtual_v")
 
 
+@pytest.mark.parametrize("columns", ["0", "20"])
+def test_no_terminal_is_too_narrow_for_the_figures(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, columns: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    analyze(TABLE_1)
+    out = capsys.readouterr().out
+    assert all(figure in out for figure in ("turntable_v", "-12.542052", "max_span_rounded", "3389.6", "1.533"))
+
+
 def test_tables_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     analyze(TABLE_1)
     out = capsys.readouterr().out
@@ -105,6 +115,7 @@ UNUSABLE = {
     "decimal comma": (HEADER + b"1,5,2,5\n", ", line 2: 2 columns expected, got 4; are there decimal commas?"),
     "quoted decimal comma": (HEADER + b'1,"2,5"\n', ", line 2, column a: '2,5' has a decimal comma"),
     "not a number": (HEADER + b"1,2\n2,NaN\n3,4\n", ", line 3, column a: NaN is not a measured value"),
+    "overload": (HEADER + b"1,2\n2,9.9E37\n3,4\n", ", line 3, column a: 9.9E37 is an instrument's word for overload"),
     "infinite": (HEADER + b"1,2\n-inf,2\n3,4\n", ", line 3, column rate_deg_s: -inf is not a measured value"),
     "too large": (HEADER + b"1,1e999\n", ", line 2, column a: 1e999 is too large"),
     "endless": (HEADER + b"1," + b"9" * 5000 + b"\n", ", line 2, column a: [...] is too large"),

@@ -24,6 +24,8 @@ POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
+_OVERLOAD = 9.9e37
+"""What SCPI instruments answer when they cannot measure."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 
@@ -119,6 +121,8 @@ def _number(cell: str, where: str) -> float:
     value = float(cell)
     if not math.isfinite(value):
         raise ConfigError(f"{where}: {shorten(cell, 40)} is too large for a number")
+    if math.isclose(abs(value), _OVERLOAD):
+        raise ConfigError(f"{where}: {shorten(cell, 40)} is an instrument's word for overload, not a measured value")
     return value
 
 

@@ -106,13 +106,18 @@ def _print_json(
 def _print_tables(
     results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
 ) -> None:
+    from shutil import get_terminal_size  # noqa: PLC0415
+
     from rich.console import Console  # noqa: PLC0415
 
-    console = Console(highlight=False)
-    console.print(_fit_table(results))
-    console.print(_nonlinearity_table(results))
-    if pair is not None and comparison is not None:
-        console.print(_comparison_table(pair, comparison))
+    # narrower than this, rich would cut figures; a terminal wraps them, and nothing is lost
+    console = Console(highlight=False, width=max(80, get_terminal_size().columns))
+    with console.capture() as text:
+        console.print(_fit_table(results))
+        console.print(_nonlinearity_table(results))
+        if pair is not None and comparison is not None:
+            console.print(_comparison_table(pair, comparison))
+    typer.echo(text.get(), nl=False)
 
 
 def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
