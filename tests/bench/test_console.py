@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import signal
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 
 from vcfbench.bench.console import open_console, summary
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import Aborted, ConfigError, DeadlineExceeded, InterlockError, LimitError
+from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from vcfbench.bench.console import Console
     from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
@@ -168,3 +173,24 @@ def test_a_typed_line_is_what_was_typed() -> None:
 )
 def test_answers_as_people_read_them(answer: bytes, shown: str) -> None:
     assert summary(answer) == shown
+
+
+@pytest.mark.parametrize(
+    ("role", "lines"),
+    [
+        ("power", {"APPL P25V,10,0.1;:OUTP ON": None, "OUTP?": b"1", "MEAS:VOLT? P6V": b"+0.00000000E+00"}),
+        ("rate_table", {":Demand:Rate 1,0": None, ":Demand:Rate? 1": b"0.00000"}),
+    ],
+)
+def test_a_real_station_is_spoken_to_over_its_wires(
+    role: str, lines: dict[str, bytes | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", str(tmp_path))
+    with serve_simulated("ideal") as served:
+        there = structs.replace(getattr(served.description, role), resource=served.resource(role))
+        station = structs.replace(served.description, simulation=None, visa_library="@py", **{role: there})
+        with open_console(role, station) as console:
+            assert {line: console.say(line).answer for line in lines} == lines
+            with pytest.raises(LimitError):
+                console.say({"power": "APPL P25V,20", "rate_table": ":Demand:Rate 1,999"}[role])
+        assert served.ask("get", name="rail.positive.current_a") == pytest.approx(0.0, abs=1e-3)
