@@ -241,15 +241,26 @@ def _devices(description: BenchDescription, world: World, errors: Mapping[str, A
     rails = {wiring.rails.positive: "positive", wiring.rails.negative: "negative"}
     settings: dict[str, dict[str, Any]] = {
         "power": {"rails": rails},
-        "multimeter": {"node": wiring.multimeter, "mains_hz": float(description.site.mains_hz)},
-        "oscilloscope": {"channels": wiring.oscilloscope.channels()},
+        "multimeter": {"node": "input", "mains_hz": float(description.site.mains_hz)},
+        "oscilloscope": {"channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()}},
         "rate_table": _table_settings(description),
     }
+    seen = _as_seen(description, world)
     return {
-        role: model.device_class()(
-            _NotWired(world) if role == "vibration_source" else world, errors=errors[role], **settings.get(role, {})
-        )
+        role: model.device_class()(seen.get(role, world), errors=errors[role], **settings.get(role, {}))
         for role, model in roles.items()
+    }
+
+
+def _as_seen(description: BenchDescription, world: World) -> dict[str, Any]:
+    """Return the World as the instruments see it that have leads, or are not wired to it."""
+    from vcfbench.sim.leads import Leads  # noqa: PLC0415
+
+    channels = description.wiring.oscilloscope.channels()
+    return {
+        "multimeter": Leads(world, "multimeter", {"input": description.wiring.multimeter}),
+        "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
+        "vibration_source": _NotWired(world),
     }
 
 

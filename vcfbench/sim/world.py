@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
     from vcfbench.sim.gyro.stretch import Stretch
+    from vcfbench.sim.leads import Leads
     from vcfbench.sim.parameters import BenchParameters
 
 __all__ = ["NODES", "RAILS", "Capture", "Drive", "Window", "World"]
@@ -115,7 +116,10 @@ class World:
         self.parameters = parameters
         self.table = TableMotion(clock, parameters.table, self.advance)
         self._gyro = Gyro(parameters, seed, clock.now())
+        self.leads: dict[str, Leads] = {}
+        """The leads of what looks at the World, by role."""
         self._rails_v = dict.fromkeys(RAILS, 0.0)
+        self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._edges_s: list[float] = []
         self._observers: list[Window | Capture] = []
 
@@ -157,10 +161,44 @@ class World:
         self._gyro.set_rails(max(self._rails_v["positive"], 0.0), min(self._rails_v["negative"], 0.0))
 
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
-        """Return the magnitude of the current that the PCB would draw from `rail` now at `voltage_v`, A."""
+        """Return the magnitude of the current that PCB and load would draw from `rail` now at `voltage_v`, A."""
         self._require(rail, RAILS)
         self.advance()
-        return self._gyro.rail_current_a(RAILS.index(rail), voltage_v)
+        return self._gyro.rail_current_a(RAILS.index(rail), voltage_v) + abs(voltage_v) / self._loads_ohm[rail]
+
+    def load_ohm(self, rail: str) -> float:
+        """Return the load on `rail` beside the PCB, ohm; inf is none."""
+        self._require(rail, RAILS)
+        return self._loads_ohm[rail]
+
+    def set_load(self, rail: str, resistance_ohm: float) -> None:
+        """Put a load on `rail` beside the PCB, a fault for instance; inf takes it off.
+
+        Raises:
+            ValueError: it is not above 0 ohm.
+        """
+        self._require(rail, RAILS)
+        if not resistance_ohm > 0.0:
+            raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
+        self._loads_ohm[rail] = resistance_ohm
+
+    def ambient_c(self) -> float:
+        """Return the temperature around the gyroscope, degC."""
+        return self._gyro.ambient_c
+
+    def set_ambient_c(self, ambient_c: float) -> None:
+        """Change the temperature around the gyroscope from now on; it follows with its time constant.
+
+        Raises:
+            ValueError: it is outside -55 to 125 degC, or the modes would not oscillate there.
+        """
+        self.advance()
+        self._gyro.set_ambient_c(ambient_c)
+
+    def temperature_c(self) -> float:
+        """Return the temperature of the gyroscope now, degC."""
+        self.advance()
+        return self._gyro.temperature_c()
 
     def drive_v_vc(self, source: Drive | None) -> None:
         """Connect a generator to the V_Vc input from now on, or None.

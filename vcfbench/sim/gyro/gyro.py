@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["Gyro"]
 
 FORGOTTEN_DEG_S = 1e-18
+COLDEST_C, HOTTEST_C = -55.0, 125.0
 
 
 class Gyro:
@@ -73,6 +75,28 @@ class Gyro:
     def connect_v_vc(self, source: Drive | None) -> None:
         """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
         self._source = source
+
+    @property
+    def ambient_c(self) -> float:
+        """The temperature around it, degC."""
+        return self._bench.thermal.ambient_c
+
+    def set_ambient_c(self, ambient_c: float) -> None:
+        """Change the temperature around it; raises ValueError where the modes would not be modes any more."""
+        if not COLDEST_C <= ambient_c <= HOTTEST_C:
+            raise ValueError(f"the air has {COLDEST_C:g} to {HOTTEST_C:g} degC, not {ambient_c}")
+        thermal = replace(self._bench.thermal, ambient_c=ambient_c)
+        modes = (self._bench.drive_mode, self._bench.sense_in_phase, self._bench.sense_anti_phase)
+        warmest = ambient_c + thermal.self_heating_k
+        if min(resonance_at(mode, thermal, each).quality for mode in modes for each in (ambient_c, warmest)) <= 0.5:
+            raise ValueError(f"at {ambient_c:g} degC the modes would not oscillate any more")
+        self._bench = replace(self._bench, thermal=thermal)
+        self._heat()
+        self._settle()
+
+    def temperature_c(self) -> float:
+        """Return its temperature, degC."""
+        return self._warm_up.at(self.now_s)
 
     def rail_current_a(self, rail: int, voltage_v: float) -> float:
         """Return the magnitude of the current drawn from rail 0 (positive) or 1 (negative) at a voltage."""

@@ -7,6 +7,7 @@ device get its role in front.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
+    from vcfbench.sim.leads import Leads
     from vcfbench.sim.world import World
 
 __all__ = ["Adjustable", "Adjustment", "adjustments_of"]
@@ -46,7 +48,8 @@ class Adjustable(Protocol):
 
 def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:
     """Return everything that can be seen and changed, by name."""
-    found = [*_motion(world), *_nodes(world), *_rails(world), *_parameters(world), *_own(world, "")]
+    found = [*_motion(world), *_warmth(world), *_nodes(world), *_rails(world), *_leads(world), *_parameters(world)]
+    found += [*_loads(world, devices.values()), *_own(world, "")]
     for role, device in devices.items():
         found += _own(device, f"{role}.")
     return {each.name: each for each in found}
@@ -71,6 +74,67 @@ def _turn(world: World, rate_deg_s: Any) -> None:
     """Turn the gyro by hand: the table's controller is not asked, and does not learn of it."""
     world.table.close_servo()
     world.table.demand_rate(float(rate_deg_s), _SUDDEN_DEG_S2)
+
+
+def _warmth(world: World) -> Iterator[Adjustment]:
+    def warm(value: Any) -> None:
+        world.set_ambient_c(float(value))
+
+    yield Adjustment("ambient_c", "degC", "temperature around the gyroscope", world.ambient_c, warm)
+    yield Adjustment("temperature_c", "degC", "temperature of the gyroscope", world.temperature_c)
+
+
+def _leads(world: World) -> Iterator[Adjustment]:
+    for role, leads in world.leads.items():
+        for name in leads.inputs:
+            yield _end(leads, role, name)
+            yield _way_round(leads, role, name)
+
+
+def _end(leads: Leads, role: str, name: str) -> Adjustment:
+    def connect(node: Any) -> None:
+        leads.connect(name, node)
+
+    meaning = "node that the lead goes to; null when it hangs free"
+    return Adjustment(f"{role}.{name}.node", "", meaning, lambda: leads.lead(name).node, connect)
+
+
+def _way_round(leads: Leads, role: str, name: str) -> Adjustment:
+    def turn(value: Any) -> None:
+        leads.turn(name, reversed_=_truth(value))
+
+    return Adjustment(f"{role}.{name}.reversed", "", "leads swapped", lambda: leads.lead(name).reversed, turn)
+
+
+def _truth(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"expected true or false, not {value!r}")  # noqa: TRY004  (what came over the wire)
+    return value
+
+
+@runtime_checkable
+class _Regulator(Protocol):
+    """A supply that must find its working point anew when its load changes."""
+
+    def observe(self) -> None: ...
+
+
+def _loads(world: World, devices: Iterable[object]) -> Iterator[Adjustment]:
+    supplies = [device for device in devices if isinstance(device, _Regulator)]
+    for rail in RAILS:
+        write = partial(_load, world, rail, supplies)
+        read = partial(_finite, partial(world.load_ohm, rail))
+        yield Adjustment(f"rail.{rail}.load_ohm", "ohm", "load beside the PCB; null is none", read, write)
+
+
+def _finite(read: Callable[[], float]) -> float | None:
+    return value if math.isfinite(value := read()) else None
+
+
+def _load(world: World, rail: str, supplies: Iterable[_Regulator], ohms: Any) -> None:
+    world.set_load(rail, math.inf if ohms is None else float(ohms))
+    for supply in supplies:
+        supply.observe()
 
 
 def _nodes(world: World) -> Iterator[Adjustment]:

@@ -1,0 +1,120 @@
+"""The leads between the PCB and what looks at it; they can be exchanged, reversed or pulled while the bench runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.world import NODES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.clock import Clock
+    from vcfbench.sim.world import Capture, Window, World
+
+__all__ = ["Lead", "Leads"]
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """Where a lead goes: a node of the PCB, None when it hangs free and reads 0 V; either way round."""
+
+    node: str | None
+    reversed: bool = False
+
+    @property
+    def sign(self) -> float:
+        """-1 when it is reversed."""
+        return -1.0 if self.reversed else 1.0
+
+
+class _LeadWindow:
+    """An averaging window through a lead as it was when the window was registered."""
+
+    __slots__ = ("_lead", "_window")
+
+    def __init__(self, window: Window, lead: Lead) -> None:
+        self._window = window
+        self._lead = lead
+
+    def mean_v(self) -> float:
+        """Return the mean voltage at the instrument's terminals."""
+        mean = self._window.mean_v()
+        return 0.0 if self._lead.node is None else self._lead.sign * mean
+
+
+class _LeadCapture:
+    """A stretch of time seen through leads as they were when it was registered."""
+
+    __slots__ = ("_capture", "_leads")
+
+    def __init__(self, capture: Capture, leads: Mapping[str, Lead]) -> None:
+        self._capture = capture
+        self._leads = leads
+
+    def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the volts at input `node` at absolute times."""
+        lead = self._leads[node]
+        if lead.node is None:
+            return 0.0 * times_s
+        return lead.sign * self._capture.samples(lead.node, times_s)
+
+
+class Leads:
+    """The World as one instrument sees it: its inputs stand where the World has nodes.
+
+    Args:
+        world: the World.
+        role: whose leads these are.
+        inputs: node that each input is wired to.
+    """
+
+    def __init__(self, world: World, role: str, inputs: Mapping[str, str]) -> None:
+        self._world = world
+        self._leads = {name: Lead(node) for name, node in inputs.items()}
+        world.leads[role] = self
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        return self._world.clock
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The names of the inputs."""
+        return tuple(self._leads)
+
+    def lead(self, name: str) -> Lead:
+        """Return where the lead of an input goes."""
+        return self._leads[name]
+
+    def connect(self, name: str, node: str | None) -> None:
+        """Put the lead of input `name` on another node, or leave it free; what is being measured already goes on."""
+        if node is not None and node not in NODES:
+            raise ValueError(f"{node!r} is none of {', '.join(NODES)}")
+        self._change(name, replace(self._leads[name], node=node))
+
+    def turn(self, name: str, *, reversed_: bool) -> None:
+        """Put the lead of input `name` on the right way round, or reversed."""
+        self._change(name, replace(self._leads[name], reversed=reversed_))
+
+    def _change(self, name: str, lead: Lead) -> None:
+        self._leads = {**self._leads, name: lead}
+
+    def window(self, name: str, start_s: float, stop_s: float) -> _LeadWindow:
+        """Register an averaging window at input `name`; as of the World."""
+        lead = self._leads[name]
+        return _LeadWindow(self._world.window(lead.node or NODES[0], start_s, stop_s), lead)
+
+    def capture(self, start_s: float, stop_s: float) -> _LeadCapture:
+        """Register a stretch of time whose waveforms will be asked for; as of the World."""
+        return _LeadCapture(self._world.capture(start_s, stop_s), self._leads)
+
+    def value_v(self, name: str) -> float:
+        """Return the voltage at input `name` now."""
+        lead = self._leads[name]
+        return 0.0 if lead.node is None else lead.sign * self._world.value_v(lead.node)
