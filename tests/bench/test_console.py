@@ -194,3 +194,22 @@ def test_a_real_station_is_spoken_to_over_its_wires(
             with pytest.raises(LimitError):
                 console.say({"power": "APPL P25V,20", "rate_table": ":Demand:Rate 1,999"}[role])
         assert served.ask("get", name="rail.positive.current_a") == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "settings", "asked", "answer", "forbidden"),
+    [
+        ("zaber", {"steps_per_deg": 1000.0}, "/1 get deviceid", "@01 0 OK IDLE", "/1 move vel 100"),
+        ("atl", {}, "PVE", "0.0", "JOG10"),
+        ("esp", {}, "1TP?", "0", "1MV+"),
+    ],
+)
+def test_tables_with_other_languages_are_spoken_to_as_well(
+    dialect: str, settings: dict[str, float], asked: str, answer: str, forbidden: str
+) -> None:
+    table = structs.replace(PAPER.rate_table, dialect=dialect, **settings)
+    with open_console("rate_table", structs.replace(PAPER, rate_table=table)) as console:
+        assert answer in summary(console.say(asked).answer or b"")
+        with pytest.raises(LimitError, match="only what reads or stops is understood"):
+            console.say(forbidden)
+        assert answer in summary(console.say(asked).answer or b"")

@@ -68,7 +68,8 @@ def test_the_simulated_bench_is_recognised() -> None:
         (TABLE, "acl"),
         ("ACME,33220A,0,1", None),
         ("HEWLETT-PACKARD,3458A,0,1", None),
-        ("@01 0 OK IDLE -- 30222", None),
+        ("@01 0 OK IDLE -- 30222", "zaber"),
+        ("@01 0 RJ IDLE -- BADCOMMAND", None),
         ("", None),
     ],
 )

@@ -88,13 +88,19 @@ class Console:
             raise ConfigError(f"{message!r} has characters that instruments do not know; nothing was sent")
         if self._guard is not None:
             self._guard.judge(message, lambda question: self._plain.ask(question).decode("latin-1").strip())
-        if not _asks(message):
+        if not self._answered(message):
             return Said(None, self._told(message) or self.errors())
         try:
             answer = self._plain.ask(message)
         except TransportError as error:
             raise self._explained(error) from None
         return Said(answer, self.errors())
+
+    def _answered(self, message: str) -> bool:
+        """Tell whether an answer is to be shown: tables with a language of their own may answer anything."""
+        from vcfbench.drivers.plain import PlainLine  # noqa: PLC0415  # the drivers are loaded when a bench is opened
+
+        return isinstance(self._plain, PlainLine) or _asks(message)
 
     def _told(self, message: str) -> str | None:
         try:

@@ -233,6 +233,8 @@ def _text(reply: bytes) -> str:
 
 def recognise(answer: str) -> str | None:
     """Return the model or dialect that a bench file can name for who answered so, None when there is none."""
+    if answer.startswith("@") and " OK " in answer:
+        return "zaber"
     fields = [field.strip().upper() for field in answer.split(",")]
     if len(fields) < 2:
         return None
@@ -247,10 +249,12 @@ def stanza(discovery: Discovery) -> str:
     lines: list[str] = []
     if discovery.library != _REAL and not _simulated(discovery.library):
         lines += [f"visa_library = {_quoted(discovery.library)}", ""]
-    free = {model: list(roles) for model, _, _, roles in _PLACES}
+    wanted = {"zaber": ("rate_table",), **{model: roles for model, _, _, roles in _PLACES}}
+    taken: set[str] = set()
     for found in discovery.answering():
-        roles = free.get(found.model or "", [])
-        lines += _entry(roles.pop(0), found) if roles else [*_spare(found), ""]
+        role = next((each for each in wanted.get(found.model or "", ()) if each not in taken), None)
+        taken |= {role or ""}
+        lines += _entry(role, found) if role is not None else [*_spare(found), ""]
     return "\n".join(lines)
 
 
@@ -259,6 +263,8 @@ def _entry(role: str, found: Found) -> Iterator[str]:
     yield f"[{role}]  # {found.answer}"
     yield f"{kind} = {_quoted(found.model or '')}"
     yield f"resource = {_quoted(found.resource)}"
+    if found.model == "zaber":
+        yield "steps_per_deg = 0  # put the stage's microsteps per degree"
     if found.serial_number is not None and kind == "model":
         yield f"# serial_number = {_quoted(found.serial_number)}  # refuse any other specimen"
     yield ""

@@ -6,25 +6,40 @@ here too.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.errors import ConfigError, InstrumentError, TransportError
+from vcfbench.errors import ConfigError, DeadlineExceeded, InstrumentError, TransportError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import Instrument
 
-__all__ = ["PlainSession", "PlainTable", "plain"]
+__all__ = ["Plain", "PlainLine", "PlainSession", "PlainTable", "plain"]
+
+_TERMINATORS: Mapping[str, bytes] = MappingProxyType({"ZaberDialect": b"\n", "AtlDialect": b"\r", "EspDialect": b"\r"})
+"""What ends a line of those that are typed as text; binary frames cannot be typed."""
+
+_COMMAND_S = 0.5
+"""What a table that answers commands at all takes to begin with it, s."""
+
+_SILENCE_S = 0.2
 
 # The drivers keep their wires to themselves, and rightly so; this module is the one friend that they have.
 # ruff: noqa: SLF001
 
 
-def plain(instrument: Instrument, timeout_s: float) -> PlainSession | PlainTable:
+Plain: TypeAlias = "PlainSession | PlainTable | PlainLine"
+
+
+def plain(instrument: Instrument, timeout_s: float) -> Plain:
     """Return the plain way to speak to `instrument`; an exchange may take `timeout_s`.
 
     Raises:
@@ -33,8 +48,11 @@ def plain(instrument: Instrument, timeout_s: float) -> PlainSession | PlainTable
     driver: Any = instrument
     if not isinstance(instrument, RateTableDriver):
         return PlainSession(driver._session, timeout_s)
-    if isinstance(driver._dialect, AclDialect):
-        return PlainTable(driver._line, driver._dialect, timeout_s)
+    dialect, line = driver._dialect, driver._line
+    if isinstance(dialect, AclDialect):
+        return PlainTable(line, dialect, timeout_s)
+    if terminator := _TERMINATORS.get(type(dialect).__name__):
+        return PlainLine(line, terminator, timeout_s)
     raise ConfigError(f"{instrument.name} speaks a language that cannot be typed", instrument=instrument.name)
 
 
@@ -98,6 +116,50 @@ class PlainTable:
     def ask(self, message: str) -> bytes:
         """Send a message and return its answer."""
         return self._dialect._ask(self._line, message, self._line.deadline(self._timeout_s)).encode("ascii")
+
+    def clear(self) -> None:
+        """Forget what has come unasked; tables know no device clear."""
+        self._line.take_unasked()
+
+
+class PlainLine:
+    """A rate table whose language says nothing of what is answered when: everything that comes is shown."""
+
+    def __init__(self, line: TableLine, terminator: bytes, timeout_s: float) -> None:
+        self._line = line
+        self._terminator = terminator
+        self._timeout_s = timeout_s
+
+    @property
+    def closed(self) -> bool:
+        """Tell whether the connection is gone."""
+        return self._line.closed
+
+    def tell(self, message: str) -> None:
+        """Send a message, and drop what comes upon it."""
+        self.ask(message)
+
+    def ask(self, message: str) -> bytes:
+        """Send a message and return what comes until the line falls silent, lines separated by blanks; or nothing."""
+        line = self._line
+        with line.exclusive():
+            try:
+                line.take_unasked()
+                line.dirty = True  # the dialect finds its place again before it asks anything itself
+                line.send(message.encode("ascii") + self._terminator, line.deadline(self._timeout_s))
+                return self._heard(message)
+            except TransportError as error:
+                raise line.locate(error, message, line.deadline(0.0))  # noqa: B904 - the same error, now knowing where
+
+    def _heard(self, message: str) -> bytes:
+        lines: list[bytes] = []
+        wait_s = self._timeout_s if "?" in message else min(_COMMAND_S, self._timeout_s)
+        with suppress(DeadlineExceeded):
+            while True:
+                lines.append(self._line.take_line(self._line.deadline(wait_s)))
+                wait_s = _SILENCE_S
+        rest = self._line.take_unasked()
+        return b" ".join(part for part in (*lines, rest) if part.strip())
 
     def clear(self) -> None:
         """Forget what has come unasked; tables know no device clear."""
