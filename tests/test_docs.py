@@ -2,7 +2,8 @@
 
 Code blocks are marked by what stands behind their three backquotes: `sh` and `python` are run; of a `console` block the
 commands behind `$` are run and the lines shown must appear, in that order, in what they print (`...` stands for any);
-a `text` block right after a `python` one is what that prints;
+a `text` block right after a `python` one is what that prints; what ends in `&` runs in the background until the
+document tells it to stop, and must then have ended well;
 `ci` marks what installs something (the README's two commands, which .ci/run runs), `hardware` what needs a real bench.
 """
 
@@ -14,11 +15,14 @@ import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+
+from tests.ports import free_port
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,6 +54,34 @@ class Block:
 def blocks(document: Path) -> Iterator[Block]:
     for found in BLOCK.finditer(document.read_text(encoding="utf-8")):
         yield Block(found["info"].strip(), found["body"])
+
+
+def started(command: str, folder: Path) -> subprocess.Popen[str]:
+    """Start one command line in the background; it is ready once it has printed a line."""
+    words = shlex.split(command)
+    assert (words[0], words.pop()) == ("vcfbench", "&")
+    process = subprocess.Popen(  # noqa: S603 - our own documentation
+        [*VCFBENCH, *words[1:]],
+        cwd=folder,
+        env={**os.environ, "PYTHONUTF8": "1"},
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline(), command
+    return process
+
+
+@contextmanager
+def ended(process: subprocess.Popen[str]) -> Iterator[None]:
+    """See to it that `process` ends, and that it had when it was to."""
+    try:
+        yield
+        process.communicate(timeout=30)
+        assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def run(command: str, folder: Path) -> str:
@@ -88,16 +120,25 @@ def ids(document: Path) -> str:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
-def test_what_is_shown_works(document: Path, folder: Path) -> None:
+def test_what_is_shown_works(document: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VCFBENCH_CONTROL_PORT", str(free_port()))  # somebody else may be serving a bench here
     python_printed = None
-    for block in blocks(document):
-        if block.info in {"sh", "console"}:
-            printed = "\n".join(run(command, folder) for command in block.commands())
-            if block.info == "console":
-                assert_in_order(block.shown(), printed)
-        if block.info == "text" and python_printed is not None:
-            assert block.body == python_printed
-        python_printed = run_python(block.body, folder) if block.info == "python" else None
+    with ExitStack() as background:
+        for block in blocks(document):
+            if block.info in {"sh", "console"}:
+                printed = "\n".join(run_or_start(command, folder, background) for command in block.commands())
+                if block.info == "console":
+                    assert_in_order(block.shown(), printed)
+            if block.info == "text" and python_printed is not None:
+                assert block.body == python_printed
+            python_printed = run_python(block.body, folder) if block.info == "python" else None
+
+
+def run_or_start(command: str, folder: Path, background: ExitStack) -> str:
+    if not command.endswith("&"):
+        return run(command, folder)
+    background.enter_context(ended(started(command, folder)))
+    return ""
 
 
 def run_python(code: str, folder: Path) -> str:
