@@ -45,7 +45,7 @@ class Station:
         if self.refuses is not None:
             raise self.refuses
         bench: Any = FakeBench(Gyro(noise_v=1e-4))
-        bench.description, bench.simulated = description, description.simulated
+        bench.description, bench.simulated, bench.seed = description, description.simulated, options["seed"]
         bench.identities = {"power": bench.power.identify()}
         bench.safe_reports = []
         drive = description.procedure.drive
