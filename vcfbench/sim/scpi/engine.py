@@ -220,7 +220,8 @@ class ScpiEngine:
     def wake_at(self) -> float | None:
         """Return when something happens by itself."""
         self.model.service()
-        self._advance()
+        if self._pending is not None or self._queue or self._announce_completion or self.status.sre:
+            self._advance()
         own = self.model.next_event_s()
         ready = None if self._pending is None else self._pending.ready_at()
         if own is None or ready is None:
@@ -440,9 +441,14 @@ class ScpiEngine:
     # --- output -------------------------------------------------------------------------------------------
 
     def _respond(self) -> None:
-        parts = [part if isinstance(part, bytes) else part.encode("latin-1") for part in self._replies]
-        self._replies.clear()
-        self._output.append(b";".join(parts) + self.interface.terminator)
+        replies = self._replies
+        if len(replies) == 1:  # as most have: a waveform of megabytes is copied no more than once
+            part = replies[0]
+            data = part if isinstance(part, bytes) else part.encode("latin-1")
+        else:
+            data = b";".join([part if isinstance(part, bytes) else part.encode("latin-1") for part in replies])
+        replies.clear()
+        self._output.append(data + self.interface.terminator)
 
     def _read_part(self, message: bytes, limit: int) -> tuple[bytes, bool]:
         start = self._offset
