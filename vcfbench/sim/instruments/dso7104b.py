@@ -73,6 +73,8 @@ INVALID = 9.9e37
 _RUN_BIT, _WAIT_BIT = 8, 32
 _SCREEN_POINTS = 1000
 _CODES = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
+_WAVEFORM = ("WAV:SOUR", "WAV:FORM", "WAV:UNS", "WAV:BYT", "ACQ:TYPE")
+"""What :WAVeform:DATA? sends of a record depends on these, and on the number of points."""
 _ACQUISITION_TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
 _FORMATS = {"BYTE": 0, "WORD": 1, "ASC": 4}
 _AUTOSCALE_S = 0.1
@@ -193,6 +195,7 @@ class Dso7104B(ScpiInstrument):
         self._run_state = "run"
         self._acquisition: Acquisition | None = None
         self._record: Record | None = None
+        self._sent: tuple[Record, tuple[Any, ...], bytes] | None = None
         self._number = 0
         self._traces: dict[str, Trace] = {}
         self.engine = ScpiEngine(
@@ -461,6 +464,14 @@ class Dso7104B(ScpiInstrument):
         codes[codes < 2 * unit - unit / 2] = 1
         codes[codes > 254 * unit + unit / 2] = levels - 1
         return codes.astype(np.int64)
+
+    def sent(self, make: Callable[[], bytes]) -> bytes:
+        """Return `make()`, the record as :WAVeform:DATA? sends it, or what it was the last time that this was asked."""
+        asked = (self.points(), *(self.state[key] for key in _WAVEFORM))
+        kept = self._sent
+        if kept is None or kept[0] is not self.record or kept[1] != asked:
+            kept = self._sent = (self.record, asked, make())
+        return kept[2]
 
     def scaling(self) -> tuple[float, float, int, float, float, int]:
         """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference."""
@@ -801,7 +812,7 @@ def _scaled(name: str, index: int, reply: Callable[[Any], str]) -> Command:
 
 
 def _data(model: _Model) -> Any:
-    return model.look(lambda: _data_now(model))
+    return model.look(lambda: model.sent(lambda: _data_now(model)))
 
 
 def _data_now(model: _Model) -> bytes:
