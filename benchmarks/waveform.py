@@ -29,12 +29,14 @@ SETTINGS = (
 )
 
 
-def received(connection: Any, question: bytes, size: int) -> None:
-    """Ask over a plain socket and take `size` bytes."""
+def received(connection: Any, question: bytes, size: int) -> bytearray:
+    """Ask over a plain socket and keep `size` bytes."""
     connection.sendall(question)
-    buffer = bytearray(CHUNK)
-    while size > 0:
-        size -= connection.recv_into(buffer)
+    kept = bytearray(size)
+    free = memoryview(kept)
+    while free:
+        free = free[connection.recv_into(free) :]
+    return kept
 
 
 @contextmanager
