@@ -12,7 +12,7 @@ from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.parameters import BenchParameters
-from vcfbench.sim.world import NODES, Drive, World
+from vcfbench.sim.world import NODES, Drive, Ripple, World
 
 IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
 QUIET = replace(PAPER, noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0))
@@ -423,3 +423,32 @@ def test_every_node_can_be_seen_all_ways(node: str) -> None:
     assert math.isfinite(world.value_v(node))
     assert math.isfinite(window.mean_v())
     assert np.all(np.isfinite(capture.samples(node, np.linspace(4.0, 4.5, 100))))
+
+
+def test_ripple_of_a_supply_is_seen_at_its_pin_and_averages_out() -> None:
+    clock = VirtualClock()
+    world = World(clock, IDEAL, 0)
+    world.set_ripple("positive", Ripple(0.3e-3, 100.0, 0.4))
+    assert world.value_v("rail_positive") == 0.0  # an output that is off has none
+    powered_v = {"positive": 10.0, "negative": -10.0}
+    for rail, volts in powered_v.items():
+        world.set_rail(rail, volts)
+    capture, window = world.capture(0.0, 0.04), world.window("rail_positive", 0.0, 0.02)
+    part = world.window("rail_positive", 0.0, 0.005)
+    clock.sleep_until(0.05)
+    times = np.linspace(0.0, 0.04, 4000, endpoint=False)
+    seen = capture.samples("rail_positive", times)
+    np.testing.assert_allclose(seen - 10.0, 0.3e-3 * math.sqrt(2) * np.cos(200 * math.pi * times + 0.4), atol=1e-9)
+    assert window.mean_v() == pytest.approx(10.0, abs=1e-12)
+    assert part.mean_v() == pytest.approx(seen[:500].mean(), abs=1e-6)
+    assert np.all(capture.samples("rail_negative", times) == -10.0)
+
+
+def test_who_supplies_the_rails_hears_of_a_load() -> None:
+    world = World(VirtualClock(), IDEAL, 0)
+    world.set_rail("positive", 10.0)
+    heard: list[float] = []
+    world.on_load(lambda: heard.append(world.rail_current_a("positive", 10.0)))
+    before = world.rail_current_a("positive", 10.0)
+    world.set_load("positive", 10.0)
+    assert heard == [pytest.approx(before + 1.0)]

@@ -16,6 +16,8 @@ from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.motion import TableMotion
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.leads import Leads
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["NODES", "RAILS", "Capture", "Drive", "Window", "World"]
+__all__ = ["NODES", "RAILS", "Capture", "Drive", "Ripple", "Window", "World"]
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
@@ -43,6 +45,15 @@ class Drive:
     frequency_hz: float = 0.0
     phase_rad: float = 0.0
     source_ohm: float = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ripple:
+    """What a supply leaves on its output of the rectified mains: a sine, its phase at bench time 0."""
+
+    rms_v: float
+    frequency_hz: float
+    phase_rad: float
 
 
 class Window:
@@ -120,6 +131,7 @@ class World:
         """The leads of what looks at the World, by role."""
         self._rails_v = dict.fromkeys(RAILS, 0.0)
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
+        self._on_load: list[Callable[[], None]] = []
         self._edges_s: list[float] = []
         self._observers: list[Window | Capture] = []
 
@@ -160,6 +172,12 @@ class World:
         self._rails_v[rail] = voltage_v
         self._gyro.set_rails(max(self._rails_v["positive"], 0.0), min(self._rails_v["negative"], 0.0))
 
+    def set_ripple(self, rail: str, ripple: Ripple | None) -> None:
+        """Put a ripple on a supply pin from now on while it has a voltage, or none."""
+        self._require(rail, RAILS)
+        self.advance()
+        self._gyro.set_ripple(RAILS.index(rail), ripple)
+
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
         """Return the magnitude of the current that PCB and load would draw from `rail` now at `voltage_v`, A."""
         self._require(rail, RAILS)
@@ -180,7 +198,14 @@ class World:
         self._require(rail, RAILS)
         if not resistance_ohm > 0.0:
             raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
+        self.advance()
         self._loads_ohm[rail] = resistance_ohm
+        for regulate in self._on_load:
+            regulate()
+
+    def on_load(self, regulate: Callable[[], None]) -> None:
+        """Have `regulate` called after each change of a load: a supply finds its working point anew at once."""
+        self._on_load.append(regulate)
 
     def ambient_c(self) -> float:
         """Return the temperature around the gyroscope, degC."""

@@ -11,7 +11,11 @@ from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
+
+    from vcfbench.sim.world import Ripple
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class FakeWorld:
         self.load_ohm = {"positive": 100.0, "negative": 100.0}
         self.rails: list[tuple[float, str, float]] = []
         self.windows: list[tuple[float, float]] = []
+        self.ripples: dict[str, Ripple | None] = {}
 
     def value_v(self, node: str) -> float:
         assert node == "output"
@@ -62,6 +67,12 @@ class FakeWorld:
     def capture(self, start_s: float, stop_s: float) -> FakeCapture:
         assert self.clock.now() <= start_s < stop_s
         return FakeCapture(self)
+
+    def on_load(self, regulate: Callable[[], None]) -> None:
+        self.on_load_change = regulate
+
+    def set_ripple(self, rail: str, ripple: Ripple | None) -> None:
+        self.ripples[rail] = ripple
 
     def set_rail(self, rail: str, voltage_v: float) -> None:
         self.rails.append((self.clock.now(), rail, voltage_v))

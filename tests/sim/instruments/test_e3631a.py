@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.e3631a import E3631A, OutputErrors, SupplyErrors
+from vcfbench.sim.world import Ripple
 
 
 class Bench(NamedTuple):
@@ -301,3 +302,46 @@ def test_readings_come_in_steps() -> None:
     talk.settle()
     volts = float(talk.ask("MEAS?") or "nan")
     assert math.isclose(volts / 1.5e-3, round(volts / 1.5e-3), rel_tol=1e-9)
+
+
+def test_a_load_that_changes_by_itself_is_felt_at_once() -> None:
+    world, supply, talk = bench()
+    talk.write("APPL P25V,10,0.5;:OUTP ON;:STAT:QUES:INST:ISUM2:ENAB 3")
+    talk.settle()
+    world.load_ohm["positive"] = 5.0
+    world.on_load_change()
+    assert world.rail_v("positive") == pytest.approx(2.5)
+    assert talk.ask("STAT:QUES:INST:ISUM2:COND?") == "1"
+    assert talk.ask("STAT:QUES:INST:ISUM2?") == "3"  # was in constant voltage, and went to constant current
+    world.load_ohm["positive"] = 100.0  # lets go without a word, as a PCB that has started
+    wake = supply.wake_at()
+    assert wake is not None
+    talk.clock.sleep_until(wake + 0.011)
+    supply.wake_at()
+    assert world.rail_v("positive") == pytest.approx(10.0)
+    assert supply.wake_at() is None
+
+
+def test_the_voltage_sags_with_the_load_and_follows_the_line() -> None:
+    errors = SupplyErrors(p25v=OutputErrors(resistance_ohm=2e-3, sag=1e-4, line_gain=5e-5))
+    world, _, talk = bench(errors)
+    world.load_ohm["positive"] = 20.0
+    talk.write("APPL P25V,20,1.02;:OUTP ON")
+    talk.settle()
+    assert world.rail_v("positive") == pytest.approx(20.0 * (1 + 5e-5) - 2e-3 - 2e-3, abs=1e-6)
+
+
+def test_ripple_is_there_while_the_output_is_on() -> None:
+    world, _, talk = bench(SupplyErrors(n25v=OutputErrors(ripple_v=0.2e-3, ripple_phase_rad=1.0)))
+    talk.write("APPL N25V,-10,0.5;:APPL P25V,10,0.5;:OUTP ON")
+    talk.settle()
+    assert world.ripples == {"negative": Ripple(0.2e-3, 100.0, 1.0)}
+    talk.write("OUTP OFF")
+    talk.settle()
+    assert world.ripples == {"negative": None}
+
+
+def test_a_drawn_specimen_has_ripple_within_its_limit() -> None:
+    drawn = SupplyErrors.drawn(np.random.default_rng(4))
+    assert all(0.1e-3 <= each.ripple_v <= 0.35e-3 for each in (drawn.p6v, drawn.p25v, drawn.n25v))
+    assert len({each.ripple_phase_rad for each in (drawn.p6v, drawn.p25v, drawn.n25v)}) == 3

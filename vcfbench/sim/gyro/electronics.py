@@ -23,6 +23,16 @@ class Oscillation:
     constant_v: float
     terms: list[tuple[complex, complex]]
 
+    def at(self, elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the voltage at times from its origin."""
+        swung = ((a * np.exp(s * elapsed_s)).real for a, s in self.terms)
+        return np.asarray(self.constant_v + sum(swung, start=np.zeros_like(elapsed_s)))
+
+    def integral(self, duration_s: float) -> float:
+        """Return the integral from its origin on, V s."""
+        swung = sum((a * (np.exp(s * duration_s) - 1) / s).real for a, s in self.terms)
+        return self.constant_v * duration_s + float(swung)
+
 
 def node_voltage(open_circuit_v: float, source_ohm: float, path: VirtualPath) -> float:
     """Return what a source puts on the V_Vc input, loaded by the pull-down."""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.world import Drive
+    from vcfbench.sim.world import Drive, Ripple
 
 __all__ = ["Gyro"]
 
@@ -46,6 +46,7 @@ class Gyro:
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
         self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0
         self._rails = (0.0, 0.0)
+        self._ripples: list[Ripple | None] = [None, None]
         self._running = False
         self._source: Drive | None = None
         self._phase = 0.0
@@ -71,6 +72,13 @@ class Gyro:
         elif was_running and not self._running:
             self._stop()
         self._settle()
+
+    def set_ripple(self, rail: int, ripple: Ripple | None) -> None:
+        """Change the ripple on rail 0 (positive) or 1 (negative); its pin shows it.
+
+        What it does to the drive amplitude, 1e-7 of it for a millivolt, is left out.
+        """
+        self._ripples[rail] = ripple
 
     def connect_v_vc(self, source: Drive | None) -> None:
         """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
@@ -175,7 +183,7 @@ class Gyro:
             self._drive[0],
             self._phase,
             self._v_vc(),
-            self._rails,
+            (self._rail(0), self._rail(1)),
             output_limits(bench.output_stage, *self._rails),
             self._weaker_rail() >= bench.supply.dead_v,
         )
@@ -211,6 +219,15 @@ class Gyro:
         if speed == 0 or source.amplitude_v == 0:
             return Oscillation(source.dc_v * loaded + turned.real, [])
         return Oscillation(source.dc_v * loaded, [(turned, 1j * speed)])
+
+    def _rail(self, rail: int) -> Oscillation:
+        """Return the voltage really present on a supply pin from now on."""
+        ripple = self._ripples[rail]
+        if ripple is None or not self._rails[rail]:
+            return Oscillation(self._rails[rail], [])
+        speed = 2 * math.pi * ripple.frequency_hz
+        turned = cmath.rect(math.sqrt(2) * ripple.rms_v, speed * self.now_s + ripple.phase_rad)
+        return Oscillation(self._rails[rail], [(turned, 1j * speed)])
 
     def _modulated(self) -> Oscillation:
         """Return the modulator's multiplicand; an open switch lets nothing through, not even its leakage."""

@@ -46,7 +46,7 @@ class Stretch:
     drive: DriveSegment
     phase_rad: float
     v_vc: Oscillation
-    rails_v: tuple[float, float]
+    rails: tuple[Oscillation, Oscillation]
     limits_v: tuple[float, float]
     alive: bool
 
@@ -55,11 +55,13 @@ class Stretch:
         duration = self.stop_s - self.start_s
         if node == "output":
             return self._output_integral(duration) if self.alive else 0.0
-        if node == "v_vc":
-            swung = sum((a * (np.exp(s * duration) - 1) / s).real for a, s in self.v_vc.terms)
-            return self.v_vc.constant_v * duration + float(swung)
-        rails = {"rail_positive": self.rails_v[0], "rail_negative": self.rails_v[1]}
-        return rails.get(node, 0.0) * duration
+        source = self._source(node)
+        return 0.0 if source is None else source.integral(duration)
+
+    def _source(self, node: str) -> Oscillation | None:
+        """Return what a node of the PCB's inputs carries; None for its own nodes."""
+        sources = {"v_vc": self.v_vc, "rail_positive": self.rails[0], "rail_negative": self.rails[1]}
+        return sources.get(node)
 
     def _output_integral(self, duration: float) -> float:
         """Integrate the output: exactly where it is linear, the curvature by Gauss-Legendre nodes.
@@ -91,12 +93,9 @@ class Stretch:
     def at(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a node's voltage at absolute times within the stretch."""
         elapsed = times_s - self.start_s
-        if node == "v_vc":
-            return self.v_vc.constant_v + sum(
-                ((a * np.exp(s * elapsed)).real for a, s in self.v_vc.terms), start=np.zeros_like(elapsed)
-            )
-        if node in {"rail_positive", "rail_negative"}:
-            return np.full_like(elapsed, self.rails_v[node == "rail_negative"])
+        source = self._source(node)
+        if source is not None:
+            return source.at(elapsed)
         if not self.alive:
             return np.zeros_like(elapsed)
         if node == "output":

@@ -39,6 +39,7 @@ from vcfbench.sim.scpi import (
     quoted,
     real,
 )
+from vcfbench.sim.world import Ripple
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -56,6 +57,10 @@ _READBACK_S = 0.1
 _SELF_TEST_S = 1.0
 """*TST?; unverified."""
 _RAMP_STEPS = 8
+_LIMITED_LOOK_S = 0.01
+"""How often an output in constant current looks at its load, which may let go by itself: a PCB that has started."""
+_LIMITED_PATIENCE_S = 2.0
+"""For how long it does so after its voltage last moved."""
 _SETTLED = math.log(100.0)
 """Settling times of the guide are to 1 % of the excursion."""
 
@@ -68,6 +73,7 @@ class _Kind:
         name: as in the commands. number: as in INSTrument:NSELect. sign: of its voltage.
         volts, amps: ranges (p. 91). volt_step, amp_step: programming and read-back resolution (p. 186).
         rise_s, fall_s: settling at no load and at full load, s (p. 187).
+        rated_a: its rated current (p. 186).
     """
 
     name: str
@@ -79,6 +85,7 @@ class _Kind:
     amp_step: float
     rise_s: tuple[float, float]
     fall_s: tuple[float, float]
+    rated_a: float
 
     @property
     def volt_parameter(self) -> Number:
@@ -91,8 +98,12 @@ class _Kind:
         return Number(unit="A", limits=self.amps)
 
 
-_P6V = _Kind("P6V", 1, 1, Limits(0.0, 6.18, 0.0), Limits(0.0, 5.15, 5.0), 0.5e-3, 0.5e-3, (0.010, 0.011), (0.2, 0.013))
-_P25V = _Kind("P25V", 2, 1, Limits(0.0, 25.75, 0.0), Limits(0.0, 1.03, 1.0), 1.5e-3, 0.1e-3, (0.02, 0.05), (0.4, 0.045))
+_P6V = _Kind(
+    "P6V", 1, 1, Limits(0.0, 6.18, 0.0), Limits(0.0, 5.15, 5.0), 0.5e-3, 0.5e-3, (0.010, 0.011), (0.2, 0.013), 5.0
+)
+_P25V = _Kind(
+    "P25V", 2, 1, Limits(0.0, 25.75, 0.0), Limits(0.0, 1.03, 1.0), 1.5e-3, 0.1e-3, (0.02, 0.05), (0.4, 0.045), 1.0
+)
 _N25V = replace(_P25V, name="N25V", number=3, sign=-1, volts=Limits(0.0, -25.75, 0.0))
 _KINDS = (_P6V, _P25V, _N25V)
 
@@ -118,7 +129,17 @@ class OutputErrors:
     current_readback_offset_a: float = 0.0
     """Current read-back, A (p. 186)."""
     resistance_ohm: float = 0.0
-    """Output resistance: load regulation per rated current, ohm (p. 186)."""
+    """Output resistance: the fixed 2 mV of the load regulation per rated current, ohm (p. 186)."""
+    sag: float = 0.0
+    """Relative fall of the voltage at rated current, V/V: the 0.01 % of the load regulation (p. 186)."""
+    line_gain: float = 0.0
+    """Relative change of the voltage by the mains being off nominal, V/V (line regulation 0.01 %, p. 186)."""
+    ripple_v: float = 0.0
+    """Ripple on the output while it is on, Vrms (below 0.35 mV, p. 186)."""
+    ripple_hz: float = 100.0
+    """Frequency of the ripple, Hz: twice the mains (the guide names a band, 20 Hz to 20 MHz; unverified)."""
+    ripple_phase_rad: float = 0.0
+    """Phase of the ripple at bench time 0, rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +149,12 @@ class _Accuracy:
     programming: tuple[float, float]
     current: tuple[float, float]
     readback: tuple[float, float]
-    rated_a: float
 
 
 _ACCURACY = {
-    "P6V": _Accuracy((1e-3, 5e-3), (2e-3, 10e-3), (1e-3, 5e-3), 5.0),
-    "P25V": _Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3), 1.0),
-    "N25V": _Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3), 1.0),
+    "P6V": _Accuracy((1e-3, 5e-3), (2e-3, 10e-3), (1e-3, 5e-3)),
+    "P25V": _Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
+    "N25V": _Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
 }
 
 
@@ -166,14 +186,16 @@ class SupplyErrors:
 
         That is how the maker sets the limits of the 34401A (its User's Guide p. 227); for the supply it is inferred.
         """
-        return cls(
-            p6v=_drawn_output(rng, _ACCURACY["P6V"]),
-            p25v=_drawn_output(rng, _ACCURACY["P25V"]),
-            n25v=_drawn_output(rng, _ACCURACY["N25V"]),
+        drawn = cls(
+            p6v=_drawn_output(rng, _P6V, _ACCURACY["P6V"]),
+            p25v=_drawn_output(rng, _P25V, _ACCURACY["P25V"]),
+            n25v=_drawn_output(rng, _N25V, _ACCURACY["N25V"]),
             tracking_gain=_draw(rng, 2e-3),
             tracking_offset_v=_draw(rng, 20e-3),
             quantised=True,
         )
+        p6v, p25v, n25v = (_disturbed(rng, each) for each in (drawn.p6v, drawn.p25v, drawn.n25v))
+        return replace(drawn, p6v=p6v, p25v=p25v, n25v=n25v)
 
     def of(self, name: str) -> OutputErrors:
         """Return the errors of output `name`."""
@@ -184,11 +206,21 @@ def _draw(rng: np.random.Generator, limit: float) -> float:
     return float(rng.normal(0.0, limit / 4.0))
 
 
-def _drawn_output(rng: np.random.Generator, accuracy: _Accuracy) -> OutputErrors:
+def _drawn_output(rng: np.random.Generator, kind: _Kind, accuracy: _Accuracy) -> OutputErrors:
     limits = (*accuracy.programming, *accuracy.current, *accuracy.readback, *accuracy.current)
     names = [item.name for item in fields(OutputErrors)][: len(limits)]
     drawn = {name: _draw(rng, limit) for name, limit in zip(names, limits, strict=True)}
-    return OutputErrors(**drawn, resistance_ohm=2e-3 / accuracy.rated_a)
+    return OutputErrors(**drawn, resistance_ohm=2e-3 / kind.rated_a, sag=1e-4)
+
+
+def _disturbed(rng: np.random.Generator, errors: OutputErrors) -> OutputErrors:
+    """Return the errors with what the mains leave on the output: ripple below its limit at any phase, line."""
+    return replace(
+        errors,
+        line_gain=_draw(rng, 1e-4),
+        ripple_v=float(rng.uniform(0.1e-3, 0.35e-3)),
+        ripple_phase_rad=float(rng.uniform(-math.pi, math.pi)),
+    )
 
 
 @dataclass(slots=True)
@@ -226,6 +258,7 @@ class _Output:
         "rail",
         "ramp",
         "register",
+        "rippling",
         "triggered_amps",
         "triggered_volts",
         "voltage_v",
@@ -243,6 +276,7 @@ class _Output:
         self.voltage_v = 0.0
         self.current_a = 0.0
         self.limited = False
+        self.rippling = False
         self.ramp: _Ramp | None = None
         self.volts = 0.0
         self.amps = 0.0
@@ -265,16 +299,12 @@ class _Output:
         self.ramp = _Ramp(self._world.clock.now(), self.level_v, level_v, tau)
 
     def advance(self, now_s: float) -> None:
-        """Take the steps of the ramp that are due."""
-        moved = False
+        """Take the steps of the ramp that are due; regulation is found afterwards."""
         while self.ramp is not None and self.ramp.instant_s() <= now_s:
             self.level_v = self.ramp.level_v()
             self.ramp.step += 1
-            moved = True
             if self.ramp.step > _RAMP_STEPS:
                 self.level_v, self.ramp = self.ramp.to_v, None
-        if moved:
-            self.regulate()
 
     def limit_a(self) -> float:
         """Return the current at which the output really goes to constant current."""
@@ -289,10 +319,25 @@ class _Output:
         self.limited = current > limit
         if self.limited:
             voltage, current = self._at_limit(limit)
-        voltage -= self.kind.sign * current * self.errors.resistance_ohm
+        voltage -= self._sagged(voltage, current)
+        self._ripple(on=bool(voltage))
         if self.rail is not None and voltage != self.voltage_v:
             self._world.set_rail(self.rail, voltage)
         self.voltage_v, self.current_a = voltage, current
+
+    def _sagged(self, voltage_v: float, current_a: float) -> float:
+        """Return what the current takes off the voltage."""
+        share = current_a / self.kind.rated_a
+        return self.kind.sign * current_a * self.errors.resistance_ohm + voltage_v * self.errors.sag * share
+
+    def _ripple(self, *, on: bool) -> None:
+        """Put the ripple on the rail as the output gets or loses its voltage."""
+        errors = self.errors
+        if self.rail is None or not errors.ripple_v or on == self.rippling:
+            return
+        self.rippling = on
+        ripple = Ripple(errors.ripple_v, errors.ripple_hz, errors.ripple_phase_rad)
+        self._world.set_ripple(self.rail, ripple if on else None)
 
     def show(self, *, on: bool) -> None:
         """Show the regulation in the condition register: 2 constant voltage, 1 constant current, 0 off (p. 118)."""
@@ -379,11 +424,13 @@ class E3631A(ScpiInstrument):
         self.initiated = False
         self.transfer_at_s: float | None = None
         self._next_s: float | None = None
+        self._looks_until_s = -math.inf
         self.calibration = _Calibration()
         self.display_on = True
         self.display_text = ""
         self.coupled: tuple[str, ...] = ()
         self.restore(_DEFAULT_SETTINGS)
+        world.on_load(self.regulate)
 
     # --- what the engine asks -----------------------------------------------------------------------------
 
@@ -418,11 +465,13 @@ class E3631A(ScpiInstrument):
             self.transfer()
         for output in self.outputs.values():
             output.advance(now)
-        self.plan()
+        self.regulate()
 
     def plan(self) -> None:
         """Work out when something next happens by itself."""
         instants = [output.ramp.instant_s() for output in self.outputs.values() if output.ramp is not None]
+        if any(output.limited for output in self.outputs.values()) and self.world.clock.now() < self._looks_until_s:
+            instants.append(self.world.clock.now() + _LIMITED_LOOK_S)
         if self.transfer_at_s is not None:
             instants.append(self.transfer_at_s)
         self._next_s = min(instants, default=None)
@@ -451,12 +500,22 @@ class E3631A(ScpiInstrument):
         for output in self.outputs.values():
             output.show(on=self.output_on)
 
+    def regulate(self) -> None:
+        """Find the working point of every output: the load of one rail may depend on the other."""
+        before = self._working_points()
+        self.observe()
+        if self._working_points() != before:
+            self._looks_until_s = self.world.clock.now() + _LIMITED_PATIENCE_S
+        self.plan()
+
+    def _working_points(self) -> list[float]:
+        return [output.voltage_v for output in self.outputs.values()]
+
     def drive(self) -> None:
         """Send every output towards its setting."""
         for name, output in self.outputs.items():
             output.head_for(self.open_circuit_v(name) if self.output_on else 0.0)
-            output.regulate()
-        self.plan()
+        self.regulate()
 
     def open_circuit_v(self, name: str) -> float:
         """Return what output `name` gives without load when it is on."""
@@ -465,6 +524,7 @@ class E3631A(ScpiInstrument):
         gain, offset = output.errors.programming_gain, output.errors.programming_offset_v
         if name == "N25V" and self.tracking:
             gain, offset = gain + self.errors.tracking_gain, offset + self.errors.tracking_offset_v
+        gain += output.errors.line_gain
         return volts * (1.0 + gain) + output.kind.sign * offset
 
     def program(self, name: str, *, volts: float | None = None, amps: float | None = None) -> None:
