@@ -431,19 +431,21 @@ class Session:
         return received[:cut]
 
     def _read_block(self, deadline: Deadline) -> bytes:
-        received = bytearray(self._received)
-        self._received = b""
+        received, self._received = self._received, b""
         while (lengths := replies.block_length(received)) is None:
             received += self._wire.receive(deadline)[0]
         header, count = lengths
-        whole = header + count
-        while len(received) <= whole:  # the newline after the data belongs to the message
+        parts, excess = [received[header:]], len(received) - header - count
+        while excess <= 0:  # the newline after the data belongs to the message
             more, end = self._wire.receive(deadline)
-            received += more
-            if end and len(received) == whole:
+            parts.append(more)  # joined once at the end: a waveform has megabytes
+            excess += len(more)
+            if end and excess == 0:
                 break
-        self._received = _after_terminator(bytes(received[whole:]))
-        return bytes(received[header:whole])
+        last = parts.pop()
+        cut = len(last) - excess  # up to the last part there was no more than the data
+        self._received = _after_terminator(last[cut:])
+        return b"".join([*parts, last[:cut]])
 
     # Failure
 
