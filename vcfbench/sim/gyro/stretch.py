@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vcfbench.sim.gyro.dense import coarser
 from vcfbench.sim.gyro.electronics import amplify
 
 if TYPE_CHECKING:
@@ -98,6 +99,9 @@ class Stretch:
             return source.at(elapsed)
         if not self.alive:
             return np.zeros_like(elapsed)
+        coarse = coarser(times_s)
+        if coarse is not None:
+            return coarse.interpolated(self.at(node, coarse.times_s()))
         if node == "output":
             return self._amplified(np.sum([each.filtered().at(elapsed).real for each in self._responses()], axis=0))
         return self._carrier_level(node, times_s)

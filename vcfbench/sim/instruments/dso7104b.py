@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,7 +63,7 @@ from vcfbench.sim.scpi.lexer import Kind, Token
 from vcfbench.sim.scpi.parameters import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -452,18 +453,14 @@ class Dso7104B(ScpiInstrument):
         # RAW and MAX read the memory, which only a stopped acquisition of NORM, AVER or HRES type holds
         return min(_listed(wanted), self.memory())
 
-    def codes(self) -> NDArray[np.int64]:
-        """Return the record of the waveform source as unsigned codes of the waveform format."""
+    def codes(self) -> Iterator[NDArray[np.uint16]]:
+        """Yield the record of the waveform source, block by block, as unsigned codes of the waveform format."""
         channel, points = int(self.state["WAV:SOUR"][4:]), self.points()
         peak = self.state["ACQ:TYPE"] == "PEAK"
-        digitised = self.record.extremes(channel, points) if peak else self.record.digitised(channel, points)
-        levels = _CODES[self.state["WAV:FORM"]]
-        view = self.record.views[channel]
-        codes = np.round((digitised.volts - view.offset_v) * (levels / view.range_v)) + levels // 2
-        unit = levels // 256
-        codes[codes < 2 * unit - unit / 2] = 1
-        codes[codes > 254 * unit + unit / 2] = levels - 1
-        return codes.astype(np.int64)
+        record, levels = self.record, _CODES[self.state["WAV:FORM"]]
+        blocks = [record.extremes(channel, points).volts] if peak else record.blocks(channel, points)
+        for volts in blocks:
+            yield _coded(volts, record.views[channel], levels)
 
     def sent(self, make: Callable[[], bytes]) -> bytes:
         """Return `make()`, the record as :WAVeform:DATA? sends it, or what it was the last time that this was asked."""
@@ -500,6 +497,15 @@ _RECORD_LENGTHS = (
     *(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000),
     *(1_000_000, 2_000_000, 5_000_000, 8_000_000),
 )
+
+
+def _coded(volts: NDArray[np.float64], view: ChannelView, levels: int) -> NDArray[np.uint16]:
+    """Return samples as codes: 1 is below the converter's range, the highest above."""
+    codes = np.round((volts - view.offset_v) * (levels / view.range_v)) + levels // 2
+    unit = levels // 256
+    codes[codes < 2 * unit - unit / 2] = 1
+    codes[codes > 254 * unit + unit / 2] = levels - 1
+    return codes.astype(np.uint16)
 
 
 def _listed(wanted: float) -> int:
@@ -816,18 +822,19 @@ def _data(model: _Model) -> Any:
 
 
 def _data_now(model: _Model) -> bytes:
-    codes, form = model.codes(), model.state["WAV:FORM"]
+    form = model.state["WAV:FORM"]
     if form == "ASC":
-        _, _, _, increment, origin, reference = model.scaling()
-        text = real(5, 3)
-        volts = ((codes - reference) * increment + origin).tolist()
-        return block(",".join(map(text, volts)).encode(), 8)
-    if not model.state["WAV:UNS"]:
-        codes = codes - _CODES[form] // 2
+        return block(",".join(chain.from_iterable(_as_text(model, codes) for codes in model.codes())).encode(), 8)
+    half = 0 if model.state["WAV:UNS"] else _CODES[form] // 2
     sign = "u" if model.state["WAV:UNS"] else "i"
     order = ">" if model.state["WAV:BYT"] == "MSBF" else "<"
     kind = f"{sign}1" if form == "BYTE" else f"{order}{sign}2"
-    return block(codes.astype(kind).tobytes(), 8)
+    return block(b"".join((codes.astype(np.int32) - half).astype(kind).tobytes() for codes in model.codes()), 8)
+
+
+def _as_text(model: _Model, codes: NDArray[np.uint16]) -> Iterator[str]:
+    _, _, _, increment, origin, reference = model.scaling()
+    return map(real(5, 3), ((codes.astype(float) - reference) * increment + origin).tolist())
 
 
 # system

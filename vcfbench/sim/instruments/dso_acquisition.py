@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -24,6 +24,7 @@ _LONGEST_SEARCH_S = 0.05
 _SEARCH_POINTS = 4000
 _REFINE_POINTS = 33
 _REFINE_ROUNDS = 3
+_BLOCK_POINTS = 1 << 16
 
 
 class Capture(Protocol):
@@ -93,9 +94,10 @@ class Screen:
         """The end of the window, s."""
         return self.left_s + self.range_s
 
-    def times_s(self, points: int) -> NDArray[np.float64]:
-        """Return `points` sample times from the left edge."""
-        return self.left_s + np.arange(points, dtype=np.float64) * (self.range_s / points)
+    def times_s(self, points: int, start: int = 0, count: int | None = None) -> NDArray[np.float64]:
+        """Return the sample times of `points` from the left edge, or `count` of them from the `start`-th on."""
+        stop = points if count is None else start + count
+        return self.left_s + np.arange(start, stop, dtype=np.float64) * (self.range_s / points)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,15 +163,37 @@ class Record:
     def digitised(self, channel: int, points: int) -> Digitised:
         """Return `points` samples of `channel` over the screen."""
         view = self.views[channel]
-        volts = self._analogue(channel, self.screen.times_s(points)) + self._noise(channel, points)
-        step = view.range_v / 2**self._bits if self._bits else 0.0
-        if step:
-            volts = np.round((volts - view.offset_v) / step) * step + view.offset_v
+        volts = np.concatenate(list(self.blocks(channel, points)))
+        step = self._step_v(view)
         # codes 2...254 of 256 are data: 1 and 255 say that the sample is beyond the converter
         unit = view.range_v / 256
         low, high = view.offset_v - 126 * unit, view.offset_v + 126 * unit
         clipped = bool((volts < low - unit / 2).any() or (volts > high + unit / 2).any())
         return Digitised(volts, clipped, step)
+
+    def blocks(self, channel: int, points: int) -> Iterator[NDArray[np.float64]]:
+        """Yield the same samples in blocks: eight million at once would take hundreds of megabytes."""
+        view = self.views[channel]
+        bias_v, step = self._bias_v(channel), self._step_v(view)
+        noise = np.random.default_rng((self._number, channel))
+        for start in range(0, points, _BLOCK_POINTS):
+            count = min(_BLOCK_POINTS, points - start)
+            volts = self._analogue(channel, self.screen.times_s(points, start, count)) - bias_v
+            if self._errors.noise_div:
+                volts += self._noise_v(view) * noise.standard_normal(count)
+            if step:
+                volts = np.round((volts - view.offset_v) / step) * step + view.offset_v
+            yield volts
+
+    def _step_v(self, view: ChannelView) -> float:
+        return view.range_v / 2**self._bits if self._bits else 0.0
+
+    def _bias_v(self, channel: int) -> float:
+        """Return what AC coupling takes off: its 3.5 Hz corner, as seen on one screen."""
+        if not self.views[channel].ac:
+            return 0.0
+        gain = 1.0 + self._errors.gain_error[channel - 1]
+        return gain * float(self._shown(channel, self.screen.times_s(_SEARCH_POINTS)).mean())
 
     def extremes(self, channel: int, points: int) -> Digitised:
         """Return alternately smallest and largest of the samples behind each pair of points (peak detect)."""
@@ -179,28 +203,24 @@ class Record:
         return Digitised(volts, fine.clipped, fine.step_v)
 
     def _analogue(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        gain = 1.0 + self._errors.gain_error[channel - 1]
+        offset_v = self._errors.offset_error_div[channel - 1] * self.views[channel].range_v / 8.0
+        return self._shown(channel, times_s) * gain + offset_v
+
+    def _shown(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         # a fast clock samples early: what it calls t is really t / (1 + error)
         real_s = self._trigger_s + times_s / (1.0 + self._errors.time_base_error) - self._errors.skew_s[channel - 1]
-        view = self.views[channel]
-        shown = seen(self._capture, view, real_s)
-        gain = 1.0 + self._errors.gain_error[channel - 1]
-        return shown * gain + self._errors.offset_error_div[channel - 1] * view.range_v / 8.0
+        return seen(self._capture, self.views[channel], real_s)
 
-    def _noise(self, channel: int, points: int) -> NDArray[np.float64] | float:
-        if not self._errors.noise_div:
-            return 0.0
-        rms = self._errors.noise_div * self.views[channel].range_v / 8.0 / math.sqrt(self.averages)
-        return rms * np.random.default_rng((self._number, channel)).standard_normal(points)
+    def _noise_v(self, view: ChannelView) -> float:
+        return self._errors.noise_div * view.range_v / 8.0 / math.sqrt(self.averages)
 
 
 def seen(capture: Capture, view: ChannelView, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return displayed volts at absolute times, before the channel's own errors."""
+    """Return displayed volts at absolute times, before AC coupling and the channel's own errors."""
     if view.node is None:
         return np.zeros(len(times_s))
     volts = np.asarray(capture.samples(view.node, times_s), dtype=np.float64)
-    if view.ac:
-        # the 3.5 Hz corner of AC coupling, as seen on one screen
-        volts = volts - volts.mean()
     return volts * (-view.probe if view.inverted else view.probe)
 
 
@@ -284,7 +304,7 @@ class Acquisition:
         for round_number in range(_REFINE_ROUNDS):
             assert bracket is not None  # noqa: S101  (for the type checker)
             times = np.linspace(*bracket, points)
-            volts = seen(self._capture, _direct(view), times)
+            volts = seen(self._capture, view, times)
             if self._trigger.ac and round_number == 0:
                 bias = float(volts.mean())
             bracket = self._first(times, volts - bias)
@@ -292,7 +312,7 @@ class Acquisition:
                 return None
             points = _REFINE_POINTS
         assert bracket is not None  # noqa: S101  (for the type checker)
-        return _interpolated(self._capture, _direct(view), bracket, self._trigger.level_v + bias)
+        return _interpolated(self._capture, view, bracket, self._trigger.level_v + bias)
 
     def _first(self, times: NDArray[np.float64], volts: NDArray[np.float64]) -> tuple[float, float] | None:
         above = volts >= self._trigger.level_v
@@ -303,11 +323,6 @@ class Acquisition:
             wanted |= above[:-1] & ~above[1:]
         places = np.flatnonzero(wanted)
         return (float(times[places[0]]), float(times[places[0] + 1])) if len(places) else None
-
-
-def _direct(view: ChannelView) -> ChannelView:
-    """Return the view without AC coupling: trigger coupling is its own."""
-    return ChannelView(view.node, view.range_v, view.offset_v, view.probe, view.inverted, ac=False)
 
 
 def _interpolated(capture: Capture, view: ChannelView, bracket: tuple[float, float], level_v: float) -> float:
