@@ -12,7 +12,7 @@ from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.parameters import BenchParameters
-from vcfbench.sim.world import NODES, Drive, Ripple, World
+from vcfbench.sim.world import NODES, Drive, Ripple, Sine, World
 
 IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
 QUIET = replace(PAPER, noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0))
@@ -452,3 +452,21 @@ def test_who_supplies_the_rails_hears_of_a_load() -> None:
     before = world.rail_current_a("positive", 10.0)
     world.set_load("positive", 10.0)
     assert heard == [pytest.approx(before + 1.0)]
+
+
+def test_several_sines_on_v_vc_are_seen_and_averaged() -> None:
+    sines = (Sine(0.4, 30.0, 0.3), Sine(0.2, 90.0, -1.0), Sine(0.1, 7.0, 2.0))
+    first, *others = sines
+    clock, world = powered(QUIET)
+    world.drive_v_vc(Drive(0.5, first.amplitude_v, first.frequency_hz, first.phase_rad, 50.0, tuple(others)))
+    start = clock.now()
+    capture, window = world.capture(start, start + 1.0), world.window("v_vc", start, start + 0.13)
+    clock.sleep_until(start + 1.0)
+    times = start + np.linspace(0.0, 1.0, 2000)
+    wanted = 0.5 + sum(
+        each.amplitude_v * np.sin(2 * math.pi * each.frequency_hz * times + each.phase_rad) for each in sines
+    )
+    loaded = QUIET.virtual_path.pull_down_ohm / (QUIET.virtual_path.pull_down_ohm + 50.0)
+    np.testing.assert_allclose(capture.samples("v_vc", times), wanted * loaded, atol=1e-9)
+    fine = start + (np.arange(20_000) + 0.5) * 0.13 / 20_000
+    assert window.mean_v() == pytest.approx(capture.samples("v_vc", fine).mean(), abs=1e-7)

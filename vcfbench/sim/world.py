@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.leads import Leads
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["NODES", "RAILS", "Capture", "Drive", "Ripple", "Window", "World"]
+__all__ = ["NODES", "RAILS", "Capture", "Drive", "Ripple", "Sine", "Window", "World"]
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
@@ -34,10 +34,20 @@ EARLY_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
+class Sine:
+    """amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time."""
+
+    amplitude_v: float
+    frequency_hz: float
+    phase_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class Drive:
     """What a generator puts out, open circuit.
 
-    dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time.
+    dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time, and `overtones`: harmonics of a waveform
+    that is no sine, sidebands of a modulated one.
     """
 
     dc_v: float
@@ -45,6 +55,7 @@ class Drive:
     frequency_hz: float = 0.0
     phase_rad: float = 0.0
     source_ohm: float = 50.0
+    overtones: tuple[Sine, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

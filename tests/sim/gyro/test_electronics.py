@@ -61,3 +61,15 @@ def test_a_rail_held_below_brown_out_while_the_drive_would_start_draws_no_start_
     supply = PAPER.supply
     assert rail_current_a(supply, -3.5, 1.0) == pytest.approx(0.5 * supply.quiescent_a)
     assert rail_current_a(supply, 10.0, 0.5) == pytest.approx(supply.quiescent_a + 0.5 * supply.start_up_a)
+
+
+def test_several_sines_stay_exact_through_the_modulators_curvature() -> None:
+    path = replace(
+        BenchParameters.paper().virtual_path, offset_v=0.01, second_order_per_v=0.02, third_order_per_v2=0.03
+    )
+    terms = [(0.4 + 0.1j, 200j), (0.2 - 0.3j, 600j), (0.1j, 47j), (0.05 + 0j, 153j)]
+    node = Oscillation(0.7, terms)
+    times = np.linspace(0.0, 1.0, 777)
+    v = node.at(times)
+    np.testing.assert_allclose(modulate(path, node).at(times), 0.01 + v + 0.02 * v**2 + 0.03 * v**3, atol=1e-8)
+    np.testing.assert_allclose(node.later(0.3).at(times), node.at(times + 0.3), atol=1e-12)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,6 +13,11 @@ from hypothesis import strategies as st
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.instruments.agilent33220a import TABLE, Agilent33220A, GeneratorErrors, OutputRange
 from vcfbench.sim.world import Drive
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
 
 class Socket:
@@ -426,6 +432,55 @@ def test_mean_and_fundamental_of_other_waveforms(box: Socket, setup: str) -> Non
     wave = square if "SQU" in setup else ramp
     assert box.drive.dc_v == pytest.approx(wave.mean(), abs=1e-3)
     assert box.drive.amplitude_v == pytest.approx(2 * abs(np.fft.rfft(wave)[1]) / 4096, rel=1e-3)
+
+
+def put_out(drive: Drive, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    sines = (
+        each.amplitude_v * np.sin(2 * np.pi * each.frequency_hz * times_s + each.phase_rad)
+        for each in (drive, *drive.overtones)
+    )
+    return np.asarray(drive.dc_v + sum(sines))
+
+
+@pytest.mark.parametrize(
+    ("setup", "wanted"),
+    [
+        ("FUNC SQU;:FUNC:SQU:DCYC 30", lambda x: np.where(x % 1 < 0.3, 1.0, -1.0)),
+        ("FUNC PULS;:FUNC:PULS:WIDT 40E-3", lambda x: np.where(x % 1 < 0.4, 1.0, -1.0)),
+        ("FUNC RAMP;:FUNC:RAMP:SYMM 25", lambda x: np.interp((x + 0.25) % 1, [0, 0.25, 1], [-1.0, 1.0, -1.0])),
+        ("FUNC RAMP;:FUNC:RAMP:SYMM 50", lambda x: 2 / np.pi * np.arcsin(np.sin(2 * np.pi * x))),
+        ("FUNC RAMP", lambda x: 2 * ((x + 0.25) % 1) - 1),
+    ],
+)
+def test_every_waveform_comes_out_up_to_its_harmonics(
+    box: Socket, setup: str, wanted: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> None:
+    box.send(f"OUTP:LOAD INF;:VOLT 2;:VOLT:OFFS 0.5;:FREQ 10;:{setup};:OUTP ON;:PHAS 90")
+    assert box.errors() == []
+    times = np.arange(4096) / 40960 + 1e-6
+    error = put_out(box.drive, times) - 0.5 - wanted(10 * times + 0.25)
+    assert float(np.sqrt(np.mean(error**2))) < 0.09  # what lies above the 64th harmonic
+    assert float(np.mean(np.abs(error) < 0.03)) > 0.85
+
+
+def test_an_arbitrary_waveform_comes_out(box: Socket) -> None:
+    place = np.arange(16) / 16
+    points = 0.6 * np.cos(2 * np.pi * place) + 0.3 * np.sin(6 * np.pi * place)
+    box.send("DATA VOLATILE," + ",".join(f"{each:.6f}" for each in points))
+    box.send("OUTP:LOAD INF;:VOLT 4;:FREQ 10;:FUNC:USER VOLATILE;:FUNC USER;:OUTP ON")
+    assert box.errors() == []
+    np.testing.assert_allclose(put_out(box.drive, place / 10), 2 * points, atol=1e-5)
+
+
+def test_am_is_a_carrier_at_half_amplitude_with_its_sidebands(box: Socket) -> None:
+    box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,0.1;:AM:DEPT 60;INT:FREQ 50;:AM:STAT ON")
+    times = np.arange(2000) * 2.5e-5
+    wanted = 0.1 + 0.5 * (1 + 0.6 * np.sin(2 * np.pi * 50 * times)) * np.sin(2 * np.pi * 1000 * times)
+    np.testing.assert_allclose(put_out(box.drive, times), wanted, atol=1e-9)
+    box.send("AM:SOUR EXT")
+    assert box.drive.overtones == ()
+    box.send("AM:STAT OFF")
+    assert box.drive == Drive(0.1, pytest.approx(1.0), 1000.0, 0.0)  # type: ignore[arg-type]
 
 
 STEPPED = replace(

@@ -16,7 +16,7 @@ import numpy as np
 from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
-from vcfbench.sim.gyro.electronics import Oscillation, modulate, node_voltage, output_limits, rail_current_a
+from vcfbench.sim.gyro.electronics import Oscillation, modulate, output_limits, rail_current_a, source_voltage
 from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Stretch
@@ -48,7 +48,7 @@ class Gyro:
         self._rails = (0.0, 0.0)
         self._ripples: list[Ripple | None] = [None, None]
         self._running = False
-        self._source: Drive | None = None
+        self._v_vc = self._multiplicand = Oscillation(0.0, [])
         self._phase = 0.0
         self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
         self._bands = self._warm_up.bands(bench.thermal)
@@ -82,7 +82,9 @@ class Gyro:
 
     def connect_v_vc(self, source: Drive | None) -> None:
         """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
-        self._source = source
+        nothing = Oscillation(0.0, [])  # an open switch lets nothing through, not even the modulator's leakage
+        self._v_vc = nothing if source is None else source_voltage(source, self._bench.virtual_path)
+        self._multiplicand = nothing if source is None else modulate(self._bench.virtual_path, self._v_vc)
 
     @property
     def ambient_c(self) -> float:
@@ -182,7 +184,7 @@ class Gyro:
             self._drive_mode(),
             self._drive[0],
             self._phase,
-            self._v_vc(),
+            self._v_vc.later(self.now_s),
             (self._rail(0), self._rail(1)),
             output_limits(bench.output_stage, *self._rails),
             self._weaker_rail() >= bench.supply.dead_v,
@@ -198,7 +200,7 @@ class Gyro:
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
-        virtual = self._modulated()
+        virtual = self._multiplicand.later(self.now_s)
         return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, real_terms(virtual.terms))
 
     def _bias(self) -> tuple[float, list[tuple[complex, complex]]]:
@@ -208,18 +210,6 @@ class Gyro:
         left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.now_s) - warm_up.goal_c)
         return goal, [(complex(left), complex(-1 / warm_up.time_constant_s))]
 
-    def _v_vc(self) -> Oscillation:
-        """Return the voltage really present on the V_Vc node from now on."""
-        source, path = self._source, self._bench.virtual_path
-        if source is None:
-            return Oscillation(0.0, [])
-        loaded = node_voltage(1.0, source.source_ohm, path)
-        speed = 2 * math.pi * source.frequency_hz
-        turned = -1j * source.amplitude_v * loaded * cmath.exp(1j * (speed * self.now_s + source.phase_rad))
-        if speed == 0 or source.amplitude_v == 0:
-            return Oscillation(source.dc_v * loaded + turned.real, [])
-        return Oscillation(source.dc_v * loaded, [(turned, 1j * speed)])
-
     def _rail(self, rail: int) -> Oscillation:
         """Return the voltage really present on a supply pin from now on."""
         ripple = self._ripples[rail]
@@ -228,12 +218,6 @@ class Gyro:
         speed = 2 * math.pi * ripple.frequency_hz
         turned = cmath.rect(math.sqrt(2) * ripple.rms_v, speed * self.now_s + ripple.phase_rad)
         return Oscillation(self._rails[rail], [(turned, 1j * speed)])
-
-    def _modulated(self) -> Oscillation:
-        """Return the modulator's multiplicand; an open switch lets nothing through, not even its leakage."""
-        if self._source is None:
-            return Oscillation(0.0, [])
-        return modulate(self._bench.virtual_path, self._v_vc())
 
     # -- power --
 

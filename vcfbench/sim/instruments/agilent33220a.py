@@ -5,9 +5,10 @@ drivers and from the guides of its siblings (33210A, 33250A, 33500 series), and 
 of a real 33250A. What only general knowledge supports (the words of -221 and -222, errors 781...788, times, which
 parameter wins a conflict) is unverified.
 
-What the World can be given is a direct voltage plus one sine behind 50 ohm. Other waveforms drive it with their mean
-and fundamental; AM with its carrier at half amplitude; FM, PM, FSK, PWM, sweep and internally timed bursts with their
-unmodulated carrier; noise with its offset. All of it can be set and read back.
+What the World is given is a direct voltage and sines behind 50 ohm: square, ramp, pulse and arbitrary waveforms are
+their first 64 harmonics (edges ring accordingly), AM is a carrier with its sidebands (a modulating shape that is no
+sine counts by its fundamental). FM, PM, FSK, PWM, sweep and internally timed bursts drive it with their unmodulated
+carrier, noise with its offset. All of it can be set and read back.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from vcfbench.sim.scpi import (
     signed_integer,
 )
 from vcfbench.sim.scpi.lexer import Kind, Token
-from vcfbench.sim.world import Drive
+from vcfbench.sim.world import Drive, Sine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,6 +67,18 @@ MAX_PEAK_V = 10.0
 """Largest peak voltage into an open circuit; half of it into 50 ohm."""
 MIN_VPP = 0.02
 """Smallest amplitude into an open circuit, Vpp; half of it into 50 ohm."""
+HARMONICS = 64
+"""How many harmonics of a waveform the World is given."""
+_LEAST_HARMONIC = 1e-6
+"""Part of the largest below which a harmonic is none."""
+_FUNDAMENTALS = {
+    "SIN": 1.0,
+    "SQU": 4.0 / math.pi,
+    "TRI": 8.0 / math.pi**2,
+    "RAMP": 2.0 / math.pi,
+    "NRAM": 2.0 / math.pi,
+}
+"""Fundamental of the modulating shapes, of their peak."""
 ARBITRARY_POINTS = 16384
 """Length of the built-in arbitrary waveforms (unverified for the 33220A; the 33250A has 4096)."""
 
@@ -258,10 +271,12 @@ def _crest(points: list[float]) -> float:
     return max(abs(point) for point in points) / rms if rms else 0.0
 
 
-def _fundamental(points: list[float]) -> complex:
-    """Return a of Im(a exp(j 2 pi x)), the fundamental of one period of `points`."""
-    step = -2j * math.pi / len(points)
-    return 2j / len(points) * sum(point * cmath.exp(step * index) for index, point in enumerate(points))
+def _harmonics(points: list[float]) -> list[complex]:
+    """Return a_n of Im sum a_n exp(j 2 pi n x), the harmonics of one period of `points`, n from 1."""
+    import numpy as np  # noqa: PLC0415  (only where an arbitrary waveform is put out)
+
+    spectrum = np.fft.rfft(points)[1 : HARMONICS + 1] * (2j / len(points))
+    return [complex(each) for each in spectrum]
 
 
 # --- parameters of its own ------------------------------------------------------------------------------------
@@ -592,18 +607,36 @@ class Agilent33220A(ScpiInstrument):
     def _drive(self) -> Drive:
         state = self.state
         peak = self.peak_v() if self._running() else 0.0
-        mean, wave = self._wave(peak)
+        mean, waves = self._wave(peak)
+        factor = (1.0 + self._errors.amplitude_error) * (0.5 if state["mode"] == "AM" else 1.0)
         if state["polarity"] == "INV":  # turns the waveform over, not the offset
-            mean, wave = -mean, -wave
-        wave *= cmath.exp(1j * math.radians(state["phase"])) * (1.0 + self._errors.amplitude_error)
-        if state["mode"] == "AM":
-            wave *= 0.5
+            mean, factor = -mean, -factor
         direct = self._direct_v(state["offset"] + mean)
-        if not wave:
+        if not any(waves):
             return Drive(direct, source_ohm=SOURCE_OHM)
         frequency = state["freq"] * (1.0 + self._errors.frequency_error)
-        phase = self._continuous_phase(frequency) + cmath.phase(wave)
-        return Drive(direct, abs(wave), frequency, math.remainder(phase, 2.0 * math.pi), SOURCE_OHM)
+        turn = self._continuous_phase(frequency) + math.radians(state["phase"])
+        least = _LEAST_HARMONIC * max(map(abs, waves))
+        first, *others = (
+            _sine(factor * wave * cmath.exp(1j * order * turn), order * frequency)
+            for order, wave in enumerate(waves, 1)
+            if order == 1 or abs(wave) > least
+        )
+        overtones = (*others, *self._sidebands(first))
+        return Drive(direct, first.amplitude_v, frequency, first.phase_rad, SOURCE_OHM, overtones)
+
+    def _sidebands(self, carrier: Sine) -> tuple[Sine, ...]:
+        """Return what AM adds to the carrier, which is at half amplitude: (1 + m sin w t) times it."""
+        state = self.state
+        depth = state["AM:depth"] / 100.0 * _FUNDAMENTALS.get(state["AM:func"], 0.0)
+        if state["mode"] != "AM" or state["AM:source"] == "EXT" or not depth:
+            return ()
+        size, apart_hz = carrier.amplitude_v * depth / 2.0, state["AM:freq"] * (1.0 + self._errors.frequency_error)
+        quarter = math.pi / 2.0
+        return (
+            Sine(size, carrier.frequency_hz - apart_hz, carrier.phase_rad + quarter),
+            Sine(size, carrier.frequency_hz + apart_hz, carrier.phase_rad - quarter),
+        )
 
     def _running(self) -> bool:
         """Tell whether the waveform runs: a triggered burst only does between trigger and end."""
@@ -619,20 +652,20 @@ class Agilent33220A(ScpiInstrument):
             self._frequency_hz = frequency_hz
         return self._phase_rad
 
-    def _wave(self, peak: float) -> tuple[float, complex]:
-        """Return mean and fundamental a of Im(a exp(j w t)) of the waveform with that peak voltage."""
-        function = self.state["func"]
+    def _wave(self, peak: float) -> tuple[float, list[complex]]:
+        """Return mean and harmonics a_n of Im sum a_n exp(j n w t) of the waveform with that peak voltage."""
+        function, orders = self.state["func"], range(1, HARMONICS + 1)
         if function == "SIN":
-            return 0.0, complex(peak)
+            return 0.0, [complex(peak)]
         if function == "RAMP":
-            return 0.0, _ramp_fundamental(peak, self.state["symmetry"] / 100.0)
+            return 0.0, [peak * _ramp(self.state["symmetry"] / 100.0, order) for order in orders]
         if function in {"SQU", "PULS"}:
             duty = self.state["duty"] / 100.0 if function == "SQU" else self.state["width"] * self.state["freq"]
-            return _rectangle(peak, duty)
+            return peak * (2.0 * duty - 1.0), [peak * _rectangle(duty, order) for order in orders]
         if function == "USER" and peak:
             points = self.points(self.state["user"])
-            return peak * _mean(points), peak * _fundamental(points)
-        return 0.0, 0j
+            return peak * _mean(points), [peak * each for each in _harmonics(points)]
+        return 0.0, []
 
     def _direct_v(self, wanted_v: float) -> float:
         """Return the direct voltage through converter and attenuator of the range in use."""
@@ -651,19 +684,24 @@ class Agilent33220A(ScpiInstrument):
         return round(volts / step) * step if bits else volts
 
 
-def _ramp_fundamental(peak: float, rising: float) -> complex:
-    """Return the fundamental of a ramp that rises for the part `rising` of its period."""
-    amplitude = 2.0 * peak / math.pi
+def _sine(wave: complex, frequency_hz: float) -> Sine:
+    return Sine(abs(wave), frequency_hz, cmath.phase(wave))
+
+
+def _ramp(rising: float, order: int) -> complex:
+    """Return a harmonic of a ramp that rises from -1 to 1 for the part `rising` of its period."""
     if 0.0 < rising < 1.0:
-        amplitude = 2.0 * peak * math.sin(math.pi * rising) / (math.pi**2 * rising * (1.0 - rising))
-    # rises through the middle at a quarter of its rising part, so that a triangle starts like a sine
-    return amplitude * cmath.exp(1j * math.pi * (0.5 - rising))
+        size = 2.0 * math.sin(math.pi * order * rising) / (math.pi**2 * order**2 * rising * (1.0 - rising))
+    else:
+        size = 2.0 / (math.pi * order) * ((-1) ** (order + 1) if rising else 1)
+    # a quarter of its period into the rise, so that a triangle starts like a sine
+    return size * cmath.exp(1j * math.pi * order * (0.5 - rising))
 
 
-def _rectangle(peak: float, duty: float) -> tuple[float, complex]:
-    """Return mean and fundamental of a rectangle that is high from the start for the part `duty` of its period."""
-    wave = 4.0 * peak / math.pi * math.sin(math.pi * duty) * cmath.exp(1j * math.pi * (0.5 - duty))
-    return peak * (2.0 * duty - 1.0), wave
+def _rectangle(duty: float, order: int) -> complex:
+    """Return a harmonic of a rectangle that is 1 from the start for the part `duty` of its period, else -1."""
+    size = 4.0 / (math.pi * order) * math.sin(math.pi * order * duty)
+    return size * cmath.exp(1j * math.pi * (0.5 - order * duty))
 
 
 # --- handlers -------------------------------------------------------------------------------------------------
