@@ -26,7 +26,7 @@ limits.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, TypedDict, Unpack
 
 __all__ = [
     "Aborted",
@@ -47,6 +47,17 @@ __all__ = [
     "TransportError",
     "WrongInstrument",
 ]
+
+
+class Where(TypedDict, total=False):
+    """Where and when something went wrong, as :class:`BenchError` takes it."""
+
+    instrument: str | None
+    resource: str | None
+    command: str | None
+    step: str | None
+    elapsed_s: float | None
+    hint: str | None
 
 
 class BenchError(Exception):
@@ -154,8 +165,10 @@ class OutOfSync(TransportError):
 class InstrumentError(BenchError):
     """The instrument refused a command; `number` and `words` are its own."""
 
-    def __init__(self, what: str, *, number: int | None = None, words: str | None = None, **where: object) -> None:
-        super().__init__(what, **where)  # type: ignore[arg-type]
+    def __init__(
+        self, what: str, *, number: int | None = None, words: str | None = None, **where: Unpack[Where]
+    ) -> None:
+        super().__init__(what, **where)
         self.number = number
         self.words = words
 
