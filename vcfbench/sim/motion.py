@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.parameters import TableMechanics
 
-__all__ = ["RateSegment", "TableMotion"]
+__all__ = ["MEMORY_S", "RateSegment", "TableMotion"]
 
 ARCSEC = math.pi / 648000.0
+MEMORY_S = 1.0
+"""For how long the motion before a command can be looked back at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ class TableMotion:
         self._pole = complex(-damping * natural, natural * math.sqrt(1 - damping**2))
         self._profiles: list[_Profile] = []
         self._segments = [RateSegment(clock.now(), math.inf, 0.0, 0.0, 0.0, ())]
+        self._past: list[RateSegment] = []
 
     @property
     def servo_closed(self) -> bool:
@@ -93,6 +96,7 @@ class TableMotion:
             raise ValueError("the acceleration must be positive")
         self._before_change()
         now = self._clock.now()
+        self._remember(now)
         angle, profile, loop, loop_slope = self.angle_deg(), self.profile_rate_deg_s(), *self._loop_at(now)
         self._plan_demand(now, angle, profile, rate_deg_s, acceleration=acceleration_deg_s2, loop=(loop, loop_slope))
 
@@ -102,6 +106,7 @@ class TableMotion:
             return
         self._before_change()
         now, rate, angle = self._clock.now(), self.rate_deg_s(), self.angle_deg()
+        self._remember(now)
         self._servo_closed = True
         loop = rate / (1 + self._mechanics.rate_error)
         self._plan_demand(now, angle, loop, loop, acceleration=1.0, loop=(loop, 0.0))
@@ -112,6 +117,7 @@ class TableMotion:
             return
         self._before_change()
         now, rate, angle = self._clock.now(), self.rate_deg_s(), self.angle_deg()
+        self._remember(now)
         self._servo_closed = False
         self._profiles, self._complete_s = [], -math.inf
         tau, dry = self._mechanics.friction_time_s, math.copysign(self._mechanics.friction_deg_s2, rate)
@@ -129,6 +135,14 @@ class TableMotion:
         now = self._clock.now()
         return self.segment(now).angle_at(now)
 
+    def past_angle_deg(self, ago_s: float) -> float:
+        """Return the true angle `ago_s` ago, at most `MEMORY_S`, deg; before there was a table it stood at 0."""
+        instant = self._clock.now() - ago_s
+        for each in (*reversed(self._segments), *reversed(self._past)):
+            if each.start_s <= instant:
+                return each.angle_at(instant)
+        return 0.0
+
     def profile_rate_deg_s(self) -> float:
         """Return the rate that the trapezoid has reached now, deg/s; with the servo open the true rate."""
         now = self._clock.now()
@@ -138,6 +152,11 @@ class TableMotion:
     def profile_complete(self) -> bool:
         """Tell whether the trapezoid has reached the demand."""
         return self._clock.now() >= self._complete_s
+
+    def _remember(self, now_s: float) -> None:
+        """Keep what a new command is about to replace, for those who look back."""
+        self._past = [each for each in (*self._past, *self._segments) if now_s - MEMORY_S < each.stop_s]
+        self._past = [each for each in self._past if each.start_s < now_s]
 
     def segment(self, instant_s: float) -> RateSegment:
         """Return the segment that holds at bench time `instant_s`, not before the latest command."""

@@ -49,6 +49,9 @@ class IdealMotion:
         ramp = min(elapsed, self._ramp_s())
         return self._angle0 + 0.5 * (self._rate0 + self.rate_deg_s()) * ramp + self._target * (elapsed - ramp)
 
+    def past_angle_deg(self, ago_s: float) -> float:
+        raise NotImplementedError("an ideal read-back never looks back")
+
     def profile_rate_deg_s(self) -> float:
         return self.rate_deg_s()
 

@@ -33,7 +33,8 @@ class Coarse:
     def times_s(self) -> NDArray[np.float64]:
         """Return the coarse times: one before the first, two after the last interval."""
         intervals = -(-self.count // self.share)
-        return self.first_s + np.arange(-1, intervals + 2) * (self.step_s * self.share)
+        places = np.arange(-1, intervals + 2, dtype=np.float64)
+        return np.asarray(self.first_s + places * (self.step_s * self.share))
 
     def interpolated(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the fine values from those at :meth:`times_s`: one Lagrange cubic an interval."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
-    from vcfbench.sim.world import Drive
+    from vcfbench.sim.world import Drive, Sine
 
 __all__ = ["Oscillation", "amplify", "modulate", "node_voltage", "output_limits", "rail_current_a", "source_voltage"]
 
@@ -55,7 +55,8 @@ def source_voltage(source: Drive, path: VirtualPath) -> Oscillation:
     """Return what a generator puts on the V_Vc input; its origin is bench time 0."""
     loaded = node_voltage(1.0, source.source_ohm, path)
     constant, terms = source.dc_v * loaded, list[tuple[complex, complex]]()
-    for sine in (source, *source.overtones):
+    sines: tuple[Drive | Sine, ...] = (source, *source.overtones)
+    for sine in sines:
         size = -1j * cmath.rect(sine.amplitude_v * loaded, sine.phase_rad)
         if sine.frequency_hz == 0:
             constant += size.real

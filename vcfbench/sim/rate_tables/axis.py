@@ -50,6 +50,10 @@ class Motion(Protocol):
         """Return the true accumulated angle now."""
         ...
 
+    def past_angle_deg(self, ago_s: float) -> float:
+        """Return the true accumulated angle a while ago."""
+        ...
+
     def profile_rate_deg_s(self) -> float:
         """Return the profiled rate now."""
         ...
@@ -75,7 +79,11 @@ class TableWorld(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TableErrors:
-    """Imperfections of the read-back of one specimen; zero switches each off."""
+    """Imperfections of the read-back of one specimen; zero switches each off.
+
+    Raises:
+        ValueError: delay or estimate would look further back than the motion is remembered.
+    """
 
     encoder_error_deg: float
     """Once-per-turn encoder error, amplitude, deg (BD125 data sheet: position accuracy 1 arcsec RSS)."""
@@ -85,6 +93,16 @@ class TableErrors:
     """Quantum of the position read-back, deg (BD125 data sheet: 1e-5 deg)."""
     rate_resolution_deg_s: float
     """Quantum of the rate read-back, deg/s (BD125 data sheet: 1e-5 deg/s)."""
+    readback_delay_s: float = 0.0
+    """Age of what the controller says, s, at most 0.5 s (chosen; unverified for every table)."""
+    rate_estimate_s: float = 0.0
+    """Time over which the rate is estimated from the encoder's angle, s, at most 0.5 s (chosen; unverified)."""
+
+    def __post_init__(self) -> None:
+        """Refuse times that are none."""
+        for seconds in (self.readback_delay_s, self.rate_estimate_s):
+            if not 0.0 <= seconds <= 0.5:
+                raise ValueError("a number at least 0 and at most 0.5")
 
     @classmethod
     def none(cls) -> TableErrors:
@@ -95,7 +113,7 @@ class TableErrors:
     def drawn(cls, rng: np.random.Generator) -> TableErrors:
         """Return a specimen drawn from the BD125 data sheet: amplitude such that the RSS figure is one sigma."""
         amplitude_deg = math.sqrt(2.0) / 3600.0 * abs(float(rng.standard_normal()))
-        return cls(amplitude_deg, float(rng.uniform(0.0, 360.0)), 1e-5, 1e-5)
+        return cls(amplitude_deg, float(rng.uniform(0.0, 360.0)), 1e-5, 1e-5, 1e-3, 20e-3)
 
 
 class Axis:
@@ -107,15 +125,23 @@ class Axis:
 
     def angle_deg(self) -> float:
         """Return the accumulated angle that the encoder gives now, deg."""
-        true = self._world.table.angle_deg()
-        error = self._errors.encoder_error_deg * math.sin(self._electrical_rad(true))
-        return _quantised(true + error, self._errors.angle_resolution_deg)
+        return _quantised(self._encoder_deg(self._errors.readback_delay_s), self._errors.angle_resolution_deg)
 
     def rate_deg_s(self) -> float:
-        """Return the rate estimated from the encoder now, deg/s: the true rate times the encoder's local slope."""
-        table = self._world.table
+        """Return the rate estimated from the encoder, deg/s: its way over a time, or the true rate times its slope."""
+        table, errors = self._world.table, self._errors
+        if errors.rate_estimate_s:
+            recent = self._encoder_deg(errors.readback_delay_s)
+            way_deg = recent - self._encoder_deg(errors.readback_delay_s + errors.rate_estimate_s)
+            return _quantised(way_deg / errors.rate_estimate_s, errors.rate_resolution_deg_s)
         slope = math.radians(self._errors.encoder_error_deg) * math.cos(self._electrical_rad(table.angle_deg()))
         return _quantised(table.rate_deg_s() * (1.0 + slope), self._errors.rate_resolution_deg_s)
+
+    def _encoder_deg(self, ago_s: float) -> float:
+        """Return the angle that the encoder gave `ago_s` ago, deg."""
+        table = self._world.table
+        true = table.past_angle_deg(ago_s) if ago_s else table.angle_deg()
+        return true + self._errors.encoder_error_deg * math.sin(self._electrical_rad(true))
 
     def _electrical_rad(self, angle_deg: float) -> float:
         return math.radians(angle_deg - self._errors.encoder_phase_deg)
