@@ -556,3 +556,33 @@ def test_the_screen_is_a_picture_of_the_shown_traces(bench: Bench) -> None:
     yellow = np.flatnonzero((rows[:, 333] == (255, 255, 0)).all(axis=1))
     # 0.25 V of 4 V above the middle
     assert yellow == pytest.approx([round((0.5 - 0.0625) * 479)])
+
+
+@pytest.mark.parametrize(
+    ("setup", "before_v", "after_v"),
+    [
+        # 0.3 ms high, 0.7 ms low
+        ("POL POS;QUAL GRE;GRE 0.2E-3", 1.0, -1.0),
+        ("POL NEG;QUAL GRE;GRE 0.5E-3", -1.0, 1.0),
+        ("POL NEG;QUAL RANG;RANG 0.8E-3,0.6E-3", -1.0, 1.0),
+        ("POL POS;QUAL LESS;LESS 0.31E-3", 1.0, -1.0),
+    ],
+)
+def test_a_glitch_trigger_is_at_the_end_of_a_pulse_of_the_wanted_width(
+    setup: str, before_v: float, after_v: float
+) -> None:
+    bench = Bench()
+    bench.send(f":CHAN4:SCAL 1;:TRIG:MODE GLIT;SWE NORM;:TRIG:GLIT:SOUR CHAN4;LEV 0;{setup}")
+    bench.send(":TIM:RANG 4E-3;:WAV:SOUR CHAN4;:DIG CHAN4")
+    assert float(bench.ask(":MEAS:VTIM? -20E-6,CHAN4")) == pytest.approx(before_v, abs=0.05)
+    assert float(bench.ask(":MEAS:VTIM? 20E-6,CHAN4")) == pytest.approx(after_v, abs=0.05)
+    assert bench.ask(":SYST:ERR?") == '+0,"No error"'
+
+
+@pytest.mark.parametrize("setup", ["POL POS;QUAL LESS;LESS 0.2E-3", "POL POS;QUAL GRE;GRE 0.4E-3"])
+def test_a_pulse_of_another_width_does_not_trigger(setup: str) -> None:
+    bench = Bench()
+    bench.send(f":CHAN4:SCAL 1;:TRIG:MODE GLIT;SWE NORM;:TRIG:GLIT:SOUR CHAN4;LEV 0;{setup}")
+    bench.send(":TIM:RANG 4E-3;:SING")
+    bench.clock.sleep_until(1.0)
+    assert bench.ask(":TER?") == "+0"

@@ -118,13 +118,17 @@ class ChannelView:
 
 @dataclass(frozen=True, slots=True)
 class EdgeTrigger:
-    """The edge that starts a record; `channel` None never comes (EXT with nothing connected)."""
+    """The edge that starts a record; `channel` None never comes (EXT with nothing connected).
+
+    With `width_s` (least, most) the edge must end a pulse that lasted so long: a glitch trigger.
+    """
 
     channel: int | None
     level_v: float
     rising: bool
     falling: bool
     ac: bool
+    width_s: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +318,22 @@ class Acquisition:
         assert bracket is not None  # noqa: S101  (for the type checker)
         return _interpolated(self._capture, view, bracket, self._trigger.level_v + bias)
 
+    def _first_pulse(
+        self, times: NDArray[np.float64], volts: NDArray[np.float64], width_s: tuple[float, float]
+    ) -> tuple[float, float] | None:
+        """Return the bracket of the edge that ends the first pulse of a wanted width."""
+        heights = volts - self._trigger.level_v
+        places, instants = _crossings(times, heights)
+        ends = places[1:][
+            ((heights[places[1:]] >= 0) == self._trigger.falling)
+            & (np.diff(instants) >= width_s[0])
+            & (np.diff(instants) <= width_s[1])
+        ]
+        return (float(times[ends[0]]), float(times[ends[0] + 1])) if len(ends) else None
+
     def _first(self, times: NDArray[np.float64], volts: NDArray[np.float64]) -> tuple[float, float] | None:
+        if self._trigger.width_s is not None and len(times) == _SEARCH_POINTS:
+            return self._first_pulse(times, volts, self._trigger.width_s)
         above = volts >= self._trigger.level_v
         wanted = np.zeros(len(times) - 1, dtype=bool)
         if self._trigger.rising:
@@ -323,6 +342,15 @@ class Acquisition:
             wanted |= above[:-1] & ~above[1:]
         places = np.flatnonzero(wanted)
         return (float(times[places[0]]), float(times[places[0] + 1])) if len(places) else None
+
+
+def _crossings(
+    times: NDArray[np.float64], heights: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return where the sign of `heights` changes, by index and by time."""
+    places = np.flatnonzero((heights[:-1] >= 0) != (heights[1:] >= 0))
+    before, after = heights[places], heights[places + 1]
+    return places, times[places] + before / (before - after) * (times[1] - times[0])
 
 
 def _interpolated(capture: Capture, view: ChannelView, bracket: tuple[float, float], level_v: float) -> float:
