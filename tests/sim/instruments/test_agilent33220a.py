@@ -542,3 +542,25 @@ def test_every_query_answers_in_every_spelling_without_an_error(pattern: str) ->
     replies = {box.ask(f"{header}?") for header in spellings(pattern)}
     assert box.errors() == []
     assert len(replies) == 1 or pattern in CLEARING
+
+
+def test_the_internal_timer_gates_bursts(box: Socket) -> None:
+    box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,0.1;:BURS:NCYC 3;INT:PER 10E-3;:BURS:STAT ON")
+    assert box.errors() == []
+    start = math.ceil(box.clock.now() / 10e-3) * 10e-3
+    on = []
+    for place in np.arange(0.5e-3, 20e-3, 1e-3):
+        while (wake := box.generator.wake_at()) is not None and wake < start + place:
+            box.clock.sleep_until(wake)
+        box.clock.sleep_until(start + place)
+        box.generator.wake_at()
+        on.append(box.drive.amplitude_v > 0)
+        assert box.drive.dc_v == 0.1
+    assert on == ([True] * 3 + [False] * 7) * 2
+
+
+def test_a_gated_burst_follows_its_open_gate(box: Socket) -> None:
+    box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,0.1;:BURS:MODE GAT;STAT ON")
+    assert box.drive == Drive(0.1)
+    box.send("BURS:GATE:POL INV")
+    assert box.drive.amplitude_v == 1.0

@@ -7,7 +7,7 @@ parameter wins a conflict) is unverified.
 
 What the World is given is a direct voltage and sines behind 50 ohm: square, ramp, pulse and arbitrary waveforms are
 their first 64 harmonics (edges ring accordingly), AM is a carrier with its sidebands (a modulating shape that is no
-sine counts by its fundamental). FM, PM, FSK, PWM, sweep and internally timed bursts drive it with their unmodulated
+sine counts by its fundamental). FM, PM, FSK, PWM and sweep drive it with their unmodulated
 carrier, noise with its offset. All of it can be set and read back.
 """
 
@@ -67,6 +67,9 @@ MAX_PEAK_V = 10.0
 """Largest peak voltage into an open circuit; half of it into 50 ohm."""
 MIN_VPP = 0.02
 """Smallest amplitude into an open circuit, Vpp; half of it into 50 ohm."""
+_SAME_INSTANT_S = 1e-9
+_SHORTEST_PERIOD_S = 1e-3
+"""Bursts that come faster from the internal timer run on without gaps: each edge is an event of the World."""
 HARMONICS = 64
 """How many harmonics of a waveform the World is given."""
 _LEAST_HARMONIC = 1e-6
@@ -333,6 +336,7 @@ class Agilent33220A(ScpiInstrument):
         self.remote = "LOC"
         self._burst_from_s = math.inf
         self._burst_until_s = -math.inf
+        self._edge_s: float | None = None
         self._phase_rad = 0.0
         self._frequency_hz = 0.0
         self._driven: Drive | None = None
@@ -373,13 +377,15 @@ class Agilent33220A(ScpiInstrument):
         if now >= self._burst_from_s:
             self._burst_from_s = math.inf
             self.update()
+        if self._edge_s is not None and now >= self._edge_s:
+            self.update()
         if self._burst_until_s != -math.inf and now >= self._burst_until_s:
             self._burst_until_s = -math.inf
             self.update()
 
     def next_event_s(self) -> float | None:
         """Return the delayed start or the end of the burst."""
-        instant = min(self._burst_from_s, abs(self._burst_until_s))
+        instant = min(self._burst_from_s, abs(self._burst_until_s), self._edge_s or math.inf)
         return instant if math.isfinite(instant) else None
 
     def operations_end_s(self) -> float:
@@ -599,6 +605,7 @@ class Agilent33220A(ScpiInstrument):
 
     def update(self) -> None:
         """Put on the World what the connector really carries, if that has changed."""
+        self._edge_s = self._next_edge_s()
         drive = self._drive() if self.state["output"] else None
         if drive != self._driven:
             self._driven = drive
@@ -640,8 +647,30 @@ class Agilent33220A(ScpiInstrument):
 
     def _running(self) -> bool:
         """Tell whether the waveform runs: a triggered burst only does between trigger and end."""
-        waiting = self.state["mode"] == "BURS" and self.state["trigger"] != "IMM"
-        return not waiting or (self._burst_until_s != -math.inf and math.isinf(self._burst_from_s))
+        if self.state["mode"] != "BURS":
+            return True
+        if self.state["burst_mode"] == "GAT":  # nothing is on the gate's connector: low
+            return bool(self.state["gate"] == "INV")
+        if self.state["trigger"] == "IMM":
+            return self.state["burst_period"] < _SHORTEST_PERIOD_S or self._place_s() < self._burst_s()
+        return bool(self._burst_until_s != -math.inf and math.isinf(self._burst_from_s))
+
+    def _place_s(self) -> float:
+        """Return how long ago the internal timer last started a burst."""
+        return (self.engine.clock.now() + _SAME_INSTANT_S) % float(self.state["burst_period"])
+
+    def _burst_s(self) -> float:
+        return float(self.state["cycles"] / self.state["freq"])
+
+    def _next_edge_s(self) -> float | None:
+        """Return when the internal timer next starts a burst, or the running one ends."""
+        state = self.state
+        timed = state["mode"] == "BURS" and state["burst_mode"] == "TRIG" and state["trigger"] == "IMM"
+        period, lasts = state["burst_period"], self._burst_s()
+        if not timed or not state["output"] or lasts >= period or period < _SHORTEST_PERIOD_S:
+            return None
+        place = self._place_s()
+        return float(self.engine.clock.now() + (lasts if place < lasts else period) - place + _SAME_INSTANT_S)
 
     def _continuous_phase(self, frequency_hz: float) -> float:
         """Return the phase that lets a change of frequency go without a jump."""
