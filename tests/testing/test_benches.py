@@ -22,6 +22,7 @@ from vcfbench.errors import (
     OutOfSync,
 )
 from vcfbench.interfaces import Regulation
+from vcfbench.sim.serve import ControlError
 from vcfbench.testing import open_simulated, serve_simulated, simulated
 
 if TYPE_CHECKING:
@@ -169,7 +170,49 @@ def test_a_served_bench_answers_on_its_resource_strings() -> None:
         assert lab.resource("rate_table").startswith("socket://")
         assert lab.ask("set", name="applied_rate_deg_s", value=10.0) is not None
         lab.fault("multimeter", "silent", duration_s=1.0)
+        with pytest.raises(ControlError, match="multimeter knows no 'interlock'"):
+            lab.fault("multimeter", "interlock")
         with pytest.raises(ConfigError, match="multimeter is not served on hislip"):
             lab.resource("multimeter", "hislip")
         with pytest.raises(ConfigError, match="kettle is not served on tcp"):
             lab.resource("kettle")
+
+
+OVERLOAD = """
+[[fault]]
+instrument = "multimeter"
+kind = "overload"
+at_s = 100.0
+duration_s = 50.0
+"""
+
+
+def test_a_served_bench_plays_the_same_scripts() -> None:
+    import pyvisa  # noqa: PLC0415
+
+    with serve_simulated("ideal", faults=OVERLOAD) as lab, lab.control() as control:
+        manager = pyvisa.ResourceManager("@py")
+        with manager.open_resource(lab.resource("multimeter"), read_termination="\n", write_termination="\n") as meter:
+            readings = []
+            for instant_s in (50.0, 110.0, 160.0):
+                control.request("sleep_until", instant_s=instant_s)
+                readings.append(float(meter.query("READ?")))  # type: ignore[attr-defined]
+        manager.close()
+    assert readings == [pytest.approx(0.0, abs=0.1), 9.9e37, pytest.approx(0.0, abs=0.1)]
+
+
+def test_a_served_short_circuit_and_a_served_interlock_end() -> None:
+    with serve_simulated("ideal") as lab:
+        for role, kind in (("power", "current_limit"), ("rate_table", "interlock")):
+            lab.fault(role, kind)
+            assert lab.ask("status")["instruments"][role]["faults"] == [kind]
+        lab.ask("clear_faults")
+        assert all(each["faults"] == [] for each in lab.ask("status")["instruments"].values())
+        with pytest.raises(ControlError, match="rate_table knows no 'error'"):
+            lab.fault("rate_table", "error")
+
+
+def test_a_script_that_the_bench_cannot_suffer_is_not_served() -> None:
+    script = OVERLOAD.replace("multimeter", "power")
+    with pytest.raises(ValueError, match="power knows no 'overload'"), serve_simulated("ideal", faults=script):
+        pass

@@ -56,7 +56,7 @@ def serve(
         ),
     ] = None,
     faults: Annotated[
-        Path | None, typer.Option("--faults", metavar="FILE", help="What goes wrong on the wires, and when (TOML).")
+        Path | None, typer.Option("--faults", metavar="FILE", help="What goes wrong, and when (TOML).")
     ] = None,
     offer: Annotated[
         list[str] | None,
@@ -171,13 +171,14 @@ def _speed(text: str) -> float:
 
 
 def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
-    from vcfbench.sim.serve import ServerSettings, read_faults  # noqa: PLC0415
+    from vcfbench.sim.faults import FaultScript, read_script  # noqa: PLC0415
+    from vcfbench.sim.serve import ServerSettings  # noqa: PLC0415
 
     if ports != "auto" and not (ports.isdigit() and 0 < int(ports) < 65536):
         raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
     base = None if ports == "auto" else int(ports)
     try:
-        planned = () if faults is None else tuple(read_faults(faults))
+        planned = FaultScript(()) if faults is None else read_script(faults)
     except (OSError, ValueError) as error:
         raise ConfigError(f"--faults {error}") from error
     return ServerSettings(host, base, faults=planned)

@@ -1,6 +1,6 @@
 """What can go wrong on a simulated bench: on a wire, at an instrument, at a bench time, from a script.
 
-A script is TOML; `vcfbench sim serve --faults FILE` and the test fixtures read the same files::
+A script is TOML; `vcfbench sim serve --faults FILE` and the test fixtures read the same files, and know all kinds::
 
     seed = 0                    # of the noise; without it 0
 
@@ -55,9 +55,13 @@ __all__ = [
     "FaultScript",
     "FaultyDevice",
     "Kind",
+    "begin_on_bench",
     "parse_script",
     "read_faults",
     "read_script",
+    "require_possible",
+    "spoiled",
+    "spoils",
 ]
 
 Kind = Literal[
@@ -219,6 +223,19 @@ _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]]
 }
 
 
+def require_possible(device: Any, fault: Fault) -> None:
+    """Raise ValueError if `device`, the instrument of `fault`, cannot suffer it."""
+    needed = _ON_THE_BENCH.get(fault.kind, ("write",))[0]
+    if not hasattr(device, needed) or (fault.kind == "error" and not isinstance(device, ScpiInstrument)):
+        raise ValueError(f"{fault.instrument} knows no {fault.kind!r}")
+
+
+def begin_on_bench(device: Any, fault: Fault) -> Callable[[], None]:
+    """Let a fault of the bench begin at `device`; return what ends it. Faults of a wire change nothing there."""
+    begin = _ON_THE_BENCH.get(fault.kind)
+    return (lambda: None) if begin is None else begin[1](device, fault)
+
+
 # --- faults of a wire ------------------------------------------------------------------------------------------------
 
 
@@ -249,9 +266,7 @@ class FaultyDevice:
         Raises:
             ValueError: the instrument cannot suffer it.
         """
-        needed = _ON_THE_BENCH.get(fault.kind, ("write",))[0]
-        if not hasattr(self.device, needed) or (fault.kind == "error" and not isinstance(self.device, ScpiInstrument)):
-            raise ValueError(f"{fault.instrument} knows no {fault.kind!r}")
+        require_possible(self.device, fault)
         self._planned.append(fault)
         self._planned.sort(key=lambda each: each.at_s)
         self._advance()
@@ -334,8 +349,7 @@ class FaultyDevice:
             self._cut = fault.kind == "disconnect"
         if fault.kind in _AT_ONCE:
             return
-        start = _ON_THE_BENCH.get(fault.kind)
-        undo = (lambda: None) if start is None else start[1](self.device, fault)
+        undo = begin_on_bench(self.device, fault)
         ends_s = None if fault.duration_s is None else max(fault.at_s, self._clock.now()) + fault.duration_s
         self._active.append((ends_s, fault, undo))
 
@@ -346,17 +360,15 @@ class FaultyDevice:
             raise ConnectionResetError("the link to the instrument is lost")
 
     def _spoiling(self) -> list[Fault]:
-        return [fault for _, fault, _ in self._active if fault.kind in _SPOILERS]
+        return [fault for _, fault, _ in self._active if spoils(fault)]
 
     def _spoil_what_is_said(self) -> None:
         data, end = self.device.read(_WHOLE)
         if not data:
             return
         arrives_s = max([self._clock.now(), *(each[0] for each in self._underway)])
-        for fault in self._spoiling():
-            if fault.kind == "late":
-                arrives_s += fault.delay_s
-            data, end = _SPOILERS[fault.kind](self._noise, data, end)
+        data, end, late_s = spoiled(self._spoiling(), self._noise, data, end=end)
+        arrives_s += late_s
         if data:
             self._underway.append((arrives_s, data, end))
 
@@ -390,6 +402,21 @@ _SPOILERS: dict[str, Callable[[random.Random, bytes, bool], tuple[bytes, bool]]]
     "garbage": _add_garbage,
     "truncated": _cut_short,
 }
+
+
+def spoils(fault: Fault) -> bool:
+    """Tell whether `fault` changes answers or their time."""
+    return fault.kind in _SPOILERS
+
+
+def spoiled(faults: Iterable[Fault], noise: random.Random, data: bytes, *, end: bool) -> tuple[bytes, bool, float]:
+    """Return what `faults`, all of which spoil answers, leave of (a part of) one, its end, and how late that is, s."""
+    late_s = 0.0
+    for fault in faults:
+        if fault.kind == "late":
+            late_s += fault.delay_s
+        data, end = _SPOILERS[fault.kind](noise, data, end)
+    return data, end, late_s
 
 
 class FaultInjector:

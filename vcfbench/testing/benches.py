@@ -24,7 +24,7 @@ from vcfbench.bench.description import BenchDescription, Simulation, SimulationE
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench, chosen_seed
 from vcfbench.errors import ConfigError
-from vcfbench.sim.faults import Fault, FaultInjector, parse_script, read_script
+from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, parse_script, read_script
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -104,7 +104,11 @@ class SimulatedLab:
 
     def play(self, script: Path | str) -> None:
         """Let everything in a fault script happen: a file, or TOML text."""
-        self.faults.play(read_script(script) if isinstance(script, Path) else parse_script(script, "fault script"))
+        self.faults.play(_script(script))
+
+
+def _script(script: Path | str) -> FaultScript:
+    return read_script(script) if isinstance(script, Path) else parse_script(script, "fault script")
 
 
 @contextmanager
@@ -174,9 +178,9 @@ class ServedLab:
         with self.control() as control:
             return control.request(do, **arguments)
 
-    def fault(self, instrument: str, kind: str, *, duration_s: float | None = None) -> None:
-        """Let a fault happen on the wires now."""
-        self.ask("fault", instrument=instrument, kind=kind, duration_s=duration_s)
+    def fault(self, instrument: str, kind: str, **when: Any) -> None:
+        """Let a fault happen now, or `at_s`; further fields as of :class:`~vcfbench.sim.faults.Fault`."""
+        self.ask("fault", instrument=instrument, kind=kind, **when)
 
     def on_wires(self) -> BenchDescription:
         """Return the bench as a run of this program opens it from outside: over TCP, led by its clock."""
@@ -188,22 +192,27 @@ class ServedLab:
 
 @contextmanager
 def serve_simulated(
-    bench: BenchDescription | Path | str | None = None, *, seed: int | None = None, speed: float | None = None
+    bench: BenchDescription | Path | str | None = None,
+    *,
+    seed: int | None = None,
+    speed: float | None = None,
+    faults: Path | str | None = None,
 ) -> Iterator[ServedLab]:
-    """Serve a simulated bench from a thread of this process.
+    """Serve a simulated bench from a thread of this process; `faults` is a fault script, a file or TOML text.
 
     Without `speed` (times real time) bench time jumps to whatever a client waits for.
     """
     import threading  # noqa: PLC0415  # only served benches need one
 
-    from vcfbench.sim.serve import MAX_SPEED, BenchServer, ServedBench, ServedClock  # noqa: PLC0415
+    from vcfbench.sim.serve import MAX_SPEED, BenchServer, ServedBench, ServedClock, ServerSettings  # noqa: PLC0415
 
+    settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
     used = chosen_seed(description, seed)
     clock = ServedClock(MAX_SPEED if speed is None else speed)
     built = SimulatedBench.build(description, used, clock)
     models = {role: _model(description, role) for role in built.devices}
-    with BenchServer(ServedBench(built.world, built.devices, models), clock) as server:
+    with BenchServer(ServedBench(built.world, built.devices, models), clock, settings) as server:
         worker = threading.Thread(target=server.run, daemon=True)
         worker.start()
         try:

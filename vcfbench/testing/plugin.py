@@ -140,7 +140,9 @@ def served_bench(request: pytest.FixtureRequest) -> Iterator[ServedLab]:
     from vcfbench.testing.benches import serve_simulated  # noqa: PLC0415  # heavy, and only now needed
 
     asked = _asked(request)
-    with serve_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"]) as lab:
+    faults = None if asked["faults"] is None else _script(request, asked["faults"])
+    described = _described(request, asked)
+    with serve_simulated(described, seed=asked["seed"], speed=asked["speed"], faults=faults) as lab:
         yield lab
 
 

@@ -13,17 +13,16 @@ from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, served
 from tests.sim.serve.test_raw import Wire, wires
 from tests.sim.serve.test_vxi11 import callers
 from vcfbench.clock import sleep
+from vcfbench.sim.faults import Fault, FaultScript, read_script
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.serve import (
     MAX_SPEED,
     Adjustment,
     Control,
     ControlError,
-    Fault,
     RemoteClock,
     ServedClock,
     ServerSettings,
-    read_faults,
 )
 from vcfbench.sim.world import World
 
@@ -113,6 +112,8 @@ def test_rails_and_input_are_put_on_from_outside(control: Control) -> None:
         ({"do": "get"}, "argument"),
         ({"do": "fault", "instrument": "toaster", "kind": "silent"}, "no 'toaster'"),
         ({"do": "fault", "instrument": "lamp", "kind": "fire"}, "a fault is one of"),
+        ({"do": "fault", "instrument": "lamp", "kind": "interlock"}, "lamp knows no 'interlock'"),
+        ({"do": "fault", "instrument": "lamp", "kind": "late", "late_s": 2}, "late_s"),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_words(control: Control, request_: dict[str, str], words: str) -> None:
@@ -209,7 +210,8 @@ def test_a_fault_lasts_as_long_as_it_is_said_to(served: Served, control: Control
     with wires(served) as (wire,):
         control.request("pause")
         control.request("fault", instrument="lamp", kind="garbled", duration_s=10.0)
-        assert wire.ask(b"LEV 1;LEV?\n") == b"+1.00000\xfe00E+00\n"
+        said, heard = b"+1.00000000E+00\n", wire.ask(b"LEV 1;LEV?\n")
+        assert [byte > 0x7F for byte, meant in zip(heard, said, strict=True) if byte != meant] == [True]
         control.request("advance", seconds=10.0)
         assert wire.ask(b"LEV?\n") == b"+1.00000000E+00\n"
 
@@ -228,6 +230,56 @@ def test_a_read_over_vxi11_suffers_too(served: Served, control: Control) -> None
         control.request("fault", instrument="lamp", kind="silent")
         caller.write(link, b"*IDN?")
         assert caller.read(link, io_ms=50)[0] == 15
+
+
+def test_an_answer_comes_late_and_none_overtakes_it(served: Served, control: Control) -> None:
+    with wires(served, 2) as (first, second), callers(served.port("vxi11")) as (caller,):
+        control.request("pause")
+        control.request("fault", instrument="lamp", kind="late", delay_s=3.0, duration_s=1.0)
+        first.send(b"*IDN?\n")
+        link = caller.link()[1]
+        caller.write(link, b"LEV?")
+        control.request("advance", seconds=2.0)
+        second.send(b"LEV?\n")
+        assert first.silent(0.05)
+        assert second.silent(0.05)
+        control.request("advance", seconds=1.0)
+        assert first.line() == IDENTITY
+        assert second.line() == b"+0.00000000E+00\n"
+        assert caller.read(link)[2] == b"+0.00000000E+00\n"
+
+
+def test_a_late_answer_over_vxi11_is_waited_for() -> None:
+    with served_lamp(MAX_SPEED) as served, controls(served) as control, callers(served.port("vxi11")) as (caller,):
+        link = caller.link()[1]
+        control.request("fault", instrument="lamp", kind="late", delay_s=30.0)
+        before = control.request("now")
+        caller.write(link, b"LEV?")
+        assert caller.read(link)[2] == b"+0.00000000E+00\n"
+        assert control.request("now") - before >= 30.0
+
+
+def test_noise_comes_before_an_answer(served: Served, control: Control) -> None:
+    with wires(served) as (wire,):
+        control.request("fault", instrument="lamp", kind="garbage")
+        heard = wire.ask(b"*IDN?\n")
+        assert heard.endswith(IDENTITY)
+        assert not heard.isascii()
+
+
+def test_a_fault_comes_at_its_time_unless_it_is_forgotten(served: Served, control: Control) -> None:
+    with wires(served) as (wire,):
+        control.request("pause")
+        at_s = control.request("now") + 5.0
+        control.request("fault", instrument="lamp", kind="silent", at_s=at_s)
+        assert wire.ask(b"*IDN?\n") == IDENTITY
+        control.request("advance", seconds=5.0)
+        assert control.request("status")["instruments"]["lamp"]["faults"] == ["silent"]
+        control.request("clear_faults")
+        control.request("fault", instrument="lamp", kind="silent", at_s=at_s + 5.0)
+        control.request("clear_faults", instrument="lamp")
+        control.request("advance", seconds=5.0)
+        assert wire.ask(b"*IDN?\n") == IDENTITY
 
 
 def test_connections_are_cut_once(served: Served, control: Control) -> None:
@@ -259,15 +311,15 @@ def test_an_error_is_put_in_the_queue(served: Served, control: Control) -> None:
 def test_faults_of_a_file_come_at_their_times(tmp_path: Path) -> None:
     path = tmp_path / "faults.toml"
     path.write_text('[[fault]]\ninstrument = "lamp"\nkind = "garbled"\nat_s = 5.0\nduration_s = 2.0\n')
-    planned = tuple(read_faults(path))
-    assert planned == (Fault("lamp", "garbled", 5.0, 2.0),)
+    planned = read_script(path)
+    assert planned == FaultScript((Fault("lamp", "garbled", 5.0, 2.0),))
     with served_lamp(MAX_SPEED, ServerSettings(faults=planned)) as served, controls(served) as control:
         clock = RemoteClock(control)
         with wires(served) as (wire,):
             answers = []
             for instant_s in (4.9, 5.0, 6.9, 7.1):
                 clock.sleep_until(instant_s)
-                answers.append(b"\xfe" in wire.ask(b"LEV?\n"))
+                answers.append(not wire.ask(b"LEV?\n").isascii())
         assert answers == [False, True, True, False]
 
 
@@ -278,14 +330,14 @@ def test_faults_of_a_file_come_at_their_times(tmp_path: Path) -> None:
         ('[[fault]]\ninstrument = "lamp"\nkind = "fire"\n', "fault 1: a fault is one of"),
         ('[[fault]]\ninstrument = "lamp"\nkind = "silent"\nwhen = 3\n', "fault 1: expected"),
         ('[[fault]]\ninstrument = "lamp"\nkind = "silent"\nat_s = -3\n', "fault 1: a fault begins"),
-        ("[[fault\n", "Expected"),
+        ("[[fault\n", "expected TOML"),
     ],
 )
 def test_a_bad_fault_file_is_refused(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "faults.toml"
     path.write_text(text)
     with pytest.raises(ValueError, match=words):
-        read_faults(path)
+        read_script(path)
 
 
 def test_a_control_port_that_is_not_there() -> None:

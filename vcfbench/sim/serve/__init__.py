@@ -11,7 +11,6 @@ One thread serves everything. The caller builds the bench on a :class:`ServedClo
 
 from vcfbench.sim.serve.adjust import Adjustable, Adjustment
 from vcfbench.sim.serve.clock import MAX_SPEED, ServedClock
-from vcfbench.sim.serve.faults import Fault, read_faults
 from vcfbench.sim.serve.remote import Control, ControlError, RemoteClock
 from vcfbench.sim.serve.server import BenchServer, Offer, ServedBench, ServerSettings, Wires
 
@@ -22,12 +21,10 @@ __all__ = [
     "BenchServer",
     "Control",
     "ControlError",
-    "Fault",
     "Offer",
     "RemoteClock",
     "ServedBench",
     "ServedClock",
     "ServerSettings",
     "Wires",
-    "read_faults",
 ]

@@ -18,7 +18,8 @@ advance                 seconds (of bench time)                        bench tim
 lead                                                                   bench time; until the connection ends,
                                                                        time passes only as far as it says
 sleep_until             instant_s (of bench time)                      bench time
-fault                   instrument, kind, duration_s, number           bench time
+fault                   instrument, kind; duration_s, at_s, number,    bench time
+                        delay_s as of `vcfbench.sim.faults.Fault`
 clear_faults            instrument (optional)                          bench time
 stop                                                                   the server ends
 ======================  =============================================  ======================================
@@ -30,8 +31,8 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.sim.faults import Fault
 from vcfbench.sim.serve.clock import MAX_SPEED
-from vcfbench.sim.serve.faults import Fault
 from vcfbench.sim.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:
@@ -163,9 +164,9 @@ class _Control(Connection):
 
     # --- faults -------------------------------------------------------------------------------------------
 
-    def _fault(self, instrument: str, kind: Any, duration_s: float | None = None, number: int = -300) -> float:
+    def _fault(self, instrument: str, kind: Any, **when: Any) -> float:
         now = self._server.clock.now()
-        self._server.begin_fault(Fault(instrument, kind, now, duration_s, number))
+        self._server.add_fault(Fault(instrument, kind, **{"at_s": now, **when}))
         return now
 
     def _clear_faults(self, instrument: str | None = None) -> float:

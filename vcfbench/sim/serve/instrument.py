@@ -157,7 +157,10 @@ class Instrument:
         """Whole messages seen before: whether they ask something."""
         self.lock: Client | None = None
         self.lock_waiters: list[Callable[[], None]] = []
-        self.fault: Callable[[Client, bytes, bool], tuple[bytes, bool] | None] | None = None
+        self.fault: Callable[[bytes, bool], tuple[bytes, bool, float]] | None = None
+        """What goes wrong with answers: what is left of one, its end, and how late that is, s."""
+        self.late: deque[tuple[float, Client, bytes, bool]] = deque()
+        """Answers on their way, and the bench times at which they arrive."""
         self.passage: Passage | None = None
         self.watches_service = False
         self._requested = False
@@ -227,13 +230,14 @@ class Instrument:
             return b"", False
         if self.engine is not None:
             self.engine.interface = client.interface
-        data, end = self.device.read(limit)
-        if end:
+        data, whole = self.device.read(limit)
+        end = whole
+        if data and (self.fault is not None or self.late):
+            data, end = self._spoil(client, data, end=whole)
+        if whole:
             self.release()
         else:
             self.touched()
-        if self.fault is not None and data:
-            return self.fault(client, data, end) or (b"", False)
         return data, end
 
     def release(self) -> None:
@@ -259,6 +263,7 @@ class Instrument:
         """Do what is due, deliver what is finished, let the next in."""
         self.device.wake_at()
         self._drain()
+        self._deliver_late()
         if self.holder is not None and not self.holder.pushes:
             self.holder.refill()
         self.turn()
@@ -271,6 +276,7 @@ class Instrument:
         if self.engine is not None:
             self.engine.interface = client.interface
         self.device.clear()
+        self.late.clear()
         self.holder = None
         self._passed = 0
         self.turn()
@@ -338,11 +344,14 @@ class Instrument:
     @property
     def awaited(self) -> bool:
         """Whether somebody waits for the device to go on."""
-        return bool(self.waiting) or (self.holder is not None and self.holder.awaits)
+        return bool(self.waiting) or bool(self.late) or (self.holder is not None and self.holder.awaits)
 
     def touched(self) -> None:
         """Note when the device next does something by itself."""
         wake = self._wake_at()
+        if self.late:
+            arrives_s = self.late[0][0]
+            wake = arrives_s if wake is None or wake <= self.clock.now() else min(wake, arrives_s)
         if wake is None or wake <= self.clock.now():
             self.due_s = _NOTHING
         else:
@@ -407,12 +416,28 @@ class Instrument:
             self.holder = None
 
     def _hand_out(self, client: Client, data: bytes, *, end: bool) -> None:
+        if self.fault is not None or self.late:
+            data, end = self._spoil(client, data, end=end)
+        if data:
+            client.deliver(data, end=end)
+
+    def _spoil(self, client: Client, data: bytes, *, end: bool) -> tuple[bytes, bool]:
+        """Return what faults leave of an answer that arrives now; one that is late is kept, and none overtakes it."""
+        late_s = 0.0
         if self.fault is not None:
-            changed = self.fault(client, data, end)
-            if changed is None:
-                return
-            data, end = changed
-        client.deliver(data, end=end)
+            data, end, late_s = self.fault(data, end)
+        if not data or not (late_s or self.late):
+            return data, end
+        arrives_s = max(self.clock.now() + late_s, self.late[-1][0] if self.late else 0.0)
+        self.late.append((arrives_s, client, data, end))
+        return b"", False
+
+    def _deliver_late(self) -> None:
+        while self.late and self.late[0][0] <= self.clock.now():
+            _, client, data, end = self.late.popleft()
+            if not client.closed:
+                client.deliver(data, end=end)
+                client.refill()
 
 
 def _shortest(device: Device) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:

@@ -7,13 +7,14 @@ and 34401A on a serial line and, since labs put those on converters, on TCP; rat
 from __future__ import annotations
 
 import math
+import random
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
 
+from vcfbench.sim.faults import FaultScript, begin_on_bench, require_possible, spoiled, spoils
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
-from vcfbench.sim.serve.faults import Fault, answer_fault
 from vcfbench.sim.serve.hislip import HislipServer
 from vcfbench.sim.serve.instrument import Instrument, Passage
 from vcfbench.sim.serve.loop import Loop
@@ -23,9 +24,10 @@ from vcfbench.sim.serve.wire import Listener
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
+    from vcfbench.sim.faults import Fault
     from vcfbench.sim.serve.adjust import Adjustment
     from vcfbench.sim.serve.clock import ServedClock
     from vcfbench.sim.world import World
@@ -71,7 +73,7 @@ class ServerSettings:
     control_port: int | None = None
     offers: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
     port_mapper: int | None = None
-    faults: tuple[Fault, ...] = ()
+    faults: FaultScript = field(default_factory=lambda: FaultScript(()))
 
 
 @dataclass(slots=True)
@@ -114,7 +116,7 @@ class BenchServer:
 
     Raises:
         OSError: a port is taken.
-        ValueError: the settings name an instrument or an interface that is not there.
+        ValueError: the settings name an instrument or an interface that is not there, or a fault that it cannot have.
     """
 
     def __init__(self, bench: ServedBench, clock: ServedClock, settings: ServerSettings | None = None) -> None:
@@ -127,12 +129,18 @@ class BenchServer:
         self.instruments = {role: Instrument(role, device, clock) for role, device in bench.devices.items()}
         self._listeners: dict[str, list[Listener]] = {role: [] for role in self.instruments}
         self._adjustments: dict[str, Adjustment] | None = None
-        self._faulty: dict[str, list[Fault]] = {role: [] for role in self.instruments}
+        self._planned: list[Fault] = []
+        self._faulty: dict[str, list[tuple[Fault, Callable[[], None]]]] = {role: [] for role in self.instruments}
+        """What goes on, and what ends it."""
+        self._noise = {
+            role: random.Random(f"{self.settings.faults.seed}/{role}")  # noqa: S311  # noise, not secrets
+            for role in self.instruments
+        }
         self._open = ExitStack()
         self._open.callback(self.loop.close)
         try:
             self._check_roles(self.settings.offers, "offer")
-            self._check_roles([fault.instrument for fault in self.settings.faults], "fault")
+            self._check_faults(self.settings.faults.faults)
             self._listen()
         except BaseException:
             self._open.close()
@@ -174,6 +182,11 @@ class BenchServer:
         if unknown:
             raise ValueError(f"{what}: the bench has no {unknown[0]!r}, only {', '.join(self.instruments)}")
 
+    def _check_faults(self, faults: Iterable[Fault]) -> None:
+        for fault in faults:
+            self._check_roles([fault.instrument], "fault")
+            require_possible(self.instruments[fault.instrument].device, fault)
+
     def _listen(self) -> None:
         ports = _Ports(self.settings.base_port)
         self.control = self._control(ports)
@@ -183,8 +196,8 @@ class BenchServer:
             self.wires[role] = self._wire(instrument, ports)
         if self.settings.port_mapper is not None:
             self._map_ports(self.settings.port_mapper, ports)
-        for fault in self.settings.faults:
-            self.passage.at(fault.at_s, lambda fault=fault: self.begin_fault(fault))  # type: ignore[misc]
+        for fault in self.settings.faults.faults:
+            self._plan(fault)
 
     def _control(self, ports: _Ports) -> ControlServer:
         address = _loopback(self.settings.host)
@@ -270,7 +283,7 @@ class BenchServer:
                     **self.wires[role].as_json(),
                     "clients": sum(client.comes_and_goes for client in instrument.clients),
                     "busy": instrument.busy,
-                    "faults": [fault.kind for fault in self._faulty[role]],
+                    "faults": [fault.kind for fault, _ in self._faulty[role]],
                 }
                 for role, instrument in self.instruments.items()
             },
@@ -299,40 +312,64 @@ class BenchServer:
             instrument.touched()
         return adjustment.read()
 
-    def begin_fault(self, fault: Fault) -> None:
-        """Let something go wrong now."""
-        self._check_roles([fault.instrument], "fault")
-        role = fault.instrument
-        if fault.kind == "error":
-            self.instruments[role].complain(fault.number)
-            return
-        if fault.kind in {"disconnect", "unreachable"}:
-            self._cut(role)
-        if fault.kind != "disconnect":
-            self._faulty[role].append(fault)
-            self._apply_faults(role)
-            if fault.duration_s is not None:
-                self.passage.at(self.clock.now() + fault.duration_s, lambda: self._end_fault(fault))
+    def add_fault(self, fault: Fault) -> None:
+        """Let something go wrong at its time, now if that has passed.
+
+        Raises:
+            ValueError: the bench has no such instrument, or the instrument cannot suffer that.
+        """
+        self._check_faults([fault])
+        if fault.at_s <= self.clock.now():
+            self._begin_fault(fault)
+        else:
+            self._plan(fault)
 
     def end_faults(self, role: str | None = None) -> None:
-        """End the faults of an instrument, or of all."""
+        """End the faults of an instrument, or of all, and forget those that are planned."""
         if role is not None:
             self._check_roles([role], "fault")
         for each in self.instruments if role is None else [role]:
-            self._faulty[each].clear()
+            self._planned = [fault for fault in self._planned if fault.instrument != each]
+            while self._faulty[each]:
+                self._faulty[each].pop()[1]()
             self._apply_faults(each)
 
-    def _end_fault(self, fault: Fault) -> None:
-        if fault in self._faulty[fault.instrument]:
-            self._faulty[fault.instrument].remove(fault)
+    def _plan(self, fault: Fault) -> None:
+        def begin() -> None:
+            if any(planned is fault for planned in self._planned):  # else it has been forgotten
+                self._planned.remove(fault)
+                self._begin_fault(fault)
+
+        self._planned.append(fault)
+        self.passage.at(fault.at_s, begin)
+
+    def _begin_fault(self, fault: Fault) -> None:
+        instrument = self.instruments[fault.instrument]
+        if fault.kind == "error":
+            instrument.complain(fault.number)
+            return
+        if fault.kind in {"disconnect", "unreachable"}:
+            self._cut(fault.instrument)
+        if fault.kind != "disconnect":
+            begun = (fault, begin_on_bench(instrument.device, fault))
+            self._faulty[fault.instrument].append(begun)
+            self._apply_faults(fault.instrument)
+            if fault.duration_s is not None:
+                self.passage.at(self.clock.now() + fault.duration_s, lambda: self._end_fault(*begun))
+
+    def _end_fault(self, fault: Fault, undo: Callable[[], None]) -> None:
+        if (fault, undo) in self._faulty[fault.instrument]:
+            self._faulty[fault.instrument].remove((fault, undo))
+            undo()
             self._apply_faults(fault.instrument)
 
     def _apply_faults(self, role: str) -> None:
-        faults = self._faulty[role]
-        spoilers = [spoiler for fault in faults if (spoiler := answer_fault(fault.kind)) is not None]
-        self.instruments[role].fault = spoilers[-1] if spoilers else None
+        instrument, faults = self.instruments[role], [fault for fault, _ in self._faulty[role]]
+        spoiling, noise = [fault for fault in faults if spoils(fault)], self._noise[role]
+        instrument.fault = (lambda data, end: spoiled(spoiling, noise, data, end=end)) if spoiling else None
         for listener in self._listeners[role]:
             listener.refusing = any(fault.kind == "unreachable" for fault in faults)
+        instrument.touched()
 
     def _cut(self, role: str) -> None:
         """Cut the connections to an instrument; a pseudo-terminal stays, as a serial cable does."""
