@@ -26,6 +26,15 @@ class FrameDevice(LineDevice):
         self._header = header
         self._length = length
 
+    def message_size(self, data: bytes | bytearray) -> int:
+        """Return the length of the first frame in `data`, or of what can be none; 0 while a frame is incomplete."""
+        begins = data.find(self._header[:1])
+        if begins:
+            return begins if begins > 0 else len(data)
+        if len(data) < self._length:
+            return 0
+        return self._length if self._intact(bytes(data[: self._length])) else 1
+
     def _take(self, byte: int) -> None:
         self._input.append(byte)
         while self._input and not self._may_begin():

@@ -12,6 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from vcfbench.sim.rate_tables.line import LineDevice
+from vcfbench.sim.rate_tables.stream import FrameDevice
 from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiInstrument
 from vcfbench.sim.scpi.lexer import find_message_end
 
@@ -74,6 +75,11 @@ class Client:
     def awaits(self) -> bool:
         """Whether it waits for the answer that it is owed."""
         return self.pushes
+
+    @property
+    def listens(self) -> bool:
+        """Whether it takes what an instrument says unasked."""
+        return self.pushes and not self.blocked
 
     def deliver(self, data: bytes, *, end: bool) -> None:
         """Take (a part of) a response."""
@@ -168,6 +174,8 @@ class Instrument:
         limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
         self.longest = limit + 8
         self.message_size, self.line_size = _framing(device)
+        self.binary = isinstance(device, FrameDevice)
+        """Whether every byte may be part of a message: none means a break."""
         self._write, self._read, self._wake_at = _shortest(device)
 
     # --- messages -----------------------------------------------------------------------------------------
@@ -405,6 +413,8 @@ class Instrument:
     def _drain(self) -> None:
         """Hand a pushing holder what there is; let go of it when there is nothing more to come."""
         holder = self.holder
+        if holder is None and self.engine is None:
+            self._say_unasked()
         if holder is None or not holder.pushes:
             return
         while True:
@@ -414,6 +424,16 @@ class Instrument:
             self._hand_out(holder, data, end=end)
         if not self.busy:
             self.holder = None
+
+    def _say_unasked(self) -> None:
+        """Hand what nobody has asked for to everybody who listens, as on one line; to the others it is lost."""
+        while True:
+            data, end = self.device.read(WHOLE_RESPONSE)
+            if not data:
+                return
+            for client in tuple(self.clients):
+                if client.listens:
+                    self._hand_out(client, data, end=end)
 
     def _hand_out(self, client: Client, data: bytes, *, end: bool) -> None:
         if self.fault is not None or self.late:
@@ -452,6 +472,8 @@ def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], 
     """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
     if isinstance(device, ScpiInstrument):
         return _scpi_size, _newline_size
+    if isinstance(device, FrameDevice):
+        return device.message_size, device.message_size
     return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
 
 

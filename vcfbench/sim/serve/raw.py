@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ __all__ = ["Pty", "Stream", "TcpStream", "has_ptys"]
 
 _CHUNK = 1 << 16
 _HELD_BACK = 64
+_UNREAD = 1024
 _QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 
 
@@ -115,7 +117,7 @@ class Stream(Client):
 
     def _take_apart(self, data: bytes) -> None:
         brk = self.interface.break_byte
-        if brk and brk in data:
+        if brk and brk in data and not self.instrument.binary:
             self.instrument.clear(self)
             data = data.rpartition(brk)[2]
         self.take(data)
@@ -183,6 +185,8 @@ class Pty(Stream):
     def __init__(self, loop: Loop, instrument: Instrument) -> None:
         import tty  # noqa: PLC0415  (there is none on Windows)
 
+        if instrument.engine is None and instrument.device.wake_at() is not None:
+            instrument.clock.start()  # it speaks by itself: who opens the line may listen before saying anything
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -190,6 +194,19 @@ class Pty(Stream):
         super().__init__(
             loop, instrument, RS232, self._master, receive=self._read, send=partial(os.write, self._master)
         )
+
+    @property
+    def listens(self) -> bool:
+        """Whether somebody reads: what comes unasked must not pile up until the line is opened."""
+        return super().listens and self._unread() < _UNREAD
+
+    def _unread(self) -> int:
+        """Return the bytes that the client has not read."""
+        import fcntl  # noqa: PLC0415  (there is none on Windows)
+        import termios  # noqa: PLC0415
+
+        waiting = fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4))
+        return int.from_bytes(waiting, sys.byteorder)
 
     def _read(self, size: int) -> bytes:
         self.instrument.clock.start()
