@@ -77,6 +77,16 @@ def test_turntable_over_real_wires_gives_the_same_bytes(short: Path, tmp_path: P
     assert json.dumps(over_wires) == json.dumps(alone)
 
 
+@pytest.mark.parametrize("dialect", ["dd16", "ruya"])
+def test_a_led_run_with_a_table_of_frames_or_unasked_status(dialect: str, tmp_path: Path) -> None:
+    ideal = tmp_path / "ideal.toml"
+    text = embedded_text("ideal").replace('dialect = "acl"', f'dialect = "{dialect}"')
+    ideal.write_text(text.replace("\n[procedure.drive]", SHORT), encoding="utf-8")
+    with serving(ideal) as served:
+        given = answer(tmp_path, "turntable", "--bench", str(served))
+    assert given["results"]["scale_factor"]["value"] == pytest.approx(-0.012542052, rel=1e-8)
+
+
 def test_all_four_steps_over_real_wires_give_the_same_bytes(tmp_path: Path) -> None:
     paper = tmp_path / "paper.toml"
     paper.write_text(embedded_text("paper"), encoding="utf-8")

@@ -37,6 +37,8 @@ _KNOWN_LENGTH = 256
 _LONGEST_LINE = 1 << 16
 _TRIGGER = b"*TRG"
 _NOTHING = math.inf
+_PATIENCE_S = 0.005
+"""Wall time without a word from anybody after which a led clock goes on to the next status that comes unasked."""
 
 
 class Client:
@@ -177,6 +179,8 @@ class Instrument:
         self.binary = isinstance(device, FrameDevice)
         """Whether every byte may be part of a message: none means a break."""
         self._write, self._read, self._wake_at = _shortest(device)
+        self.speaks = self.engine is None and device.wake_at() is not None
+        """Whether it says something unasked, so that a client may wait for it without a word."""
 
     # --- messages -----------------------------------------------------------------------------------------
 
@@ -354,6 +358,11 @@ class Instrument:
         """Whether somebody waits for the device to go on."""
         return bool(self.waiting) or bool(self.late) or (self.holder is not None and self.holder.awaits)
 
+    @property
+    def listened_to(self) -> bool:
+        """Whether somebody may wait for what it says unasked."""
+        return self.speaks and any(client.listens for client in self.clients)
+
     def touched(self) -> None:
         """Note when the device next does something by itself."""
         wake = self._wake_at()
@@ -529,7 +538,18 @@ class Passage:
             if due < _NOTHING:
                 self.jump_to(due)
                 return 0.0
+            if self.clock.led and self._next_unasked_s() < _NOTHING:
+                return _PATIENCE_S
         return self.clock.wall_until(self.next_due_s)
+
+    def idle(self) -> None:
+        """Go on to the next status that comes unasked, if who leads the clock seems to wait for it."""
+        due = self._next_unasked_s()
+        if self.clock.led and self.clock.jumps and due < _NOTHING:
+            self.jump_to(due)
+
+    def _next_unasked_s(self) -> float:
+        return min((each.due_s for each in self.instruments if each.listened_to), default=_NOTHING)
 
     def jump_to(self, instant_s: float) -> None:
         """Let time jump to `instant_s`, stopping wherever something is due."""

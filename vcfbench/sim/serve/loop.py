@@ -98,6 +98,10 @@ class Passage(Protocol):
         """Return the wall seconds until bench time wants a turn; may let time jump, and then returns 0."""
         ...
 
+    def idle(self) -> None:
+        """Called when nobody has said anything for as long as that."""
+        ...
+
 
 class Loop:
     """Calls whoever watches a file when it is ready, timers when they are due, and lets bench time pass."""
@@ -165,6 +169,8 @@ class Loop:
                 seconds = min(seconds, self._run_timers())
             ready = poll(None if seconds > _LONGEST_WAIT_S else seconds)
             tick()
+            if not ready and seconds > 0:
+                passage.idle()
             for fd, mask in ready:
                 handler = handlers.get(fd)
                 if handler is None:

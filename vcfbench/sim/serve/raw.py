@@ -185,8 +185,8 @@ class Pty(Stream):
     def __init__(self, loop: Loop, instrument: Instrument) -> None:
         import tty  # noqa: PLC0415  (there is none on Windows)
 
-        if instrument.engine is None and instrument.device.wake_at() is not None:
-            instrument.clock.start()  # it speaks by itself: who opens the line may listen before saying anything
+        if instrument.speaks:
+            instrument.clock.start()  # who opens the line may listen before saying anything
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
