@@ -8,7 +8,8 @@ from measure import Figure, report, seconds_of
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.parameters import BenchParameters
-from vcfbench.sim.world import Drive, World
+from vcfbench.sim.sources import Drive
+from vcfbench.sim.world import World
 
 DEMANDS_DEG_S = (200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0)
 

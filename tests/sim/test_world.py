@@ -12,7 +12,8 @@ from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.parameters import BenchParameters
-from vcfbench.sim.world import NODES, Drive, Ripple, Sine, World
+from vcfbench.sim.sources import Drive, Ripple, Sine
+from vcfbench.sim.world import NODES, World
 
 IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
 QUIET = replace(PAPER, noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0))

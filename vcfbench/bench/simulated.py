@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.world import Drive, World
+    from vcfbench.sim.sources import Drive
+    from vcfbench.sim.world import World
 
 __all__ = [
     "Model",

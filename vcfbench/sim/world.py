@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import bisect
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.gyro.gyro import Gyro
@@ -25,46 +24,13 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.leads import Leads
     from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.sources import Drive, Ripple
 
-__all__ = ["NODES", "RAILS", "Capture", "Drive", "Ripple", "Sine", "Window", "World"]
+__all__ = ["NODES", "RAILS", "Capture", "Window", "World"]
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
 EARLY_S = 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class Sine:
-    """amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time."""
-
-    amplitude_v: float
-    frequency_hz: float
-    phase_rad: float
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """What a generator puts out, open circuit.
-
-    dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time, and `overtones`: harmonics of a waveform
-    that is no sine, sidebands of a modulated one.
-    """
-
-    dc_v: float
-    amplitude_v: float = 0.0
-    frequency_hz: float = 0.0
-    phase_rad: float = 0.0
-    source_ohm: float = 50.0
-    overtones: tuple[Sine, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Ripple:
-    """What a supply leaves on its output of the rectified mains: a sine, its phase at bench time 0."""
-
-    rms_v: float
-    frequency_hz: float
-    phase_rad: float
 
 
 class Window:

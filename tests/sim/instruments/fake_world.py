@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.world import Ripple
+    from vcfbench.sim.sources import Ripple
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.instruments.agilent33220a import TABLE, Agilent33220A, GeneratorErrors, OutputRange
-from vcfbench.sim.world import Drive
+from vcfbench.sim.sources import Drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable

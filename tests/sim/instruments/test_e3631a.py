@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.e3631a import E3631A, OutputErrors, SupplyErrors
-from vcfbench.sim.world import Ripple
+from vcfbench.sim.sources import Ripple
 
 
 class Bench(NamedTuple):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
-    from vcfbench.sim.world import Drive, Sine
+    from vcfbench.sim.sources import Drive, Sine
 
 __all__ = ["Oscillation", "amplify", "modulate", "node_voltage", "output_limits", "rail_current_a", "source_voltage"]
 

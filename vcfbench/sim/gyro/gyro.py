@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.world import Drive, Ripple
+    from vcfbench.sim.sources import Drive, Ripple
 
 __all__ = ["Gyro"]
 

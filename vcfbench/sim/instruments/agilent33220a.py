@@ -51,7 +51,7 @@ from vcfbench.sim.scpi import (
     signed_integer,
 )
 from vcfbench.sim.scpi.lexer import Kind, Token
-from vcfbench.sim.world import Drive, Sine
+from vcfbench.sim.sources import Drive, Sine
 
 if TYPE_CHECKING:
     from collections.abc import Callable

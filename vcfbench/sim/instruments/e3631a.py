@@ -39,7 +39,7 @@ from vcfbench.sim.scpi import (
     quoted,
     real,
 )
-from vcfbench.sim.world import Ripple
+from vcfbench.sim.sources import Ripple
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from vcfbench.sim.world import NODES, RAILS, Drive
+from vcfbench.sim.sources import Drive
+from vcfbench.sim.world import NODES, RAILS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
