@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.trace import Piece, Trace
     from vcfbench.sim.world import Capture, Window, World
 
 __all__ = ["Lead", "Leads"]
@@ -62,6 +63,28 @@ class _LeadCapture:
         if lead.node is None:
             return 0.0 * times_s
         return lead.sign * self._capture.samples(lead.node, times_s)
+
+
+class _LeadTrace:
+    """The recent history of the inputs, through the leads as they are when it is asked for."""
+
+    __slots__ = ("_leads", "_trace")
+
+    def __init__(self, trace: Trace, leads: Leads) -> None:
+        self._trace = trace
+        self._leads = leads
+
+    def pieces(self, name: str) -> list[Piece]:
+        """Return what is known of input `name` up to now."""
+        lead = self._leads.lead(name)
+        if lead.node is None:
+            return []
+        pieces = self._trace.pieces(lead.node)
+        return [piece.reversed() for piece in pieces] if lead.reversed else pieces
+
+    def end(self) -> None:
+        """Forget it."""
+        self._trace.end()
 
 
 class Leads:
@@ -113,6 +136,10 @@ class Leads:
     def capture(self, start_s: float, stop_s: float) -> _LeadCapture:
         """Register a stretch of time whose waveforms will be asked for; as of the World."""
         return _LeadCapture(self._world.capture(start_s, stop_s), self._leads)
+
+    def trace(self, span_s: float) -> _LeadTrace:
+        """Keep the last `span_s` of the inputs from now on; as of the World."""
+        return _LeadTrace(self._world.trace(span_s), self)
 
     def value_v(self, name: str) -> float:
         """Return the voltage at input `name` now."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.motion import TableMotion
+from vcfbench.sim.trace import Trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +111,7 @@ class World:
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._on_load: list[Callable[[], None]] = []
         self._edges_s: list[float] = []
-        self._observers: list[Window | Capture] = []
+        self._observers: list[Window | Capture | Trace] = []
 
     @property
     def reached_s(self) -> float:
@@ -234,6 +235,13 @@ class World:
         self._observe(capture)
         return capture
 
+    def trace(self, span_s: float) -> Trace:
+        """Keep the last `span_s` of every node from now on, until the trace is ended."""
+        self.advance()
+        trace = Trace(self._gyro.now_s, span_s, self.advance, self._dismiss)
+        self._observers.append(trace)
+        return trace
+
     def value_v(self, node: str) -> float:
         """Return a node's voltage now."""
         import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
@@ -256,6 +264,9 @@ class World:
         for edge in (observer.start_s, observer.stop_s):
             if edge > self._gyro.now_s:
                 bisect.insort(self._edges_s, edge)
+
+    def _dismiss(self, trace: Trace) -> None:
+        self._observers.remove(trace)
 
     @staticmethod
     def _require(name: str, known: tuple[str, ...]) -> None:

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vcfbench.sim.gyro.dense import coarser
-from vcfbench.sim.gyro.electronics import amplify
+from vcfbench.sim.gyro.electronics import Oscillation, amplify
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
-    from vcfbench.sim.gyro.electronics import Oscillation
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
     from vcfbench.sim.parameters import BenchParameters
@@ -58,6 +57,11 @@ class Stretch:
             return self._output_integral(duration) if self.alive else 0.0
         source = self._source(node)
         return 0.0 if source is None else source.integral(duration)
+
+    def closed_form(self, node: str) -> Oscillation | None:
+        """Return what a node carries as sines, its origin at the start of the stretch; None where only `at` tells."""
+        source = self._source(node)
+        return Oscillation(0.0, []) if source is None and not self.alive else source
 
     def _source(self, node: str) -> Oscillation | None:
         """Return what a node of the PCB's inputs carries; None for its own nodes."""
