@@ -116,3 +116,23 @@ def test_what_is_no_switch(text: str) -> None:
 def test_what_is_none_of_them(read: str, text: str) -> None:
     with pytest.raises(FramingError):
         getattr(replies, read)(text)
+
+
+ITEMS = st.one_of(
+    st.binary(max_size=300).map(lambda data: b"#%d%d" % (len(str(len(data))), len(data)) + data),
+    st.text("abc 019.+-E#:?", max_size=20).map(str.encode).filter(lambda text: not text.startswith(b"#")),
+    st.text("abc;,# 0", max_size=10).map(lambda text: b'"' + text.encode() + b'"'),
+)
+
+
+@given(st.lists(ITEMS, min_size=1, max_size=5), st.sampled_from([b",", b";"]))
+def test_answers_end_with_their_newline_whatever_blocks_and_strings_hold(items: list[bytes], separator: bytes) -> None:
+    answer = separator.join(items) + b"\n"
+    assert replies.is_whole(answer, ended=False)
+    assert not any(replies.is_whole(answer[:size], ended=False) for size in range(len(answer)))
+    assert replies.is_whole(answer[:-1], ended=True)
+
+
+@pytest.mark.parametrize("text", [b"#0abc\n", b"#\n", b"#3x1\n", b"#x,1\n"])
+def test_what_only_begins_like_a_block_ends_with_its_line(text: bytes) -> None:
+    assert replies.is_whole(text, ended=False)

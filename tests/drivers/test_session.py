@@ -201,3 +201,61 @@ def test_overload_says_who_where_and_what() -> None:
         pytest.raises(MeasurementError, match=r"device at SCRIPT: overload .*, command 'READ\?'"),
     ):
         session.query_float("READ?")
+
+
+@pytest.mark.parametrize(
+    ("answer", "came"),
+    [
+        (b"10 V\r\n", b"10 V"),
+        (b"#15a\nb\nc\n", b"#15a\nb\nc"),
+        (b"+4,+0,3;#13\n\n;;1\n", b"+4,+0,3;#13\n\n;;1"),
+        (b"\xff\x00\n", b"\xff\x00"),
+    ],
+)
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_raw_answers_come_as_they_are_in_however_many_pieces(answer: bytes, came: bytes, pieces: int) -> None:
+    clock = VirtualClock()
+    wire = PieceWire(clock, answer, pieces)
+    session = Session(wire, name="device", resource="PIECES", clock=clock, timeout_s=1.0)
+    assert session.query_raw("ANY?") == came
+    assert not session.dirty
+    assert wire.left == b""
+
+
+def test_a_raw_answer_that_does_not_end_runs_into_its_deadline() -> None:
+    clock = VirtualClock()
+    session = Session(PieceWire(clock, b"#210abc", 2), name="device", resource="PIECES", clock=clock, timeout_s=1.0)
+    with pytest.raises(DeadlineExceeded, match=r"command 'ANY\?'"):
+        session.query_raw("ANY?")
+    assert session.dirty
+
+
+class PieceWire:
+    """A socket: it answers one question in pieces, and knows no END."""
+
+    def __init__(self, clock: VirtualClock, answer: bytes, size: int) -> None:
+        self.interface: Interface = "socket"
+        self.left = b""
+        self._clock = clock
+        self._answer = answer
+        self._size = size
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        del data, deadline
+        self.left = self._answer
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        if not self.left:
+            self._clock.sleep_until(deadline.expires_s)
+            raise DeadlineExceeded("no answer")
+        piece, self.left = self.left[: self._size], self.left[self._size :]
+        return piece, False
+
+    def pending(self) -> bytes:
+        return b""
+
+    def clear(self, deadline: Deadline) -> None:
+        del deadline
+
+    def close(self) -> None:
+        pass

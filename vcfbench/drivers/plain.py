@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.errors import ConfigError, DeadlineExceeded, InstrumentError, TransportError
+from vcfbench.drivers.scpi_instrument import ScpiInstrument
+from vcfbench.errors import ConfigError, DeadlineExceeded, TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,9 +32,6 @@ _COMMAND_S = 0.5
 
 _SILENCE_S = 0.2
 
-# The drivers keep their wires to themselves, and rightly so; this module is the one friend that they have.
-# ruff: noqa: SLF001
-
 
 Plain: TypeAlias = "PlainSession | PlainTable | PlainLine"
 
@@ -45,14 +42,14 @@ def plain(instrument: Instrument, timeout_s: float) -> Plain:
     Raises:
         ConfigError: its language is one that only its driver speaks.
     """
-    driver: Any = instrument
-    if not isinstance(instrument, RateTableDriver):
-        return PlainSession(driver._session, timeout_s)
-    dialect, line = driver._dialect, driver._line
-    if isinstance(dialect, AclDialect):
-        return PlainTable(line, dialect, timeout_s)
-    if terminator := _TERMINATORS.get(type(dialect).__name__):
-        return PlainLine(line, terminator, timeout_s)
+    if isinstance(instrument, ScpiInstrument):
+        return PlainSession(instrument.session, timeout_s)
+    if isinstance(instrument, RateTableDriver):
+        dialect, line = instrument.dialect, instrument.line
+        if isinstance(dialect, AclDialect):
+            return PlainTable(line, dialect, timeout_s)
+        if terminator := _TERMINATORS.get(type(dialect).__name__):
+            return PlainLine(line, terminator, timeout_s)
     raise ConfigError(f"{instrument.name} speaks a language that cannot be typed", instrument=instrument.name)
 
 
@@ -74,22 +71,7 @@ class PlainSession:
 
     def ask(self, message: str) -> bytes:
         """Send a message and return its answer as it came, a line or a definite-length block, without its newline."""
-        session, deadline = self._session, self._session.deadline(self._timeout_s)
-        with session.exclusive():
-            session._in_step(deadline)
-            session._dirty = True  # until the exchange is whole
-            try:
-                session._say(message, deadline)
-                answer = bytearray(session._received)
-                session._received = b""
-                ended = False
-                while not _whole(answer, ended=ended):
-                    more, ended = session._wire.receive(deadline)
-                    answer += more
-            except TransportError as error:
-                raise session._failed(error, message, deadline)  # noqa: B904 - the same error, now knowing where
-            session._dirty = False
-        return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
+        return self._session.query_raw(message, self._session.deadline(self._timeout_s))
 
     def clear(self) -> None:
         """Do a device clear."""
@@ -111,11 +93,11 @@ class PlainTable:
 
     def tell(self, message: str) -> None:
         """Send a message that asks nothing; raises InstrumentError with what the table says against it."""
-        self._dialect._command(self._line, message, self._line.deadline(self._timeout_s))
+        self._dialect.command(self._line, message, self._line.deadline(self._timeout_s))
 
     def ask(self, message: str) -> bytes:
         """Send a message and return its answer."""
-        return self._dialect._ask(self._line, message, self._line.deadline(self._timeout_s)).encode("ascii")
+        return self._dialect.ask(self._line, message, self._line.deadline(self._timeout_s)).encode("ascii")
 
     def clear(self) -> None:
         """Forget what has come unasked; tables know no device clear."""
@@ -164,16 +146,3 @@ class PlainLine:
     def clear(self) -> None:
         """Forget what has come unasked; tables know no device clear."""
         self._line.take_unasked()
-
-
-def _whole(answer: bytearray, *, ended: bool) -> bool:
-    """Tell whether an answer is complete: a block by its count, a line by its newline, either by END."""
-    if ended or not answer:
-        return ended
-    if answer[:1] != b"#":
-        return b"\n" in answer
-    try:
-        lengths = replies.block_length(answer)
-    except (TransportError, InstrumentError):  # a line that begins like a block
-        return b"\n" in answer
-    return lengths is not None and len(answer) > sum(lengths)

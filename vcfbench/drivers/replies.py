@@ -20,6 +20,7 @@ __all__ = [
     "error_entry",
     "identity_fields",
     "integer",
+    "is_whole",
     "number",
     "numbers",
     "quoted",
@@ -33,6 +34,10 @@ OVERLOAD = 9.9e37
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _ERROR = re.compile(r'([+-]?[0-9]+),"((?:[^"]|"")*)"')
+_PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
+"""One item of an answer that is no block; what is quoted may hold separators (IEEE 488.2, 8.7.8)."""
+
+_NEWLINE, _BLOCK = b"\n#"
 _SHOWN = 60
 
 
@@ -122,6 +127,37 @@ def block_length(head: Sequence[int] | bytes) -> tuple[int, int] | None:
     if len(begin) < 2:
         return None
     return _counted(begin, 2 + int(begin[1:2]))
+
+
+def is_whole(answer: bytes | bytearray, *, ended: bool) -> bool:
+    """Tell whether an answer is complete: by END, or by its newline, which the data of blocks may hold as well.
+
+    Blocks stand alone or between other items: ``4,0,1000;#800001000...`` answers two questions.
+    """
+    if ended or not answer:
+        return ended
+    place = 0
+    while place < len(answer):
+        after = _after_item(answer, place)
+        if after is None or after >= len(answer):
+            return False
+        if answer[after] == _NEWLINE:
+            return True
+        place = after + 1
+    return False
+
+
+def _after_item(answer: bytes | bytearray, place: int) -> int | None:
+    """Return where the item that begins at `place` ends, None when it is still too short to tell."""
+    try:
+        lengths = block_length(answer[place : place + 11]) if answer[place] == _BLOCK else (0, 0)
+    except FramingError:  # a text that begins like a block
+        lengths = (0, 0)
+    if lengths is None:
+        return None
+    begin = place + sum(lengths)
+    plain = _PLAIN_DATA.match(answer, begin) if begin <= len(answer) else None
+    return None if plain is None else plain.end()
 
 
 def _counted(begin: bytes, header: int) -> tuple[int, int] | None:

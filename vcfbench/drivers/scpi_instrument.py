@@ -46,6 +46,11 @@ class ScpiInstrument:
         return self._session.resource
 
     @property
+    def session(self) -> Session:
+        """The conversation itself, for consoles and for what the driver has no method for."""
+        return self._session
+
+    @property
     def clock(self) -> Clock:
         """The clock that the session waits on."""
         return self._session.clock

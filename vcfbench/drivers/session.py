@@ -165,47 +165,41 @@ class Session:
 
     def query(self, command: str, deadline: Deadline | None = None) -> str:
         """Ask `command` and return the answer, without its terminator."""
-        return self._exchange(command, replies.text, deadline)
+        return self._ask(command, replies.text, deadline)
 
     def query_reading(self, command: str, deadline: Deadline | None = None) -> float:
         """Ask for a measured value; raises MeasurementError for 9.9E37."""
-        return self._exchange(command, _reading, deadline)
+        return self._ask(command, _reading, deadline)
 
     query_float = query_reading
 
     def query_number(self, command: str, deadline: Deadline | None = None) -> float:
         """Ask for a number that may be 9.9E37, which then means infinity."""
-        return self._exchange(command, lambda line: replies.number(replies.text(line)), deadline)
+        return self._ask(command, lambda line: replies.number(replies.text(line)), deadline)
 
     def query_numbers(self, command: str, deadline: Deadline | None = None) -> tuple[float, ...]:
         """Ask for comma-separated numbers."""
-        return self._exchange(command, lambda line: replies.numbers(replies.text(line)), deadline)
+        return self._ask(command, lambda line: replies.numbers(replies.text(line)), deadline)
 
     def query_int(self, command: str, deadline: Deadline | None = None) -> int:
         """Ask for a whole number."""
-        return self._exchange(command, lambda line: replies.integer(replies.text(line)), deadline)
+        return self._ask(command, lambda line: replies.integer(replies.text(line)), deadline)
 
     def query_bool(self, command: str, deadline: Deadline | None = None) -> bool:
         """Ask for a switch, ``0`` or ``1``."""
-        return self._exchange(command, lambda line: replies.boolean(replies.text(line)), deadline)
+        return self._ask(command, lambda line: replies.boolean(replies.text(line)), deadline)
 
     def query_string(self, command: str, deadline: Deadline | None = None) -> str:
         """Ask for a quoted string and return its content."""
-        return self._exchange(command, lambda line: replies.quoted(replies.text(line)), deadline)
+        return self._ask(command, lambda line: replies.quoted(replies.text(line)), deadline)
 
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
-        limit = deadline or self.deadline()
-        with self._lock:
-            self._in_step(limit)
-            self._dirty = True
-            try:
-                self._say(command, limit)
-                data = self._read_block(limit)
-            except TransportError as error:
-                raise self._failed(error, command, limit)  # noqa: B904 - the same error, now knowing where
-            self._dirty = False
-            return data
+        return self._exchange(command, self._read_block, deadline)
+
+    def query_raw(self, command: str, deadline: Deadline | None = None) -> bytes:
+        """Ask `command` and return the answer as it came, a line or a block with its header, without its terminator."""
+        return self._exchange(command, self._read_raw, deadline)
 
     # Commands
 
@@ -262,7 +256,7 @@ class Session:
     def _read_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
         entries: list[tuple[int, str]] = []
         while len(entries) < _DEEPEST_QUEUE:
-            entry = self._exchange("SYST:ERR?", _error_entry, deadline)
+            entry = self._ask("SYST:ERR?", _error_entry, deadline)
             if entry[0] == 0:
                 break
             entries.append(entry)
@@ -374,14 +368,19 @@ class Session:
 
     # One exchange
 
-    def _exchange(self, command: str, read: Callable[[bytes], _T], deadline: Deadline | None) -> _T:
+    def _ask(self, command: str, read: Callable[[bytes], _T], deadline: Deadline | None) -> _T:
+        """Ask `command`; `read` makes a value of the line that is answered."""
+        return self._exchange(command, lambda limit: read(self._read_line(limit)), deadline)
+
+    def _exchange(self, command: str, take: Callable[[Deadline], _T], deadline: Deadline | None) -> _T:
+        """Send `command`; `take` reads the answer from the wire."""
         limit = deadline or Deadline.after(self.clock, self.timeout_s)
         with self._lock:
             self._in_step(limit)
             self._dirty = True  # until the exchange is whole, whatever ends it: an error, a signal, an interrupt
             try:
                 self._say(command, limit)
-                value = read(self._read_line(limit))
+                value = take(limit)
             except TransportError as error:
                 raise self._failed(error, command, limit)  # noqa: B904 - the same error, now knowing where
             except MeasurementError as error:  # a whole answer, though no value
@@ -446,6 +445,16 @@ class Session:
         cut = len(last) - excess  # up to the last part there was no more than the data
         self._received = _after_terminator(last[cut:])
         return b"".join([*parts, last[:cut]])
+
+    def _read_raw(self, deadline: Deadline) -> bytes:
+        answer, self._received = bytearray(self._received), b""
+        ended = False
+        while not replies.is_whole(answer, ended=ended):
+            if answer:
+                _require_time(deadline, 0)
+            more, ended = self._wire.receive(deadline)
+            answer += more
+        return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
 
     # Failure
 

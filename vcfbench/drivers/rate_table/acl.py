@@ -97,7 +97,7 @@ class AclDialect:
         """Ask ``*IDN?``; its answer serves to find the place again after a failed exchange."""
         if not self._identity:
             line.take_unasked()  # what an earlier program left
-        answer = self._ask(line, "*IDN?", deadline)
+        answer = self.ask(line, "*IDN?", deadline)
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")
         return identity
@@ -128,11 +128,11 @@ class AclDialect:
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Bar the controller's other interfaces."""
-        self._command(line, ":Utility:Lockout ON", deadline)
+        self.command(line, ":Utility:Lockout ON", deadline)
 
     def release(self, line: TableLine, deadline: Deadline) -> None:
         """Let the controller's other interfaces in again; a byte stream has no other way back to local (inferred)."""
-        self._command(line, ":Utility:Lockout OFF", deadline)
+        self.command(line, ":Utility:Lockout OFF", deadline)
 
     def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
         """Set the limits of rate mode (``R``) and the trip on the measured rate."""
@@ -144,31 +144,31 @@ class AclDialect:
         if math.isfinite(limits.max_acceleration_deg_s2):
             settings.append(f"Acceleration R,{self.axis},{_decimal(limits.max_acceleration_deg_s2)}")
         if settings:
-            self._command(line, f":Limit:{';'.join(settings)}", deadline)
+            self.command(line, f":Limit:{';'.join(settings)}", deadline)
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Zero the demand before the mode is selected: a stale demand would be executed as fast as possible."""
-        self._command(line, f":Demand:Rate {self.axis},0;:Mode:Rate {self.axis}", deadline)
-        self._command(line, f":Interlock:Close {self.axis}", deadline)
+        self.command(line, f":Demand:Rate {self.axis},0;:Mode:Rate {self.axis}", deadline)
+        self.command(line, f":Interlock:Close {self.axis}", deadline)
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
         """Select mode OFF: closed-loop zero rate that no demand affects."""
-        self._command(line, f":Mode:Off {self.axis}", deadline)
+        self.command(line, f":Mode:Off {self.axis}", deadline)
 
     def open_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Open the interlock: an orderly shutdown along the ABORT profile."""
-        self._command(line, f":Interlock:Open {self.axis}", deadline)
+        self.command(line, f":Interlock:Open {self.axis}", deadline)
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Set the acceleration limit of rate mode and the demand, in one message: on the same control frame."""
         demand = f":Demand:Rate {self.axis},{_decimal(rate_deg_s)}"
         if math.isfinite(acceleration_deg_s2):
             demand = f":Limit:Acceleration R,{self.axis},{_decimal(acceleration_deg_s2)};{demand}"
-        self._command(line, demand, deadline)
+        self.command(line, demand, deadline)
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
         """Clear the latched faults of all axes; a servoed axis is not affected."""
-        self._command(line, ":Interlock:Reset", deadline)
+        self.command(line, ":Interlock:Reset", deadline)
 
     # Questions
 
@@ -178,7 +178,7 @@ class AclDialect:
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
         """Read bit 9 of the dynamic word, Rate Profile Complete."""
-        return replies.boolean(self._ask(line, f":Status:CSR? A{self.axis}DYN,9", deadline))
+        return replies.boolean(self.ask(line, f":Status:CSR? A{self.axis}DYN,9", deadline))
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the measured rate."""
@@ -190,7 +190,7 @@ class AclDialect:
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Name what has latched; None when the interlock has not."""
-        interlock = self._ask(line, f":Interlock? {self.axis}", deadline)
+        interlock = self.ask(line, f":Interlock? {self.axis}", deadline)
         aborts = _names(self._word(line, "STATE", deadline), _ABORTS)
         if not interlock.upper().startswith("F") and not aborts:
             return None
@@ -205,7 +205,7 @@ class AclDialect:
         """
         refused: list[str] = []
         while len(refused) < _DEEPEST_QUEUE and self._status_byte(line, deadline) & _ERRORS_QUEUED:
-            refused.append(self._ask(line, ":Status:MSG? QERROR", deadline))
+            refused.append(self.ask(line, ":Status:MSG? QERROR", deadline))
         if refused:
             raise InstrumentError(
                 f"refused with {'; then '.join(refused)}",
@@ -215,17 +215,18 @@ class AclDialect:
             )
 
     def _status_byte(self, line: TableLine, deadline: Deadline) -> int:
-        return replies.integer(self._ask(line, ":Status:STB?", deadline))
+        return replies.integer(self.ask(line, ":Status:STB?", deadline))
 
     def _word(self, line: TableLine, word: str, deadline: Deadline) -> int:
-        return replies.integer(self._ask(line, f":Status:CSR? A{self.axis}{word}", deadline))
+        return replies.integer(self.ask(line, f":Status:CSR? A{self.axis}{word}", deadline))
 
     def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
-        return replies.number(self._ask(line, question, deadline))
+        return replies.number(self.ask(line, question, deadline))
 
     # Exchanges
 
-    def _ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
+    def ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
+        """Put one question and return its answer, without header and terminator."""
         with line.exclusive():
             try:
                 self._say(line, question, deadline)
@@ -235,7 +236,8 @@ class AclDialect:
             line.dirty = False
         return answer
 
-    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+    def command(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        """Give one command; raises InstrumentError with what the table says against it."""
         with line.exclusive():
             try:
                 self._say(line, command, deadline)

@@ -78,6 +78,16 @@ class RateTableDriver:
         return self._line.resource
 
     @property
+    def line(self) -> TableLine:
+        """The line to the table, for consoles."""
+        return self._line
+
+    @property
+    def dialect(self) -> TableDialect:
+        """The language that it is spoken to in."""
+        return self._dialect
+
+    @property
     def clock(self) -> Clock:
         """The clock that the line waits on."""
         return self._line.clock
