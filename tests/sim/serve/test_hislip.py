@@ -235,6 +235,42 @@ def test_a_shared_lock_is_shared_by_key(served: Served) -> None:
         assert third.message(third.later)[:2] == (5, 1)
 
 
+def test_who_shares_a_lock_may_take_it_alone_for_a_while(served: Served) -> None:
+    with sessions(served, 2) as (first, second):
+        for each in (first, second):
+            each.open()
+            each.post(each.later, 4, 1, 0, b"key")
+            assert each.message(each.later)[:2] == (5, 1)
+        first.post(first.later, 4, 1, 0)
+        assert first.message(first.later)[:2] == (5, 1)
+        second.post(second.sync, DATA_END, 0, 2, b"*IDN?")
+        second.post(second.later, 4, 1, 0)
+        assert second.message(second.later)[:2] == (5, 0)
+        first.post(first.later, 4, 0, 0)
+        assert first.message(first.later)[:2] == (5, 1)
+        assert second.message(second.sync)[3] == IDENTITY
+        first.post(first.later, 4, 0, 0)
+        assert first.message(first.later)[:2] == (5, 2)
+
+
+def test_a_lock_is_waited_for(served: Served) -> None:
+    with sessions(served, 2) as (first, second):
+        first.open()
+        second.open()
+        first.post(first.later, 4, 1, 0)
+        first.message(first.later)
+        second.post(second.later, 4, 1, 5000)
+        eventually(lambda: bool(served.server.instruments["lamp"].lock_waiters))
+        first.close()
+        assert second.message(second.later)[:2] == (5, 1)
+
+
+def test_a_line_of_a_megabyte_is_refused_as_on_every_wire(served: Served, visa: Any) -> None:
+    visa.write("LEV " + "1" * 1_000_000)
+    assert int(visa.query("SYST:ERR?").split(",")[0]) == served.lamp.engine.dialect.input_overflow
+    assert visa.query("SYST:ERR?").startswith("+0")
+
+
 def test_a_message_that_is_too_large_is_dropped_whole(session: Session) -> None:
     session.post(session.sync, DATA_END, 0, 2, b"x" * (3 << 20))
     assert session.message(session.sync)[:2] == (3, 4)

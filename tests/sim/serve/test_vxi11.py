@@ -18,7 +18,7 @@ from vcfbench.sim.serve import MAX_SPEED, ServerSettings
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-CORE, ASYNC = 0x0607AF, 0x0607B0
+CORE, ASYNC, INTERRUPTS = 0x0607AF, 0x0607B0, 0x0607B1
 END, WAIT_LOCK, TERMINATOR = 8, 1, 128
 
 
@@ -92,8 +92,75 @@ class Caller:
     def lock(self, link: int, flags: int = 0, lock_ms: int = 0) -> int:
         return int(struct.unpack(">i", self.call(18, struct.pack(">iiI", link, flags, lock_ms)))[0])
 
+    def docmd(self, link: int) -> tuple[int, bytes]:
+        arguments = struct.pack(">iiIIiiiI", link, 0, 1000, 0, 0x020001, 1, 2, 2) + b"\0\1\0\0"
+        error, size = struct.unpack_from(">iI", result := self.call(22, arguments))
+        return error, result[8 : 8 + size]
+
+    def interrupts(self, port: int, *, program: int = INTERRUPTS, datagrams: bool = False) -> int:
+        loopback = int.from_bytes(bytes([127, 0, 0, 1]))
+        arguments = struct.pack(">4Ii", loopback, port, program, 1, datagrams)
+        return int(struct.unpack(">i", self.call(25, arguments))[0])
+
+    def enable(self, link: int, handle: bytes | None) -> int:
+        said = handle or b""
+        arguments = struct.pack(">iiI", link, handle is not None, len(said)) + said + bytes(-len(said) & 3)
+        return int(struct.unpack(">i", self.call(20, arguments))[0])
+
     def simple(self, procedure: int, link: int, program: int = CORE) -> int:
         return int(struct.unpack(">i", self.call(procedure, struct.pack(">i", link), program))[0])
+
+
+class Interrupted:
+    """A client's interrupt program over TCP, written from RFC 5531: it takes calls and answers none."""
+
+    def __init__(self) -> None:
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.listener.settimeout(5.0)
+        self.port = int(self.listener.getsockname()[1])
+        self.peer: socket.socket | None = None
+
+    def handle(self) -> bytes:
+        """Return the handle of the next service request."""
+        if self.peer is None:
+            self.peer = self.listener.accept()[0]
+            self.peer.settimeout(5.0)
+        (mark,) = struct.unpack(">I", self.exactly(4))
+        assert mark & 0x80000000
+        return called_handle(self.exactly(mark & 0x7FFFFFFF))
+
+    def silent(self) -> bool:
+        assert self.peer is not None
+        self.peer.settimeout(0.05)
+        try:
+            return self.peer.recv(1) == b"?"
+        except TimeoutError:
+            return True
+        finally:
+            self.peer.settimeout(5.0)
+
+    def exactly(self, size: int) -> bytes:
+        assert self.peer is not None
+        data = b""
+        while len(data) < size:
+            data += (part := self.peer.recv(size - len(data)))
+            assert part, "the instrument hung up"
+        return data
+
+    def close(self) -> None:
+        self.listener.close()
+        if self.peer is not None:
+            self.peer.close()
+
+
+def called_handle(record: bytes) -> bytes:
+    """Return the handle in the record of a call of device_intr_srq."""
+    _xid, kind, rpc, program, version, procedure = struct.unpack_from(">6I", record)
+    assert (kind, rpc, program, version, procedure) == (0, 2, INTERRUPTS, 1, 30)
+    assert record[24:40] == bytes(16)
+    (size,) = struct.unpack_from(">I", record, 40)
+    assert len(record) == 44 + size + (-size & 3)
+    return record[44 : 44 + size]
 
 
 @contextmanager
@@ -342,7 +409,9 @@ def test_remote_and_local_are_accepted(caller: Caller) -> None:
 
 
 def test_what_is_not_offered_is_said_to_be_so(caller: Caller) -> None:
-    assert struct.unpack(">i", caller.call(25, bytes(20))) == (8,)
+    link = caller.link()[1]
+    assert caller.docmd(link) == (8, b"")
+    assert caller.docmd(999) == (4, b"")
     caller.post(99, b"")
     assert caller.reply() == (3, b"")
     caller.post(10, b"", program=4711)
@@ -353,6 +422,119 @@ def test_what_is_not_offered_is_said_to_be_so(caller: Caller) -> None:
     assert caller.reply() == (4, b"")
     caller.post(0, b"")
     assert caller.reply() == (0, b"")
+
+
+@pytest.fixture
+def interrupted() -> Iterator[Interrupted]:
+    program = Interrupted()
+    yield program
+    program.close()
+
+
+REQUESTS = b"*CLS;*SRE 32;*ESE 32"
+
+
+def test_a_service_request_comes_on_the_interrupt_channel(caller: Caller, interrupted: Interrupted) -> None:
+    link = caller.link()[1]
+    assert caller.interrupts(interrupted.port) == 0
+    assert caller.enable(link, b"lamp 1") == 0
+    caller.write(link, REQUESTS)
+    caller.write(link, b"NONSENSE")
+    assert interrupted.handle() == b"lamp 1"
+    assert caller.generic(13, link) == (0, 64 | 32)
+    assert caller.generic(13, link) == (0, 32)
+    caller.write(link, b"NONSENSE")
+    assert interrupted.silent()  # the same reason: it is requested once
+    caller.write(link, REQUESTS)
+    caller.write(link, b"NONSENSE")
+    assert interrupted.handle() == b"lamp 1"
+
+
+def test_service_is_requested_when_the_answer_is_there(interrupted: Interrupted) -> None:
+    with served_lamp(speed=10.0) as served, callers(served.port("vxi11")) as (caller,):
+        link = caller.link()[1]
+        caller.interrupts(interrupted.port)
+        caller.enable(link, b"")
+        caller.write(link, b"*SRE 16")
+        caller.write(link, b"READ?")
+        assert interrupted.handle() == b""
+        assert caller.generic(13, link) == (0, 64 | 16)
+        assert caller.read(link, io_ms=0)[2] == b"+0.00000000E+00\n"
+
+
+def test_every_link_that_asked_for_it_is_told_and_no_other(served: Served, interrupted: Interrupted) -> None:
+    with callers(served.port("vxi11"), 2) as (told, other):
+        first, second, third = (told.link()[1] for _ in range(3))
+        told.interrupts(interrupted.port)
+        for link, handle in ((first, b"a"), (second, b"bcdef"), (third, b"x")):
+            told.enable(link, handle)
+        told.enable(third, None)
+        fourth = other.link()[1]
+        other.enable(fourth, b"has no channel")
+        other.write(fourth, REQUESTS)
+        other.write(fourth, b"NONSENSE")
+        assert {interrupted.handle(), interrupted.handle()} == {b"a", b"bcdef"}
+        assert interrupted.silent()
+
+
+def test_an_interrupt_channel_over_udp(caller: Caller) -> None:
+    link = caller.link()[1]
+    with socket.socket(type=socket.SOCK_DGRAM) as program:
+        program.bind(("127.0.0.1", 0))
+        program.settimeout(5.0)
+        assert caller.interrupts(program.getsockname()[1], datagrams=True) == 0
+        assert caller.enable(link, bytes(40)) == 0
+        caller.write(link, REQUESTS)
+        caller.write(link, b"NONSENSE")
+        assert called_handle(program.recv(1000)) == bytes(40)
+
+
+def test_an_interrupt_channel_is_made_once_and_ended(caller: Caller, interrupted: Interrupted) -> None:
+    link = caller.link()[1]
+    assert struct.unpack(">i", caller.call(26, b"")) == (6,)
+    assert caller.interrupts(interrupted.port) == 0
+    assert caller.interrupts(interrupted.port) == 29
+    assert struct.unpack(">i", caller.call(26, b"")) == (0,)
+    assert caller.interrupts(_free_port()) == 6
+    assert caller.enable(999, b"") == 4
+    assert caller.enable(link, bytes(41)) == 5
+    assert caller.interrupts(interrupted.port) == 0
+
+
+def test_an_interrupt_channel_goes_with_its_connection(served: Served, interrupted: Interrupted) -> None:
+    with callers(served.port("vxi11")) as (caller,):
+        caller.enable(caller.link()[1], b"gone")
+        caller.interrupts(interrupted.port)
+        interrupted.peer = interrupted.listener.accept()[0]
+    assert interrupted.peer.recv(1) == b""
+    with callers(served.port("vxi11")) as (other,):
+        link = other.link()[1]
+        other.write(link, REQUESTS)
+        assert other.write(link, b"NONSENSE") == (0, 8)
+
+
+def test_a_client_that_ends_its_interrupt_program_is_not_missed(caller: Caller, interrupted: Interrupted) -> None:
+    link = caller.link()[1]
+    caller.interrupts(interrupted.port)
+    caller.enable(link, b"gone")
+    interrupted.listener.accept()[0].close()
+    eventually(lambda: caller.interrupts(interrupted.port) == 0)
+    caller.write(link, REQUESTS)
+    caller.write(link, b"NONSENSE")
+    assert interrupted.handle() == b"gone"
+
+
+def test_more_than_was_announced_is_refused(caller: Caller) -> None:
+    _, link, _, most = caller.link()
+    assert most == 16384  # what the oscilloscope's sibling announces
+    assert caller.write(link, b"x" * (most + 1)) == (5, 0)
+    assert caller.write(link, b"LEV 1" + b" " * (most - 5), flags=0) == (0, most)
+
+
+def test_a_line_of_a_megabyte_is_refused_as_on_every_wire(served: Served, visa: Any) -> None:
+    visa.write("LEV " + "1" * 1_000_000)
+    assert int(visa.query("SYST:ERR?").split(",")[0]) == served.lamp.engine.dialect.input_overflow
+    assert visa.query("SYST:ERR?").startswith("+0")
 
 
 def test_a_call_may_come_in_fragments(caller: Caller) -> None:

@@ -305,15 +305,19 @@ class _Session(Client):
         waiters.append(retry)
 
     def _try_lock(self, key: str) -> bool:
-        """Take an exclusive lock without a key, a shared one with it."""
+        """Take an exclusive lock without a key (who shares one may), a shared one with it."""
         sharers = self._server.sharers(self.instrument)
-        if self.instrument.lock is not None or any(other != key or not key for other in sharers.values()):
+        if self.instrument.lock is not None:
             return False
-        if key:
-            self._shared_key = key
-            self._server.share(self.instrument, self, key)
-        else:
+        if not key:
+            if sharers and self not in sharers:
+                return False
             self.instrument.lock = self
+            return True
+        if any(other != key for other in sharers.values()):
+            return False
+        self._shared_key = key
+        self._server.share(self.instrument, self, key)
         return True
 
     def _lock_info(self, channel: _Channel, _message: _Message) -> None:

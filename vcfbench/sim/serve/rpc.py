@@ -13,13 +13,24 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["BadArguments", "Call", "RpcConnection", "Unpacker", "opaque", "parse_call", "reply"]
+__all__ = [
+    "BadArguments",
+    "Call",
+    "RpcConnection",
+    "Unpacker",
+    "call_record",
+    "marked",
+    "opaque",
+    "parse_call",
+    "reply",
+]
 
 _LAST = 0x8000_0000
 _LONGEST_RECORD = 1 << 24
 _CALL, _RPC_VERSION = 0, 2
 _WORD = struct.Struct(">I")
 _CALL_HEADER = struct.Struct(">6I")
+_NO_CREDENTIALS = bytes(16)
 _ACCEPTED = struct.Struct(">6I")
 _SUCCESS, _NO_PROGRAM, _VERSION_MISMATCH, _NO_PROCEDURE, _GARBAGE = 0, 1, 2, 3, 4
 
@@ -86,6 +97,11 @@ def parse_call(record: bytes) -> Call:
         unpacker.words(_WORD)
         unpacker.opaque()
     return Call(xid, program, version, procedure, unpacker)
+
+
+def call_record(xid: int, program: int, version: int, procedure: int, arguments: bytes) -> bytes:
+    """Return the record of a call without credentials."""
+    return _CALL_HEADER.pack(xid, _CALL, _RPC_VERSION, program, version, procedure) + _NO_CREDENTIALS + arguments
 
 
 def reply(xid: int, result: bytes, status: int = _SUCCESS) -> bytes:

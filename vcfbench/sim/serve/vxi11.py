@@ -1,12 +1,13 @@
-"""VXI-11 (TCP/IP Instrument Protocol, rev. 1.0, 1995): core and abort channel, and a port mapper for who wants one.
+"""VXI-11 (TCP/IP Instrument Protocol, rev. 1.0, 1995): core, abort and interrupt channel, and a port mapper on request.
 
 The core and abort programs share one port, so that a client needs no port mapper:
-``TCPIP0::127.0.0.1,PORT::inst0::INSTR`` in PyVISA-py. Service requests (the interrupt channel) are not offered: their
-procedures answer *operation not supported*.
+``TCPIP0::127.0.0.1,PORT::inst0::INSTR`` in PyVISA-py. `device_docmd` is a gateway's to GPIB; instruments answer
+*operation not supported*.
 """
 
 from __future__ import annotations
 
+import socket
 import struct
 from collections import deque
 from functools import partial
@@ -14,11 +15,11 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vcfbench.sim.serve.instrument import VXI11, WHOLE_RESPONSE, Client, Instrument
+from vcfbench.sim.serve.interrupts import Destination, InterruptChannel
 from vcfbench.sim.serve.rpc import Call, RpcConnection, opaque
 from vcfbench.sim.serve.wire import Listener
 
 if TYPE_CHECKING:
-    import socket
     from collections.abc import Callable, Mapping
 
     from vcfbench.sim.serve.loop import Loop, Timer
@@ -28,9 +29,12 @@ __all__ = ["PortMapper", "Vxi11Server"]
 CORE, ABORT, PORT_MAPPER = 0x0607AF, 0x0607B0, 100000
 _WAIT_LOCK, _END, _TERMINATOR_SET = 1, 8, 128
 _BY_COUNT, _BY_TERMINATOR, _BY_END = 1, 2, 4
-_NO_ERROR, _NOT_ACCESSIBLE, _BAD_LINK, _PARAMETER, _UNSUPPORTED = 0, 3, 4, 5, 8
-_LOCKED, _NOT_LOCKED, _TIMEOUT, _ABORTED = 11, 12, 15, 23
-_MAX_RECEIVE = 1 << 20
+_NO_ERROR, _NOT_ACCESSIBLE, _BAD_LINK, _PARAMETER, _NO_CHANNEL, _UNSUPPORTED = 0, 3, 4, 5, 6, 8
+_LOCKED, _NOT_LOCKED, _TIMEOUT, _ABORTED, _HAS_CHANNEL = 11, 12, 15, 23, 29
+_MAX_RECEIVE = 16384
+"""Most bytes of a device_write: a DSO6014A's (public trace), sibling of the DSO7104B; the 33220A's is unverified."""
+_LONGEST_HANDLE = 40
+_UDP = 1
 _LONGEST_BACKLOG = 1024
 
 _INT = struct.Struct(">i")
@@ -42,6 +46,8 @@ _READ_REPLY = struct.Struct(">ii")
 _GENERIC = struct.Struct(">iiII")
 _LOCK = struct.Struct(">iiI")
 _PAIR = struct.Struct(">iI")
+_REMOTE = struct.Struct(">4Ii")
+_ENABLE = struct.Struct(">iI")
 _MAPPING = struct.Struct(">4I")
 
 
@@ -65,6 +71,8 @@ class _Link(Client):
         self.connection = connection
         self.request: _Request | None = None
         self.stop_waiting: Callable[[int], None] | None = None
+        self.handle: bytes | None = None
+        """What the client wants to be told when the instrument requests service; None: nothing."""
         self._aside: deque[tuple[bytes, bool]] = deque()
         self._offset = 0
 
@@ -118,6 +126,11 @@ class _Link(Client):
         """Try a waiting read again."""
         self.connection.try_read(self)
 
+    def service_requested(self) -> None:
+        """Tell the client on its interrupt channel, if it has enabled that."""
+        if self.handle is not None and self.connection.interrupts is not None:
+            self.connection.interrupts.request_service(self.handle)
+
 
 class Vxi11Server:
     """Offers instruments by device name; every name leads to one when only one is offered under `inst0`."""
@@ -157,10 +170,10 @@ class _Core(RpcConnection):
         super().__init__(server.loop, connection)
         self._server = server
         self._own: dict[int, _Link] = {}
+        self.interrupts: InterruptChannel | None = None
         self.programs = {(CORE, 1): self._core_procedures(), (ABORT, 1): {1: self._abort}}
 
     def _core_procedures(self) -> dict[int, Callable[[Call], bytes | None]]:
-        unsupported = _INT.pack(_UNSUPPORTED)
         return {
             10: self._create_link,
             11: self._write,
@@ -172,17 +185,19 @@ class _Core(RpcConnection):
             17: partial(self._generic, _accept_quietly, _INT),
             18: self._lock,
             19: self._unlock,
-            20: lambda _call: unsupported,  # device_enable_srq
-            22: lambda _call: unsupported + opaque(b""),  # device_docmd
+            20: self._enable_service_requests,
+            22: self._command_bus,
             23: self._destroy_link,
-            25: lambda _call: unsupported,  # create_intr_chan
-            26: lambda _call: unsupported,  # destroy_intr_chan
+            25: self._create_interrupts,
+            26: self._destroy_interrupts,
         }
 
     def gone(self) -> None:
         """Destroy the links of the connection."""
         for link in tuple(self._own.values()):
             self._destroy(link)
+        if self.interrupts is not None:
+            self.interrupts.close()
         self._server.forget(self)
 
     # --- procedures ---------------------------------------------------------------------------------------
@@ -214,6 +229,8 @@ class _Core(RpcConnection):
         link = self._own.get(number)
         if link is None:
             return _PAIR.pack(_BAD_LINK, 0)
+        if len(data) > _MAX_RECEIVE:
+            return _PAIR.pack(_PARAMETER, 0)
 
         def write(error: int) -> bytes:
             if error or len(link.backlog) > _LONGEST_BACKLOG:
@@ -296,6 +313,44 @@ class _Core(RpcConnection):
         elif link.request is not None:
             link.connection._end_read(link, _ABORTED)  # noqa: SLF001  (of the same class)
         return _INT.pack(_NO_ERROR)
+
+    # --- service requests -----------------------------------------------------------------------------------
+
+    def _create_interrupts(self, call: Call) -> bytes | None:
+        """Connect to the program that the client serves for its interrupts."""
+        address, port, program, version, family = call.arguments.words(_REMOTE)
+        if self.interrupts is not None and not self.interrupts.closed:
+            return _INT.pack(_HAS_CHANNEL)
+
+        def opened(reached: bool) -> None:  # noqa: FBT001  (of a callback)
+            self.answer(call.xid, _INT.pack(_NO_ERROR if reached else _NO_CHANNEL))
+
+        host = socket.inet_ntoa(struct.pack(">I", address))
+        self.interrupts = InterruptChannel(self.loop, Destination(host, port, program, version, family == _UDP), opened)
+        return None
+
+    def _destroy_interrupts(self, _call: Call) -> bytes:
+        if self.interrupts is None or self.interrupts.closed:
+            return _INT.pack(_NO_CHANNEL)
+        self.interrupts.close()
+        return _INT.pack(_NO_ERROR)
+
+    def _enable_service_requests(self, call: Call) -> bytes:
+        number, enable = call.arguments.words(_ENABLE)
+        handle = call.arguments.opaque()
+        link = self._own.get(number)
+        if link is None:
+            return _INT.pack(_BAD_LINK)
+        if len(handle) > _LONGEST_HANDLE:
+            return _INT.pack(_PARAMETER)
+        link.handle = handle if enable else None
+        link.instrument.watches_service = True
+        link.instrument.touched()
+        return _INT.pack(_NO_ERROR)
+
+    def _command_bus(self, call: Call) -> bytes:
+        known = call.arguments.words(_INT)[0] in self._own
+        return _INT.pack(_UNSUPPORTED if known else _BAD_LINK) + opaque(b"")
 
     # --- reading ------------------------------------------------------------------------------------------
 
