@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.motion import TableMotion
+from vcfbench.sim.motion import Ripple, Swing, TableMotion
 from vcfbench.sim.parameters import BenchParameters
 
 if TYPE_CHECKING:
@@ -156,3 +158,106 @@ def test_reversed_demands_give_the_reversed_motion(orders: list[tuple[float, flo
         clock.sleep_until(clock.now() + wait)
         other_clock.sleep_until(other_clock.now() + wait)
         assert mirror.rate_deg_s() == -motion.rate_deg_s()
+
+
+def swinging(
+    mechanics: TableMechanics = REAL, slew_deg_s: float = 20.0, phase_rad: float = 0.3
+) -> tuple[VirtualClock, TableMotion]:
+    clock, motion = table(mechanics)
+    motion.demand_rate(40.0, 200.0)
+    clock.sleep_until(1.0)
+    motion.demand_rate(0.0, 200.0)
+    clock.sleep_until(3.0)
+    motion.oscillate(Swing(0.0, 10.0, slew_deg_s, 2.0, phase_rad))
+    return clock, motion
+
+
+def test_an_oscillation_grows_to_its_amplitude_about_where_the_table_stood() -> None:
+    clock, motion = swinging()
+    centre = motion.angle_deg()
+    natural, damping, s = 2 * math.pi * REAL.loop_hz, REAL.loop_damping, 2j * math.pi * 2.0
+    answer = (1 + REAL.rate_error) * natural**2 / (s * s + 2 * damping * natural * s + natural**2)
+    for instant in (3.0, 3.2, 3.4, 3.5, 3.9, 10.0, 11.37):
+        clock.sleep_until(instant)
+        t = instant - 3.0
+        wanted = (answer * min(20.0 * t, 10.0) * cmath.exp(1j * (2 * math.pi * 2.0 * t + 0.3))).imag
+        # while it grows the loop lags the envelope by its group delay, 10 ms of 20 deg/s; later only the centre is off
+        assert motion.angle_deg() - centre == pytest.approx(wanted, abs=0.25 if t < 0.6 else 0.06)
+    rates = []
+    for _ in range(1000):
+        clock.sleep_until(clock.now() + 0.5e-3)
+        rates.append(motion.rate_deg_s())
+    assert max(rates) == pytest.approx(10.0 * 2 * math.pi * 2.0 * abs(answer), rel=1e-4)
+    assert motion.profile_complete()
+
+
+def test_an_oscillation_is_the_loop_equation_integrated() -> None:
+    """The loop is u'' + 2 zeta w u' + w^2 u = w^2 r, r the rate of a growing sinusoid; by Runge-Kutta from rest."""
+    clock, motion = swinging(replace(REAL, rate_error=0.0), slew_deg_s=15.0, phase_rad=1.0)
+    natural, damping = 2 * math.pi * REAL.loop_hz, REAL.loop_damping
+    turning = 2 * math.pi * 2.0
+
+    def commanded(t: float) -> float:
+        growing = t < 10.0 / 15.0
+        size, change = (15.0 * t, 15.0) if growing else (10.0, 0.0)
+        return change * math.sin(turning * t + 1.0) + size * turning * math.cos(turning * t + 1.0)
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        return np.array([y[1], natural**2 * (commanded(t) - y[0]) - 2 * damping * natural * y[1]])
+
+    y, step = np.array([motion.rate_deg_s(), 0.0]), 2e-4
+    for n in range(5000):
+        t = n * step
+        k1 = slope(t, y)
+        k2 = slope(t + step / 2, y + step / 2 * k1)
+        k3 = slope(t + step / 2, y + step / 2 * k2)
+        k4 = slope(t + step - 1e-12, y + step * k3)
+        y = y + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        if n % 500 == 499:
+            clock.sleep_until(3.0 + (n + 1) * step)
+            assert motion.rate_deg_s() == pytest.approx(y[0], abs=2e-3)
+
+
+def test_the_angle_of_an_oscillation_is_the_integral_of_its_rate() -> None:
+    _, motion = swinging()
+    for start, stop in ((3.0, 3.4), (3.6, 7.1)):
+        segment = motion.segment(start)
+        turned = segment.angle_at(stop) - segment.angle_at(start)
+        assert turned == pytest.approx(integral(segment, start, stop), abs=1e-6)
+
+
+def test_a_demand_ends_an_oscillation_without_a_jump() -> None:
+    clock, motion = swinging()
+    clock.sleep_until(5.123)
+    before = motion.rate_deg_s(), motion.angle_deg()
+    motion.demand_rate(0.0, 500.0)
+    assert (motion.rate_deg_s(), motion.angle_deg()) == pytest.approx(before, rel=1e-9)
+    clock.sleep_until(7.0)
+    assert motion.rate_deg_s() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_root_mean_square_of_a_ramp_is_that_of_the_ramp() -> None:
+    clock, motion = table(replace(REAL, loop_hz=1e4, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=()))
+    motion.demand_rate(100.0, 50.0)
+    ramp = motion.segment(clock.now())
+    assert ramp.rms_deg_s(0.0, 2.0) == pytest.approx(100.0 / math.sqrt(3.0), rel=1e-3)
+    clock.sleep_until(3.0)
+    flat = motion.segment(clock.now())
+    assert flat.rms_deg_s(2.0, 3.0) == pytest.approx(100.0, rel=1e-4)
+
+
+def test_ripple_that_a_motor_adds_turns_with_the_table() -> None:
+    clock, motion = table(replace(REAL, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=(), rate_error=0.0))
+    motion.add_ripple(Ripple(10.0, 200))
+    motion.demand_rate(36.0, 1000.0)
+    clock.sleep_until(5.0)
+    rates = []
+    for _ in range(1000):
+        clock.sleep_until(clock.now() + 1e-4)
+        rates.append(motion.rate_deg_s())
+    # 36 deg/s times 200 times 10 arcsec, both ways, twenty times a second
+    size = 36.0 * 200 * math.radians(10.0 / 3600.0)
+    assert max(rates) - 36.0 == pytest.approx(size, rel=1e-3)
+    assert 36.0 - min(rates) == pytest.approx(size, rel=1e-3)
+    upwards = [n for n, (a, b) in enumerate(pairwise(rates)) if a < 36.0 <= b]
+    assert np.diff(upwards) * 1e-4 == pytest.approx(np.full(len(upwards) - 1, 0.05), abs=2e-4)

@@ -16,7 +16,11 @@ from vcfbench.sim.sources import Drive, Ripple, Sine
 from vcfbench.sim.world import NODES, World
 
 IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
-QUIET = replace(PAPER, noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0))
+QUIET = replace(
+    PAPER,
+    noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0),
+    table=replace(PAPER.table, flutter_per_sqrt_hz=0.0),
+)
 K_IDEAL = -12.542052e-3
 
 

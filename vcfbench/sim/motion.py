@@ -1,8 +1,10 @@
-"""True motion of the rate table: trapezoid, rate loop, mean-rate error, angle-locked ripple, coasting.
+"""True motion of the rate table: trapezoid, oscillation, rate loop, mean-rate error, angle-locked ripple, coasting.
 
 A command makes a plan of segments from now on. In each segment the true rate is a sum of exponentials, known in
-closed form at any time, and the gyro takes exactly that sum as its input. The ripple (*wow*) turns with the profile
-at constant rate and is left out during ramps, where it would be a chirp of some ten ppm of the rate.
+closed form at any time, and the gyro takes exactly that sum as its input. The ripple (*wow*, and the steps of a
+stepping motor) turns with the profile at constant rate and is left out during ramps and oscillations, where it would
+be a chirp of some ten ppm of the rate. White flutter is no part of the plan: it is added as noise where the gyro feels
+the rate (:class:`vcfbench.sim.gyro.noise.Flutter`), so that encoder and read-back do not show it.
 """
 
 from __future__ import annotations
@@ -18,9 +20,12 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.parameters import TableMechanics
 
-__all__ = ["MEMORY_S", "RateSegment", "TableMotion"]
+__all__ = ["MEMORY_S", "RateSegment", "Ripple", "Swing", "TableMotion"]
 
 ARCSEC = math.pi / 648000.0
+_GAUSS = ((0.0469100770306680, 0.1184634425280945), (0.2307653449471585, 0.2393143352496832), (0.5, 0.2844444444444444))
+"""Places and weights of five Gauss-Legendre nodes on 0...1; the last two mirror the first two."""
+_SLIGHT = 1e-4
 MEMORY_S = 1.0
 """For how long the motion before a command can be looked back at."""
 
@@ -47,16 +52,78 @@ class RateSegment:
         turned = self.rate_deg_s * t + 0.5 * self.slope_deg_s2 * t * t
         return self.angle_deg + turned + sum((a * (cmath.exp(s * t) - 1) / s).real for a, s in self.terms)
 
+    def rms_deg_s(self, start_s: float, stop_s: float) -> float:
+        """Return the root of the mean square of the rate between two instants, deg/s, by five nodes."""
+        if not self.slope_deg_s2 and all(abs(a) < abs(_SLIGHT * self.rate_deg_s) for a, _ in self.terms):
+            return abs(self.rate_deg_s)
+        nodes = (*_GAUSS, *((1.0 - place, weight) for place, weight in _GAUSS[:2]))
+        return math.sqrt(
+            sum(weight * self.rate_at(start_s + place * (stop_s - start_s)) ** 2 for place, weight in nodes)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Ripple:
+    """A part of the angle error: `arcsec` sin(`harmonic` angle + `phase_rad`)."""
+
+    arcsec: float
+    harmonic: int
+    phase_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """A sinusoid of the angle: amplitude now, amplitude in the end, how fast it changes; frequency; phase now."""
+
+    from_deg: float
+    to_deg: float
+    slew_deg_s: float
+    frequency_hz: float
+    phase_rad: float
+
+    @property
+    def lasts_s(self) -> float:
+        """Time that the amplitude takes to change, s."""
+        return abs(self.to_deg - self.from_deg) / self.slew_deg_s
+
+    def growing(self) -> tuple[tuple[complex, complex], ...]:
+        """Return the rate while the amplitude changes, exponents on t from now, deg/s.
+
+        The angle is Im((b + c t) exp(i(w t + phase))); t stands for the difference of two exponentials close to each
+        other, which is off by less than 1e-8 of it.
+        """
+        c = math.copysign(self.slew_deg_s, self.to_deg - self.from_deg)
+        apart = _SLIGHT / self.lasts_s
+        turning = 2j * math.pi * self.frequency_hz
+        angle = [(complex(self.from_deg), turning)]
+        angle += [(complex(sign * c / (2 * apart)), turning + sign * apart) for sign in (1, -1)]
+        return self._rate(angle)
+
+    def grown(self) -> tuple[tuple[complex, complex], ...]:
+        """Return the rate from then on, exponents on t from then, deg/s."""
+        turning = 2j * math.pi * self.frequency_hz
+        return self._rate([(self.to_deg * cmath.exp(turning * self.lasts_s), turning)])
+
+    def _rate(self, angle: Sequence[tuple[complex, complex]]) -> tuple[tuple[complex, complex], ...]:
+        """Return the derivative of Im sum a exp(s t), turned by the phase, as Re sum."""
+        return tuple((-1j * a * s * cmath.exp(1j * self.phase_rad), s) for a, s in angle)
+
 
 @dataclass(frozen=True, slots=True)
 class _Profile:
-    """One piece of the commanded trapezoid and the state of the rate loop at its start."""
+    """One piece of the commanded profile and the state of the rate loop at its start; `terms` as of a segment."""
 
     start_s: float
     rate_deg_s: float
     slope_deg_s2: float
     loop_deg_s: float
     loop_deg_s2: float
+    terms: tuple[tuple[complex, complex], ...] = ()
+
+    def rate_at(self, instant_s: float) -> float:
+        """Return the commanded rate, deg/s."""
+        t = instant_s - self.start_s
+        return self.rate_deg_s + self.slope_deg_s2 * t + sum((a * cmath.exp(s * t)).real for a, s in self.terms)
 
 
 class TableMotion:
@@ -71,9 +138,12 @@ class TableMotion:
         self._before_change = before_change
         self._servo_closed = False
         self._complete_s = -math.inf
+        self._goal_deg_s = 0.0
         natural, damping = 2 * math.pi * mechanics.loop_hz, mechanics.loop_damping
         self._lag_s = 2 * damping / natural
         self._pole = complex(-damping * natural, natural * math.sqrt(1 - damping**2))
+        harmonics = (mechanics.ripple_arcsec, mechanics.ripple_harmonic, mechanics.ripple_phase_rad)
+        self._ripples = [Ripple(*each) for each in zip(*harmonics, strict=True)]
         self._profiles: list[_Profile] = []
         self._segments = [RateSegment(clock.now(), math.inf, 0.0, 0.0, 0.0, ())]
         self._past: list[RateSegment] = []
@@ -82,6 +152,10 @@ class TableMotion:
     def servo_closed(self) -> bool:
         """Whether the servo holds the table to the profile."""
         return self._servo_closed
+
+    def add_ripple(self, *ripples: Ripple) -> None:
+        """Let the table have more ripple from the next command on: what its motor does, beside the mechanics."""
+        self._ripples += ripples
 
     def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         """Ramp the profile from where it is to `rate_deg_s`, starting now.
@@ -99,6 +173,26 @@ class TableMotion:
         self._remember(now)
         angle, profile, loop, loop_slope = self.angle_deg(), self.profile_rate_deg_s(), *self._loop_at(now)
         self._plan_demand(now, angle, profile, rate_deg_s, acceleration=acceleration_deg_s2, loop=(loop, loop_slope))
+
+    def oscillate(self, swing: Swing) -> None:
+        """Oscillate from now on about the angle that belongs to `swing`; a table that turns is to be stopped before.
+
+        Raises:
+            RuntimeError: the servo is open.
+        """
+        if not self._servo_closed:
+            raise RuntimeError("the servo is open: the table takes no demand")
+        self._before_change()
+        now = self._clock.now()
+        self._remember(now)
+        angle, loop = self.angle_deg(), self._loop_at(now)
+        grown_s = now + swing.lasts_s
+        self._profiles, self._segments = [], []
+        if swing.lasts_s:
+            self._then(_Profile(now, 0.0, 0.0, *loop, swing.growing()), grown_s, angle)
+            loop, angle = self._loop_after(self._profiles[-1], grown_s), self._segments[-1].angle_at(grown_s)
+        self._then(_Profile(grown_s, 0.0, 0.0, *loop, swing.grown()), math.inf, angle)
+        self._complete_s, self._goal_deg_s = grown_s, 0.0
 
     def close_servo(self) -> None:
         """Close the servo: the profile holds the rate that the table has now."""
@@ -147,10 +241,14 @@ class TableMotion:
         """Return the rate that the trapezoid has reached now, deg/s; with the servo open the true rate."""
         now = self._clock.now()
         profile = self._profile_at(now)
-        return self.rate_deg_s() if profile is None else _profile_rate(profile, now)
+        return self.rate_deg_s() if profile is None else profile.rate_at(now)
+
+    def goal_deg_s(self) -> float:
+        """Return the rate at which the profile ends, deg/s; 0 of an oscillation, and with the servo open."""
+        return self._goal_deg_s if self._servo_closed else 0.0
 
     def profile_complete(self) -> bool:
-        """Tell whether the trapezoid has reached the demand."""
+        """Tell whether the trapezoid has reached the demand, the oscillation its amplitude."""
         return self._clock.now() >= self._complete_s
 
     def _remember(self, now_s: float) -> None:
@@ -177,54 +275,63 @@ class TableMotion:
     def _loop_after(self, profile: _Profile, instant_s: float) -> tuple[float, float]:
         t = instant_s - profile.start_s
         free = self._free(profile) * cmath.exp(self._pole * t)
-        steady = _profile_rate(profile, instant_s) - self._lag_s * profile.slope_deg_s2
-        return steady + free.real, profile.slope_deg_s2 + (self._pole * free).real
+        rate, slope = self._steady(profile, t)
+        return rate + free.real, slope + (self._pole * free).real
+
+    def _steady(self, profile: _Profile, t: float) -> tuple[float, float]:
+        """Return rate and acceleration of the loop's forced motion, `t` after the profile's start."""
+        rate = profile.rate_deg_s + profile.slope_deg_s2 * t - self._lag_s * profile.slope_deg_s2
+        forced = [(a * cmath.exp(s * t), s) for a, s in self._followed(profile)]
+        return rate + sum(a.real for a, _ in forced), profile.slope_deg_s2 + sum((a * s).real for a, s in forced)
+
+    def _followed(self, profile: _Profile) -> Sequence[tuple[complex, complex]]:
+        """Return the loop's answer to the oscillators of a profile: w^2 / (s^2 + 2 zeta w s + w^2) of each."""
+        squared, damped = abs(self._pole) ** 2, -2 * self._pole.real
+        return [(a * squared / (s * s + damped * s + squared), s) for a, s in profile.terms]
 
     def _free(self, profile: _Profile) -> complex:
         """Return c of the loop's free motion Re(c exp(pole t)), of u'' + 2 zeta w u' + w^2 u = w^2 r."""
-        rate = profile.loop_deg_s - (profile.rate_deg_s - self._lag_s * profile.slope_deg_s2)
-        slope = profile.loop_deg_s2 - profile.slope_deg_s2
+        steady_rate, steady_slope = self._steady(profile, 0.0)
+        rate, slope = profile.loop_deg_s - steady_rate, profile.loop_deg_s2 - steady_slope
         return complex(rate, (self._pole.real * rate - slope) / self._pole.imag)
 
     def _plan_demand(
         self, now: float, angle: float, start: float, goal: float, *, acceleration: float, loop: tuple[float, float]
     ) -> None:
         duration = abs(goal - start) / acceleration
-        self._complete_s = now + duration
+        self._complete_s, self._goal_deg_s = now + duration, goal
         self._profiles, self._segments = [], []
         if duration > 0:
             ramp = _Profile(now, start, math.copysign(acceleration, goal - start), *loop)
-            self._profiles.append(ramp)
-            self._segments.append(self._follow(ramp, self._complete_s, angle))
+            self._then(ramp, self._complete_s, angle)
             loop = self._loop_after(ramp, self._complete_s)
             angle = self._segments[-1].angle_at(self._complete_s)
-        flat = _Profile(self._complete_s, goal, 0.0, *loop)
-        self._profiles.append(flat)
-        self._segments.append(self._follow(flat, math.inf, angle))
+        self._then(_Profile(self._complete_s, goal, 0.0, *loop), math.inf, angle)
+
+    def _then(self, profile: _Profile, stop_s: float, angle: float) -> None:
+        self._profiles.append(profile)
+        self._segments.append(self._follow(profile, stop_s, angle))
 
     def _follow(self, profile: _Profile, stop_s: float, angle: float) -> RateSegment:
         scale = 1 + self._mechanics.rate_error
         steady = scale * (profile.rate_deg_s - self._lag_s * profile.slope_deg_s2)
         free = (scale * self._free(profile), self._pole)
         ripple = self._ripple(profile, angle) if stop_s == math.inf and profile.rate_deg_s else ()
-        return RateSegment(profile.start_s, stop_s, angle, steady, scale * profile.slope_deg_s2, (free, *ripple))
+        forced = [(scale * a, s) for a, s in self._followed(profile)]
+        slope = scale * profile.slope_deg_s2
+        return RateSegment(profile.start_s, stop_s, angle, steady, slope, (free, *forced, *ripple))
 
     def _ripple(self, profile: _Profile, angle: float) -> Sequence[tuple[complex, complex]]:
         """Return the oscillators of the angle error sum A sin(k angle + phase), once the loop has settled."""
         scale, lead = 1 + self._mechanics.rate_error, self._settled_lead(profile)
         origin, turning = math.radians(angle + scale * lead), math.radians(scale * profile.rate_deg_s)
-        harmonics = zip(
-            self._mechanics.ripple_arcsec,
-            self._mechanics.ripple_harmonic,
-            self._mechanics.ripple_phase_rad,
-            strict=True,
-        )
         return [
             (
-                scale * profile.rate_deg_s * k * size * ARCSEC * cmath.exp(1j * (k * origin + phase)),
+                scale * profile.rate_deg_s * k * each.arcsec * ARCSEC * cmath.exp(1j * (k * origin + each.phase_rad)),
                 complex(0.0, k * turning),
             )
-            for size, k, phase in harmonics
+            for each in self._ripples
+            for k in (each.harmonic,)
         ]
 
     def _settled_lead(self, profile: _Profile) -> float:
@@ -232,7 +339,3 @@ class TableMotion:
         natural_squared = abs(self._pole) ** 2
         rate = profile.loop_deg_s - profile.rate_deg_s
         return (profile.loop_deg_s2 - 2 * self._pole.real * rate) / natural_squared
-
-
-def _profile_rate(profile: _Profile, instant_s: float) -> float:
-    return profile.rate_deg_s + profile.slope_deg_s2 * (instant_s - profile.start_s)

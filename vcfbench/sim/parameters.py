@@ -243,6 +243,12 @@ class TableMechanics(_Group):
     ripple_arcsec: tuple[float, ...] = quantity("arcsec", "amplitude of the angle error of each harmonic", CHOSEN)
     ripple_harmonic: tuple[int, ...] = quantity("1/turn", "periods of each harmonic in a turn", CHOSEN, _Range(least=1))
     ripple_phase_rad: tuple[float, ...] = quantity("rad", "phase of each harmonic at angle zero", CHOSEN)
+    flutter_per_sqrt_hz: float = quantity(
+        "1/sqrt(Hz)",
+        "white flutter of the true rate, a share of it",
+        "chosen, unverified; 27e-6 would be the BD125's 10 ppm over a turn at 100 deg/s",
+        NOT_NEGATIVE,
+    )
     friction_deg_s2: float = quantity("deg/s^2", "dry friction with the servo open", CHOSEN, POSITIVE)
     friction_time_s: float = quantity("s", "time constant of viscous friction with the servo open", CHOSEN, POSITIVE)
 

@@ -189,6 +189,7 @@ TABLE = TableMechanics(
     ripple_arcsec=(),
     ripple_harmonic=(),
     ripple_phase_rad=(),
+    flutter_per_sqrt_hz=0.0,
     friction_deg_s2=5.0,
     friction_time_s=20.0,
 )
@@ -251,6 +252,7 @@ def _imperfect() -> BenchParameters:
             ripple_arcsec=(5.0, 0.5),
             ripple_harmonic=(1, 8),
             ripple_phase_rad=(0.4, 1.1),
+            flutter_per_sqrt_hz=5e-6,
         ),
         site=Site(latitude_deg=38.0),
     )

@@ -17,7 +17,7 @@ from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronics import Oscillation, modulate, output_limits, rail_current_a, source_voltage
-from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
@@ -42,9 +42,10 @@ class Gyro:
         self.now_s = now_s
         self._bench = bench
         self._random = np.random.default_rng(seed)
+        self._shaking = np.random.default_rng([seed, 1])
         self._flicker = Flicker.of(bench.noise)
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
-        self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0
+        self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
         self._rails = (0.0, 0.0)
         self._ripples: list[Ripple | None] = [None, None]
         self._running = False
@@ -53,8 +54,8 @@ class Gyro:
         self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
         self._bands = self._warm_up.bands(bench.thermal)
         self._drive = [resting(self._drive_mode().natural_rad_s)]
-        self._locked_chains: dict[tuple[int, complex], tuple[Chain, NoisyChain]] = {}
-        self._chain, self._noisy_chain = self._new_chain()
+        self._locked_chains: dict[tuple[int, complex], tuple[Chain, NoisyChain, Flutter | None]] = {}
+        self._chain, self._noisy_chain, self._flutter = self._new_chain()
         self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
         self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.drawn(self._random))
 
@@ -131,6 +132,7 @@ class Gyro:
         duration = stop_s - self.now_s
         response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
         noise, integral = self._propagate_noise(duration)
+        noise, integral = self._shaken(rate, stop_s, noise, integral)
         stretch = self._stretch(response, stop_s, integral)
         self._modal, self._noise = response.modal(duration), noise
         self._phase = math.fmod(self._phase + self._drive[0].drive_rad_s * duration, 2 * math.pi)
@@ -158,7 +160,7 @@ class Gyro:
             self._drive = [locked(self._amplitude_m(self._weaker_rail()), self._drive_mode().natural_rad_s)]
         turn = self._turn()
         state, noise = self._chain.state(self._modal, turn), self._chain.state(self._noise.modal, 0j)
-        self._chain, self._noisy_chain = self._new_chain()
+        self._chain, self._noisy_chain, self._flutter = self._new_chain()
         self._modal = self._chain.modal(state, turn)
         self._noise = NoiseState(self._chain.modal(noise, 0j), self._noise.rates_rad_s)
 
@@ -170,6 +172,14 @@ class Gyro:
             return self._noisy_chain.step(self._noise, duration, self._random)
         rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
         return NoiseState(np.zeros_like(self._modal), rates), 0.0
+
+    def _shaken(self, rate: RateSegment, stop_s: float, noise: NoiseState, integral: float) -> tuple[NoiseState, float]:
+        """Return noise and integral with what the table's flutter adds up to `stop_s`; at rest it does not flutter."""
+        if self._flutter is None or (turning := rate.rms_deg_s(self.now_s, stop_s)) == 0.0:
+            return noise, integral
+        # the density is of positive frequencies: white noise gathers half of its square per second
+        size = self._bench.table.flutter_per_sqrt_hz * math.radians(turning) / math.sqrt(2.0)
+        return self._flutter.added(noise, integral, stop_s - self.now_s, size, self._shaking)
 
     def _stretch(self, response: Response, stop_s: float, noise_integral_v_s: float) -> Stretch:
         bench = self._bench
@@ -273,13 +283,14 @@ class Gyro:
     def _drive_mode(self) -> Resonance:
         return resonance_at(self._bench.drive_mode, self._bench.thermal, self._temperature_c())
 
-    def _new_chain(self) -> tuple[Chain, NoisyChain | None]:
+    def _new_chain(self) -> tuple[Chain, NoisyChain | None, Flutter | None]:
         if not self._drive[0].locked:
-            return self._build(), None
+            return self._build(), None, None
         key = (self._bands[0][1], self._drive[0].displacement_m)
         if key not in self._locked_chains:
             chain = self._build()
-            self._locked_chains[key] = chain, NoisyChain(chain, self._flicker, self._white)
+            flutter = Flutter(chain) if self._bench.table.flutter_per_sqrt_hz else None
+            self._locked_chains[key] = chain, NoisyChain(chain, self._flicker, self._white), flutter
         return self._locked_chains[key]
 
     def _build(self) -> Chain:

@@ -1,12 +1,12 @@
 """Gaussian noise of the chain over any interval, exactly.
 
 White force noise (angle random walk, both quadratures of the carrier) and flicker, a sum of Ornstein-Uhlenbeck
-processes on the rate, drive the chain of :mod:`.chain`. All of it is linear, so the increments of chain, flicker and
-the running integral of the filtered signal are jointly Gaussian with a covariance known in closed form: in the
-eigenmodes each entry is (G G*)_ab (exp((l_a + l_b*) T) - 1) / (l_a + l_b*). It is factored once an interval, scaled
-to correlations first and with negative round-off cut away, and kept. The noise has a state of its own, added to the
-deterministic one, and passes the demodulator by its first product only: the second one would change its size by less
-than 1e-5.
+processes on the rate, drive the chain of :mod:`.chain`, and so does the table's flutter. All of it is linear, so the
+increments of chain, flicker and the running integral of the filtered signal are jointly Gaussian with a covariance
+known in closed form: in the eigenmodes each entry is (G G*)_ab (exp((l_a + l_b*) T) - 1) / (l_a + l_b*). It is
+factored once an interval, scaled to correlations first and with negative round-off cut away, and kept. The noise has a
+state of its own, added to the deterministic one, and passes the demodulator by its first product only: the second one
+would change its size by less than 1e-5.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Chain, Response
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["Flicker", "NoiseState", "NoisyChain"]
+__all__ = ["Flicker", "Flutter", "NoiseState", "NoisyChain"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +83,18 @@ class NoisyChain:
     oldest of `STEPS_KEPT` goes when another comes.
     """
 
-    def __init__(self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float) -> None:
+    def __init__(
+        self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float, quadrature_rad_sqrt_s: float | None = None
+    ) -> None:
+        """Take the white noise in phase with the Coriolis force, and in quadrature (None: as much)."""
         self._chain = chain
         self._n = len(chain.eigenmodes)
         slow = -1 / flicker.times_s
         self._exponents = np.concatenate((chain.eigenmodes, slow, [0.0]))
         drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
         follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
-        self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
+        white = (white_rad_sqrt_s, white_rad_sqrt_s if quadrature_rad_sqrt_s is None else quadrature_rad_sqrt_s)
+        self._input, self._output = _noise_maps(chain, follow, drift, white)
         self._integral = self._integral_row(chain, follow)
         self._steps: dict[int, _Step] = {}
 
@@ -155,15 +159,35 @@ class NoisyChain:
         return np.concatenate((np.arange(n), rows + np.arange(n), np.arange(n, rows)))
 
 
+class Flutter:
+    """White flutter of the true rate, as the chain feels it: in phase with the Coriolis force only.
+
+    It is drawn apart from the gyro's own noise, so that a table that flutters leaves the draws of that as they are. Its
+    size is that of the moment: linear as all this is, what a unit of it gathers over an interval is scaled.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self._unit = NoisyChain(chain, Flicker(np.empty(0), 0.0), 1.0, 0.0)
+        self._rest = NoiseState(np.zeros_like(chain.eigenmodes), np.empty(0))
+
+    def added(
+        self, state: NoiseState, integral_v_s: float, interval_s: float, rad_sqrt_s: float, random: np.random.Generator
+    ) -> tuple[NoiseState, float]:
+        """Return what the state after `interval_s`, and the integral over it, become with flutter of `rad_sqrt_s`."""
+        gathered, integral = self._unit.step(self._rest, interval_s, random)
+        modal = state.modal + rad_sqrt_s * gathered.modal
+        return NoiseState(modal, state.rates_rad_s), integral_v_s + rad_sqrt_s * integral
+
+
 def _noise_maps(
-    chain: Chain, follow: NDArray[np.complex128], drift: NDArray[np.float64], white: float
+    chain: Chain, follow: NDArray[np.complex128], drift: NDArray[np.float64], white: tuple[float, float]
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return how the sources drive the modes (eigenmodes freed of flicker, flicker, exponent 0), and the way back."""
     n, k = follow.shape
     inputs = np.zeros((n + k + 1, k + 2), complex)
     inputs[:n, :k] = -follow * drift
     inputs[n : n + k, :k] = np.diag(drift)
-    inputs[:n, k], inputs[:n, k + 1] = white * chain.rate, 1j * white * chain.rate
+    inputs[:n, k], inputs[:n, k + 1] = white[0] * chain.rate, 1j * white[1] * chain.rate
     outputs = np.eye(n + k, n + k + 1, dtype=complex)
     outputs[:n, n : n + k] = follow
     return inputs, outputs
