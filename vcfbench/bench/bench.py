@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.station import Station
+    from vcfbench.bench.station import Builder, Station
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -66,12 +66,14 @@ def open_bench(
     seed: int | None = None,
     speed: str | float | None = None,
     signals: StopSignals | None = None,
+    build: Builder | None = None,
 ) -> Iterator[Bench]:
     """Open every instrument of the bench; make everything safe when left, however it is left.
 
     `seed` and `speed` are for simulated benches: by default the seed of the bench file, and as fast as it goes.
     SIGINT and SIGTERM raise Aborted at the next safe point, a second one at once. Who watches for them already, before
-    and after, hands over his `signals`.
+    and after, hands over his `signals`. `build` builds what a simulated bench stands on, in place of
+    `SimulatedBench.build`: to put something between its instruments and their drivers, or to look behind them.
 
     Raises:
         ConfigError: a real bench was asked for a speed.
@@ -79,7 +81,7 @@ def open_bench(
         InterlockError: the table was found turning.
         NotSafe: on leaving, something could not be made safe.
     """
-    with nullcontext(signals) if signals else StopSignals() as stops, station(description, seed, speed) as stand:
+    with nullcontext(signals) if signals else StopSignals() as stops, station(description, seed, speed, build) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         reports: list[SafeReport] = []
         under_way: BaseException | None = None

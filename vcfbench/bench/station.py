@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from vcfbench.bench.lock import station_lock
 from vcfbench.bench.served import led_clock
@@ -17,12 +17,21 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription, Served
+    from vcfbench.bench.simulated import SimulatedBench
     from vcfbench.clock import Clock
 
-__all__ = ["Station", "checked_pace", "station"]
+__all__ = ["Builder", "Station", "checked_pace", "station"]
 
 FASTEST = "max"
 SLOWEST = 0.001
+
+
+class Builder(Protocol):
+    """Builds a simulated bench, as :meth:`vcfbench.bench.simulated.SimulatedBench.build` does."""
+
+    def __call__(self, description: BenchDescription, seed: int, clock: Clock, /) -> SimulatedBench:
+        """Build the bench on `clock`; the same seed gives the same bench."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +49,9 @@ class Station:
 
 
 def station(
-    description: BenchDescription, seed: int | None, speed: str | float | None
+    description: BenchDescription, seed: int | None, speed: str | float | None, build: Builder | None = None
 ) -> AbstractContextManager[Station]:
-    """Return the context in which the bench's instruments can be opened.
+    """Return the context in which the bench's instruments can be opened; `build` as of `open_bench`.
 
     Raises:
         ConfigError: `speed` is no speed, or is asked of a bench that has its own.
@@ -51,7 +60,7 @@ def station(
     pace = checked_pace(description, speed)
     if description.served is not None:
         return _served(description, description.served)
-    return _real(description) if description.simulation is None else _simulated(description, seed, pace)
+    return _real(description) if description.simulation is None else _simulated(description, seed, pace, build)
 
 
 @contextmanager
@@ -67,11 +76,14 @@ def _served(description: BenchDescription, served: Served) -> Iterator[Station]:
 
 
 @contextmanager
-def _simulated(description: BenchDescription, seed: int | None, pace: float | None) -> Iterator[Station]:
+def _simulated(
+    description: BenchDescription, seed: int | None, pace: float | None, build: Builder | None
+) -> Iterator[Station]:
     from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415
 
     used = chosen_seed(description, seed)
-    bench = SimulatedBench.build(description, used, VirtualClock() if pace is None else PacedClock(pace))
+    clock = VirtualClock() if pace is None else PacedClock(pace)
+    bench = (build or SimulatedBench.build)(description, used, clock)
     with bench.registered() as handle:
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
         yield Station(bench.clock, f"{handle}@vcfbench", f"sim://{handle}", used, patience)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
     from vcfbench.clock import Clock
+    from vcfbench.sim.attendance import AttendedClock
     from vcfbench.sim.serve import Control, Wires
     from vcfbench.sim.world import World
 
@@ -120,31 +121,24 @@ def open_simulated(
     Raises:
         NotSafe: on leaving, something could not be made safe, for instance because a fault keeps its link down.
     """
-    made: list[tuple[World, FaultInjector]] = []
+    behind = _Behind()
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
-    with _tapped(made), open_bench(description, seed=seed, speed=speed) as opened:
-        world, faults = made[0]
-        yield SimulatedLab(opened, world, faults)
+    with open_bench(description, seed=seed, speed=speed, build=behind) as opened:
+        yield SimulatedLab(opened, behind.world, behind.faults)
 
 
-@contextmanager
-def _tapped(made: list[tuple[World, FaultInjector]]) -> Iterator[None]:
-    """Put every bench that is built meanwhile behind a fault injector, and keep both."""
-    build = SimulatedBench.__dict__["build"]
+class _Behind:
+    """Builds a bench with a fault injector before its instruments, and keeps what is behind them."""
 
-    def tapped(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
-        built: SimulatedBench = build.__func__(SimulatedBench, description, seed, clock)
-        faults = FaultInjector(built.devices, built.clock, seed)
-        cast("Any", built.clock).attend(*faults.devices.values())  # what is planned must happen at its own instant
-        made.append((built.world, faults))
-        return replace(built, devices=faults.devices)
+    world: World
+    faults: FaultInjector
 
-    kind: Any = SimulatedBench
-    kind.build = staticmethod(tapped)
-    try:
-        yield
-    finally:
-        kind.build = build
+    def __call__(self, description: BenchDescription, seed: int, clock: Clock, /) -> SimulatedBench:
+        built = SimulatedBench.build(description, seed, clock)
+        self.world, self.faults = built.world, FaultInjector(built.devices, built.clock, seed)
+        attended = cast("AttendedClock", built.clock)
+        attended.attend(*self.faults.devices.values())  # what is planned must happen at its own instant
+        return replace(built, devices=self.faults.devices)
 
 
 @dataclass(frozen=True, slots=True)
