@@ -7,7 +7,8 @@ import pyvisa
 import serial
 
 from vcfbench.bench.file import embedded_text, load_bench, parse_bench
-from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical_parameters, resolve
+from vcfbench.bench.front_door import resolve
+from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical_parameters
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 
@@ -122,6 +123,23 @@ def test_a_parameter_that_is_none_is_refused(more: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_bench(f"{PAPER}\n[simulation.override]\n{more}\n", "lab.toml")
     assert str(caught.value).startswith(f"lab.toml: simulation.{said}")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("supply.dead_v = 9.5", "supply.dead_v at most brown_out_v, and that at most start_v, came [9.5, "),
+        (
+            "table.ripple_arcsec = [1.0]",
+            "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length, came [1",
+        ),
+        ("drive_mode.quality_coefficient_per_k = -4.0", "drive_mode.quality above 0.5 at every temperature from"),
+    ],
+)
+def test_parameters_that_contradict_each_other_are_a_mistake_of_the_bench_file(more: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(f"{PAPER}\n[simulation.override]\n{more}\n", "lab.toml")
+    assert str(caught.value).startswith(f"lab.toml: simulation.override: expected {said}")
 
 
 @pytest.mark.parametrize(

@@ -194,6 +194,27 @@ def test_not_safe_comes_before_everything(station: Station) -> None:
     assert len(json.loads(result.stdout)["points"]) == 3
 
 
+def test_a_plan_left_in_the_middle_by_a_bug_has_no_results(station: Station) -> None:
+    """An error that is none of the bench's: what was measured until then is no calibration, even when it would fit."""
+
+    def breaks(bench: FakeBench) -> None:
+        read, left = bench.multimeter.read_voltage_v, iter(range(85))
+
+        def read_or_break() -> float:
+            if next(left, None) is None:
+                raise ZeroDivisionError("a bug")
+            return read()
+
+        bench.multimeter.read_voltage_v = read_or_break  # type: ignore[method-assign]
+
+    station.spoil, station.ends_with = breaks, NotSafe("NOT SAFE: rate_table at COM1: turns")
+    result = call("run", "turntable", "--json", "--quiet")
+    answer = json.loads(result.stdout)
+    assert result.exception is station.ends_with
+    assert len(answer["points"]) == 8
+    assert (answer["status"], answer["results"]) == ("aborted", {})
+
+
 def test_same_seed_same_bytes_of_results(station: Station, name: str, tmp_path: Path) -> None:
     for runs in ("a", "b"):
         call("run", name, "--runs", runs, "--quiet")

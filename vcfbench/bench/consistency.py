@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING
 
 from msgspec import structs
+
+from vcfbench.bench.misfit import Misfit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.description import BenchDescription, Node, Window
 
-__all__ = ["Misfit", "misfits"]
+__all__ = ["misfits"]
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
-
-
-@dataclass(frozen=True, slots=True)
-class Misfit:
-    """A value that contradicts another: its key path, what was expected there and what came."""
-
-    path: str
-    expected: str
-    came: object
 
 
 def misfits(description: BenchDescription) -> Iterator[Misfit]:
@@ -150,13 +142,25 @@ def _simulation(description: BenchDescription) -> Iterator[Misfit]:
     told = {} if simulation is None else structs.asdict(simulation.errors)
     if simulation is None or not (simulation.override or any(isinstance(errors, dict) for errors in told.values())):
         return
-    from vcfbench.bench.overrides import override_misfits  # noqa: PLC0415
+    from vcfbench.bench.overrides import override_misfits  # noqa: PLC0415  # loads what it needs of the simulation
     from vcfbench.bench.simulated import instrument_models, named_parameters  # noqa: PLC0415
 
-    yield from override_misfits(named_parameters(simulation), simulation.override, "simulation.override")
+    single = list(override_misfits(named_parameters(simulation), simulation.override, "simulation.override"))
+    yield from single or _contradictions(description)
     for role, model in instrument_models(description).items():
         if isinstance(told[role], dict):
             yield from override_misfits(model.errors_class().none(), told[role], f"simulation.errors.{role}")
+
+
+def _contradictions(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that physical parameters, each of them one, fit together."""
+    from vcfbench.bench.simulated import physical_parameters  # noqa: PLC0415  # loads the simulation
+    from vcfbench.sim.parameters import Contradiction  # noqa: PLC0415
+
+    try:
+        physical_parameters(description)
+    except Contradiction as error:
+        yield Misfit("simulation.override", error.expected, error.came)
 
 
 def _served(description: BenchDescription) -> Iterator[Misfit]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from vcfbench.bench.consistency import Misfit
+from vcfbench.bench.misfit import Misfit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

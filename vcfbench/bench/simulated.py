@@ -12,9 +12,7 @@ from importlib import import_module
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vcfbench.bench.file import load_bench
 from vcfbench.bench.overrides import overridden
-from vcfbench.clock import ScaledClock
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,7 +35,6 @@ __all__ = [
     "instrument_models",
     "named_parameters",
     "physical_parameters",
-    "resolve",
     "table_twin",
 ]
 
@@ -210,22 +207,6 @@ class SimulatedBench:
         except ValueError as error:
             raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
         serial_backend.register(handle, self.devices["rate_table"], self.clock)
-
-
-def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
-    """Return VISA instruments and clock of the bench file `path` ("" the paper bench), running in real time.
-
-    Programs that know nothing of simulated time come this way; they wait with clocks of their own.
-
-    Raises:
-        OSError: the bench file cannot be used; PyVISA's word for a library that is not there.
-    """
-    try:
-        description = load_bench(path or None)
-        built = SimulatedBench.build(description, _simulation(description).seed, ScaledClock())
-    except ConfigError as error:
-        raise OSError(str(error)) from error
-    return built.visa_devices(), built.clock
 
 
 def _simulation(description: BenchDescription) -> Simulation:

@@ -276,8 +276,10 @@ class Record:
 
     def close(self) -> None:
         """Compute the results, end the journal, and write what is derived from it."""
+        from vcfbench.record.schema import Status  # noqa: PLC0415
+
         report = self.report
-        if report.execution is not None and report.execution.error is None:
+        if report.execution is not None and report.execution.status is Status.COMPLETE:
             self._compute()
         if self.journal is None:
             return

@@ -125,6 +125,7 @@ class Executor:
     _points: list[Point] = field(init=False, default_factory=list)
     _physical_s: float = field(init=False, default=0.0)
     _error: BenchError | None = field(init=False, default=None)
+    _walked: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         self._actor = BenchActor(self.bench, self._heard)
@@ -138,6 +139,7 @@ class Executor:
         """
         try:
             self._walk(plan)
+            self._walked = True
         finally:
             _abandon(plan)
         return self.so_far()
@@ -145,7 +147,7 @@ class Executor:
     def so_far(self) -> Execution:
         """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
         return Execution(
-            Status.COMPLETE if self._error is None else Status.ABORTED,
+            Status.COMPLETE if self._walked and self._error is None else Status.ABORTED,
             tuple(self._points),
             self._error,
             self._now(),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BenchParameters",
+    "Contradiction",
     "DriveLoop",
     "DriveMode",
     "NoiseSources",
@@ -26,6 +27,7 @@ __all__ = [
     "SenseMode",
     "SensePath",
     "Site",
+    "SourceResistance",
     "Supply",
     "TableMechanics",
     "Thermal",
@@ -263,6 +265,20 @@ class Site(_Group):
 
 
 @dataclass(frozen=True, slots=True)
+class SourceResistance(_Group):
+    """Resistance behind the outputs of the PCB; the generator brings its own to v_vc, the rails count as 0 ohm."""
+
+    output_ohm: float = quantity("ohm", "node `output`: a resistor after the amplifier", CHOSEN, NOT_NEGATIVE)
+    drive_ohm: float = quantity("ohm", "node `drive`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)
+    carrier_ohm: float = quantity("ohm", "node `carrier`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)
+    sense_ohm: float = quantity("ohm", "node `sense`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)
+
+    def by_node(self) -> dict[str, float]:
+        """Return the resistance of each of these nodes, ohm."""
+        return {each.name.removesuffix("_ohm"): getattr(self, each.name) for each in fields(self)}
+
+
+@dataclass(frozen=True, slots=True)
 class ParameterRow:
     """One line of ``vcfbench sim show``."""
 
@@ -271,6 +287,15 @@ class ParameterRow:
     unit: str
     meaning: str
     source: str
+
+
+class Contradiction(ConfigError):
+    """Parameters that contradict each other."""
+
+    def __init__(self, expected: str, came: object) -> None:
+        super().__init__(f"simulation.override: expected {expected}, came {came}")
+        self.expected = expected
+        self.came = came
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,28 +314,29 @@ class BenchParameters:
     thermal: Thermal
     table: TableMechanics
     site: Site
+    source: SourceResistance
 
     def __post_init__(self) -> None:
         """Refuse values that contradict each other, whatever group they are in.
 
         Raises:
-            ConfigError: which ones, and what was expected.
+            Contradiction: which ones, and what was expected.
         """
-        for expected, holds in self._agreements():
+        for expected, came, holds in self._agreements():
             if not holds:
-                raise ConfigError(f"simulation.override: expected {expected}")
+                raise Contradiction(expected, came)
 
-    def _agreements(self) -> Iterator[tuple[str, bool]]:
+    def _agreements(self) -> Iterator[tuple[str, object, bool]]:
         table, supply, thermal = self.table, self.supply, self.thermal
-        sizes = {len(table.ripple_arcsec), len(table.ripple_harmonic), len(table.ripple_phase_rad)}
-        yield "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length", len(sizes) == 1
-        rising = supply.dead_v <= supply.brown_out_v <= supply.start_v
-        yield "supply.dead_v at most brown_out_v, and that at most start_v", rising
+        sizes = [len(table.ripple_arcsec), len(table.ripple_harmonic), len(table.ripple_phase_rad)]
+        yield "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length", sizes, len({*sizes}) == 1
+        rising = [supply.dead_v, supply.brown_out_v, supply.start_v]
+        yield "supply.dead_v at most brown_out_v, and that at most start_v", rising, rising == sorted(rising)
         for name in ("drive_mode", "sense_in_phase", "sense_anti_phase"):
             mode = getattr(self, name)
             rises = (thermal.ambient_c - thermal.reference_c, thermal.self_heating_k)
             worst = min(mode.quality * (1 + mode.quality_coefficient_per_k * rise) for rise in (rises[0], sum(rises)))
-            yield f"{name}.quality above 0.5 at every temperature from ambient_c up", worst > 0.5
+            yield f"{name}.quality above 0.5 at every temperature from ambient_c up", worst, worst > 0.5
 
     @classmethod
     def ideal(cls) -> BenchParameters:
