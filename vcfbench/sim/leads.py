@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.world import NODES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Hashable, Mapping
 
     import numpy as np
     from numpy.typing import NDArray
 
     from vcfbench.clock import Clock
     from vcfbench.sim.trace import Piece, Trace
-    from vcfbench.sim.world import Capture, Window, World
+    from vcfbench.sim.world import Capture, Recording, Window, World
 
 __all__ = ["Lead", "Leads"]
 
@@ -64,6 +65,33 @@ class _LeadCapture:
             return 0.0 * times_s
         return lead.sign * self._capture.samples(lead.node, times_s)
 
+    def finest_s(self, node: str) -> float:
+        """Return a time in which the voltage at input `node` bends so little that a cubic tells it."""
+        lead = self._leads[node]
+        return math.inf if lead.node is None else self._capture.finest_s(lead.node)
+
+    def whole(self, start_s: float, stop_s: float) -> bool:
+        """Tell whether nothing happened between two times that could make an input jump."""
+        return self._capture.whole(start_s, stop_s)
+
+
+class _LeadRecording(_LeadCapture):
+    """What happens from a time on, seen through leads as they were then."""
+
+    __slots__ = ("_recording",)
+
+    def __init__(self, recording: Recording, leads: Mapping[str, Lead]) -> None:
+        super().__init__(recording, leads)
+        self._recording = recording
+
+    def forget(self, before_s: float) -> None:
+        """Drop what was over before a time."""
+        self._recording.forget(before_s)
+
+    def close(self) -> None:
+        """Keep what there is and take nothing more."""
+        self._recording.close()
+
 
 class _LeadTrace:
     """The recent history of the inputs, through the leads as they are when it is asked for."""
@@ -98,7 +126,9 @@ class Leads:
 
     def __init__(self, world: World, role: str, inputs: Mapping[str, str]) -> None:
         self._world = world
+        self._role = role
         self._leads = {name: Lead(node) for name, node in inputs.items()}
+        self._loads_ohm: dict[str, float] = {}
         world.leads[role] = self
 
     @property
@@ -127,6 +157,19 @@ class Leads:
 
     def _change(self, name: str, lead: Lead) -> None:
         self._leads = {**self._leads, name: lead}
+        if name in self._loads_ohm:
+            self._hang(name)
+
+    def load_node(self, who: Hashable, name: str, resistance_ohm: float) -> None:
+        """Hang a resistance on input `name`, which goes with its lead; as of the World, `who` being the input."""
+        del who
+        self._loads_ohm[name] = resistance_ohm
+        self._hang(name)
+
+    def _hang(self, name: str) -> None:
+        node = self._leads[name].node
+        resistance_ohm = math.inf if node is None else self._loads_ohm[name]
+        self._world.load_node((self._role, name), node or NODES[0], resistance_ohm)
 
     def window(self, name: str, start_s: float, stop_s: float) -> _LeadWindow:
         """Register an averaging window at input `name`; as of the World."""
@@ -136,6 +179,10 @@ class Leads:
     def capture(self, start_s: float, stop_s: float) -> _LeadCapture:
         """Register a stretch of time whose waveforms will be asked for; as of the World."""
         return _LeadCapture(self._world.capture(start_s, stop_s), self._leads)
+
+    def record(self) -> _LeadRecording:
+        """Keep all that happens from now on; as of the World."""
+        return _LeadRecording(self._world.record(), self._leads)
 
     def trace(self, span_s: float) -> _LeadTrace:
         """Keep the last `span_s` of the inputs from now on; as of the World."""

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import bisect
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.gyro.gyro import Gyro
+from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.motion import TableMotion
 from vcfbench.sim.trace import Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
 
     import numpy as np
     from numpy.typing import NDArray
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Drive, Ripple
 
-__all__ = ["NODES", "RAILS", "Capture", "Window", "World"]
+__all__ = ["NODES", "RAILS", "Capture", "Recording", "Window", "World"]
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
@@ -81,10 +83,8 @@ class Capture:
         """
         import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
 
-        self._world.advance()
-        if self._world.reached_s < self.stop_s:
-            raise RuntimeError("the capture is not over yet")
         times = np.asarray(times_s, dtype=float)
+        self._require_over(times)
         starts = [each.start_s for each in self._stretches]
         held = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
         volts = np.empty_like(times)
@@ -92,9 +92,46 @@ class Capture:
             volts[held == index] = self._stretches[index].at(node, times[held == index])
         return volts
 
+    def finest_s(self, node: str) -> float:
+        """Return a time in which a node's voltage bends so little that a cubic tells it, but where it jumps."""
+        return min((each.finest_s(node) for each in self._stretches), default=math.inf)
+
+    def whole(self, start_s: float, stop_s: float) -> bool:
+        """Tell whether nothing happened between two times that could make a node jump."""
+        return sum(each.start_s < stop_s and each.stop_s > start_s for each in self._stretches) <= 1
+
     def take(self, stretch: Stretch) -> None:
         """Keep a stretch that lies within the capture."""
         self._stretches.append(stretch)
+
+    def _require_over(self, times_s: NDArray[np.float64]) -> None:
+        del times_s
+        self._world.advance()
+        if self._world.reached_s < self.stop_s:
+            raise RuntimeError("the capture is not over yet")
+
+
+class Recording(Capture):
+    """A capture without an end: what has passed can be looked at already. It leaves no mark in the World's course."""
+
+    __slots__ = ()
+
+    def __init__(self, world: World, start_s: float) -> None:
+        super().__init__(world, start_s, math.inf)
+
+    def forget(self, before_s: float) -> None:
+        """Drop what was over before a time."""
+        self._stretches = [each for each in self._stretches if each.stop_s > before_s]
+
+    def close(self) -> None:
+        """Keep what there is and take nothing more."""
+        self._world.advance()
+        self._world.dismiss(self)
+
+    def _require_over(self, times_s: NDArray[np.float64]) -> None:
+        self._world.advance()
+        if times_s.size and self._world.reached_s < times_s.max():
+            raise RuntimeError("the recording has not come so far yet")
 
 
 class World:
@@ -109,6 +146,8 @@ class World:
         """The leads of what looks at the World, by role."""
         self._rails_v = dict.fromkeys(RAILS, 0.0)
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
+        self._node_loads = NodeLoads(parameters.source)
+        self._v_vc_source: Drive | None = None
         self._on_load: list[Callable[[], None]] = []
         self._edges_s: list[float] = []
         self._observers: list[Window | Capture | Trace] = []
@@ -129,12 +168,16 @@ class World:
         rate = self.table.segment(now)
         edge = self._edges_s[0] if self._edges_s else math.inf
         stop = min(target_s, rate.stop_s, self._gyro.next_event_s(), edge)
-        stretch = self._gyro.propagate(rate, stop)
+        stretch = self._loaded(self._gyro.propagate(rate, stop))
         for each in self._observers:
             if each.start_s <= now:
                 each.take(stretch)
         if stop == edge:
             self._pass_edge(stop)
+
+    def _loaded(self, stretch: Stretch) -> Stretch:
+        shares = self._node_loads.shares
+        return replace(stretch, shares=shares) if shares else stretch
 
     def _pass_edge(self, now_s: float) -> None:
         del self._edges_s[: bisect.bisect_right(self._edges_s, now_s)]
@@ -160,7 +203,8 @@ class World:
         """Return the magnitude of the current that PCB and load would draw from `rail` now at `voltage_v`, A."""
         self._require(rail, RAILS)
         self.advance()
-        return self._gyro.rail_current_a(RAILS.index(rail), voltage_v) + abs(voltage_v) / self._loads_ohm[rail]
+        beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
+        return self._gyro.rail_current_a(RAILS.index(rail), voltage_v) + abs(voltage_v) * beside
 
     def load_ohm(self, rail: str) -> float:
         """Return the load on `rail` beside the PCB, ohm; inf is none."""
@@ -178,6 +222,23 @@ class World:
             raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
         self.advance()
         self._loads_ohm[rail] = resistance_ohm
+        self._regulate()
+
+    def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
+        """Hang a resistance on `node` from now on in place of what `who` had put anywhere; inf takes it off.
+
+        The PCB's outputs divide with their own resistance, V_Vc with the generator's; a rail has to supply it.
+
+        Raises:
+            ValueError: the node is unknown, or the resistance is not above 0 ohm.
+        """
+        self._require(node, NODES)
+        self.advance()
+        self._node_loads.put(who, node, resistance_ohm)
+        self._gyro.connect_v_vc(self._node_loads.behind(self._v_vc_source))
+        self._regulate()
+
+    def _regulate(self) -> None:
         for regulate in self._on_load:
             regulate()
 
@@ -210,7 +271,8 @@ class World:
         that the modulator's leakage does not reach the combs.
         """
         self.advance()
-        self._gyro.connect_v_vc(source)
+        self._v_vc_source = source
+        self._gyro.connect_v_vc(self._node_loads.behind(source))
 
     def window(self, node: str, start_s: float, stop_s: float) -> Window:
         """Register an averaging window that begins now or later.
@@ -235,10 +297,17 @@ class World:
         self._observe(capture)
         return capture
 
+    def record(self) -> Recording:
+        """Keep all that happens from now on, until the recording is closed."""
+        self.advance()
+        recording = Recording(self, self._gyro.now_s)
+        self._observers.append(recording)
+        return recording
+
     def trace(self, span_s: float) -> Trace:
         """Keep the last `span_s` of every node from now on, until the trace is ended."""
         self.advance()
-        trace = Trace(self._gyro.now_s, span_s, self.advance, self._dismiss)
+        trace = Trace(self._gyro.now_s, span_s, self.advance, self.dismiss)
         self._observers.append(trace)
         return trace
 
@@ -249,7 +318,8 @@ class World:
         self._require(node, NODES)
         self.advance()
         now = self._gyro.now_s
-        return float(self._gyro.look(self.table.segment(now), now).at(node, np.array([now]))[0])
+        look = self._loaded(self._gyro.look(self.table.segment(now), now))
+        return float(look.at(node, np.array([now]))[0])
 
     def _coming(self, start_s: float, stop_s: float) -> float:
         """Return the start of an observation; a start in the past by less than 1 ns is round-off and becomes now."""
@@ -265,8 +335,10 @@ class World:
             if edge > self._gyro.now_s:
                 bisect.insort(self._edges_s, edge)
 
-    def _dismiss(self, trace: Trace) -> None:
-        self._observers.remove(trace)
+    def dismiss(self, observer: Recording | Trace) -> None:
+        """Let go of what would otherwise look on for ever."""
+        if observer in self._observers:
+            self._observers.remove(observer)
 
     @staticmethod
     def _require(name: str, known: tuple[str, ...]) -> None:

@@ -19,6 +19,7 @@ from vcfbench.sim.parameters import (
     SenseMode,
     SensePath,
     Site,
+    SourceResistance,
     Supply,
     TableMechanics,
     Thermal,
@@ -194,6 +195,7 @@ TABLE = TableMechanics(
     friction_time_s=20.0,
 )
 SITE = Site(latitude_deg=0.0)
+SOURCE = SourceResistance(output_ohm=100.0, drive_ohm=100.0, carrier_ohm=100.0, sense_ohm=100.0)
 PERFECT = BenchParameters(
     drive_mode=DRIVE_MODE,
     sense_in_phase=SENSE_IN_PHASE,
@@ -207,6 +209,7 @@ PERFECT = BenchParameters(
     thermal=THERMAL,
     table=TABLE,
     site=SITE,
+    source=SOURCE,
 )
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vcfbench.sim.gyro.dense import coarser
+from vcfbench.sim.gyro.dense import COARSE_S, coarser
 from vcfbench.sim.gyro.electronics import Oscillation, amplify
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from vcfbench.sim.gyro.chain import Response
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Stretch"]
 
 STEADY_V = 1e-3
+FINEST_RAD = 0.05
 PANEL_S = 0.02
 PANEL_NODES = 16
 
@@ -33,7 +36,7 @@ class Stretch:
     """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
     `noise_integral_v_s` is the noise's part of the integral of the filtered signal; waveforms within a stretch show the
-    noise of its start going on by itself.
+    noise of its start going on by itself. `shares` says of loaded nodes how much of their open voltage is left.
     """
 
     bench: BenchParameters
@@ -49,14 +52,26 @@ class Stretch:
     rails: tuple[Oscillation, Oscillation]
     limits_v: tuple[float, float]
     alive: bool
+    shares: Mapping[str, float] = field(default_factory=dict)
 
     def integral(self, node: str) -> float:
         """Return the integral of a node's voltage over the stretch, V s; carrier-level nodes have none in the mean."""
         duration = self.stop_s - self.start_s
         if node == "output":
-            return self._output_integral(duration) if self.alive else 0.0
+            return self._share(node) * self._output_integral(duration) if self.alive else 0.0
         source = self._source(node)
         return 0.0 if source is None else source.integral(duration)
+
+    def finest_s(self, node: str) -> float:
+        """Return a time in which a node does next to nothing that a cubic through its ends and neighbours misses."""
+        source = self._source(node)
+        if source is None:
+            return COARSE_S
+        fastest = max((abs(exponent) for _, exponent in source.terms), default=0.0)
+        return FINEST_RAD / fastest if fastest else math.inf
+
+    def _share(self, node: str) -> float:
+        return self.shares.get(node, 1.0)
 
     def closed_form(self, node: str) -> Oscillation | None:
         """Return what a node carries as sines, its origin at the start of the stretch; None where only `at` tells."""
@@ -97,6 +112,10 @@ class Stretch:
 
     def at(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a node's voltage at absolute times within the stretch."""
+        volts, share = self._open_circuit(node, times_s), self._share(node)
+        return volts if share == 1.0 else share * volts
+
+    def _open_circuit(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         elapsed = times_s - self.start_s
         source = self._source(node)
         if source is not None:
@@ -105,7 +124,7 @@ class Stretch:
             return np.zeros_like(elapsed)
         coarse = coarser(times_s)
         if coarse is not None:
-            return coarse.interpolated(self.at(node, coarse.times_s()))
+            return coarse.interpolated(self._open_circuit(node, coarse.times_s()))
         if node == "output":
             return self._amplified(np.sum([each.filtered().at(elapsed).real for each in self._responses()], axis=0))
         return self._carrier_level(node, times_s)

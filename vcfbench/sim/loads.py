@@ -1,0 +1,61 @@
+"""What instruments and faults draw from the nodes of the PCB: resistances to ground, behind each node's own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from vcfbench.sim.parameters import SourceResistance
+    from vcfbench.sim.sources import Drive
+
+__all__ = ["NodeLoads"]
+
+
+class NodeLoads:
+    """The resistances that hang on the nodes, each put there by somebody.
+
+    Args:
+        sources: resistance of each of the PCB's outputs.
+    """
+
+    def __init__(self, sources: SourceResistance) -> None:
+        self._sources_ohm = sources.by_node()
+        self._loads: dict[Hashable, tuple[str, float]] = {}
+        self.shares: dict[str, float] = {}
+        """What is left of the open voltage of the PCB's outputs; of those that nothing loads nothing is said."""
+
+    def put(self, who: Hashable, node: str, resistance_ohm: float) -> None:
+        """Put a resistance from `node` to ground in place of what `who` had put there; inf takes it off.
+
+        Raises:
+            ValueError: it is not above 0 ohm.
+        """
+        if not resistance_ohm > 0.0:
+            raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
+        self._loads.pop(who, None)
+        if math.isfinite(resistance_ohm):
+            self._loads[who] = (node, resistance_ohm)
+        loaded = {node for node, _ in self._loads.values() if node in self._sources_ohm}
+        self.shares = {node: 1.0 / (1.0 + self._sources_ohm[node] * self.conductance_s(node)) for node in loaded}
+
+    def conductance_s(self, node: str) -> float:
+        """Return the conductance from `node` to ground, S."""
+        return sum(1.0 / ohm for loaded, ohm in self._loads.values() if loaded == node)
+
+    def behind(self, source: Drive | None) -> Drive | None:
+        """Return the source that a generator and the load on the V_Vc input are together (Thevenin)."""
+        conductance = self.conductance_s("v_vc")
+        if source is None or not conductance:
+            return source
+        share = 1.0 / (1.0 + source.source_ohm * conductance)
+        return replace(
+            source,
+            dc_v=source.dc_v * share,
+            amplitude_v=source.amplitude_v * share,
+            source_ohm=source.source_ohm * share,
+            overtones=tuple(replace(sine, amplitude_v=sine.amplitude_v * share) for sine in source.overtones),
+        )
