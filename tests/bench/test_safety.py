@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import itertools
+import os
+import signal
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -8,13 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.bench.fakes import FakeInstrument
-from vcfbench.bench.safety import SafeAction, SafetyStack, Stage, not_safe
+from vcfbench.bench.safety import LeaveNow, SafeAction, SafetyStack, Stage, not_safe
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from vcfbench.clock import Deadline
 
 GRACE_S = 0.05
 
@@ -68,6 +73,39 @@ def test_one_that_hangs_is_left_behind_and_the_next_is_made_safe(log: list[str],
     reports = stack_of(action(hanging, Stage.MOTION), action(supply, Stage.POWER)).make_safe()
     assert [report.safe for report in reports] == [False, True]
     assert "still busy" in reports[0].detail
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a signal in the middle of a wait")
+def test_a_third_signal_names_what_stays_energised_and_not_what_only_listens(log: list[str]) -> None:
+    """Sent while the table slows down: the supply stays on, the meter is no danger."""
+
+    class Interrupted(FakeInstrument):
+        def make_safe(self, deadline: Deadline) -> SafeReport:
+            os.kill(os.getpid(), signal.SIGUSR1)
+            self.released.wait(60)
+            return super().make_safe(deadline)
+
+    def leave(number: int, frame: object) -> None:
+        raise LeaveNow
+
+    table, supply, meter = Interrupted("table", log), FakeInstrument("power", log), FakeInstrument("meter", log)
+    stack = SafetyStack(VirtualClock(), grace_s=60.0)
+    for each, stage in ((meter, Stage.REST), (supply, Stage.POWER), (table, Stage.MOTION)):
+        stack.register(action(each, stage))
+    before = signal.signal(signal.SIGUSR1, leave)
+    try:
+        reports = stack.make_safe()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+        table.released.set()
+    assert [(report.instrument, report.safe) for report in reports] == [
+        ("table", False),
+        ("power", False),
+        ("meter", True),
+    ]
+    assert supply.energised
+    assert "power at FAKE::power: not made safe: a third signal ended it" in str(not_safe(reports))
+    assert "meter" not in str(not_safe(reports))
 
 
 def test_one_that_lies_is_found_out_by_the_read_back(log: list[str]) -> None:

@@ -77,7 +77,8 @@ class SafetyStack:
                 reports.append(self._run(action))  # noqa: PERF401  # what was done must survive LeaveNow
         except LeaveNow:
             left = pending[len(reports) :]
-            reports += [_report(action.instrument, "not made safe: a third signal ended it") for action in left]
+            unsaved = (_report(action.instrument, "not made safe: a third signal ended it") for action in left)
+            reports += map(_judged, left, unsaved)
         return reports
 
     def _in_order(self) -> list[SafeAction]:
@@ -91,10 +92,7 @@ class SafetyStack:
         done: list[SafeReport] = []  # a list, for the thread to answer in
         wall_s = action.deadline_s * self._patience + self._grace_s
         _within(wall_s, lambda: done.append(self._isolated(action)))
-        report = done[0] if done else _report(action.instrument, f"still busy after {wall_s:g} s")
-        if action.stage is Stage.REST and not report.safe:
-            return replace(report, safe=True, detail=f"it only listens, but: {report.detail}")
-        return report
+        return _judged(action, done[0] if done else _report(action.instrument, f"still busy after {wall_s:g} s"))
 
     def close(self) -> None:
         """Close every instrument, the last opened first; one that fails or hangs keeps no other from being closed."""
@@ -110,6 +108,13 @@ class SafetyStack:
         except BaseException as error:  # noqa: BLE001  # whatever one instrument does, the next must be made safe
             return _report(instrument, f"{type(error).__name__}: {error}")
         return report if wrong is None else _report(instrument, f"reported safe, but {wrong}")
+
+
+def _judged(action: SafeAction, report: SafeReport) -> SafeReport:
+    """Return what `report` means for the bench: who drives nothing is no danger."""
+    if action.stage is Stage.REST and not report.safe:
+        return replace(report, safe=True, detail=f"it only listens, but: {report.detail}")
+    return report
 
 
 def _within(wall_s: float, act: Callable[[], object]) -> None:
