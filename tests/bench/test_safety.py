@@ -85,7 +85,7 @@ def test_a_third_signal_names_what_stays_energised_and_not_what_only_listens(log
             self.released.wait(60)
             return super().make_safe(deadline)
 
-    def leave(number: int, frame: object) -> None:
+    def leave(_number: int, _frame: object) -> None:
         raise LeaveNow
 
     table, supply, meter = Interrupted("table", log), FakeInstrument("power", log), FakeInstrument("meter", log)
