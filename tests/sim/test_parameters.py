@@ -27,7 +27,7 @@ def test_the_structure_is_the_papers() -> None:
     assert values["sense_in_phase.frequency_hz"] == 3342.0
     assert values["sense_anti_phase.frequency_hz"] == 3464.1
     assert values["sense_anti_phase.quality"] == 1224.0
-    assert values["site.latitude_deg"] == 38.0
+    assert values["site.latitude_deg"] == 37.9
 
 
 def test_ideal_has_every_imperfection_off() -> None:

@@ -257,7 +257,7 @@ def _imperfect() -> BenchParameters:
             ripple_phase_rad=(0.4, 1.1),
             flutter_per_sqrt_hz=5e-6,
         ),
-        site=Site(latitude_deg=38.0),
+        site=Site(latitude_deg=37.9),
     )
 
 
