@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
     from vcfbench.sim.parameters import SourceResistance
-    from vcfbench.sim.sources import Drive
+    from vcfbench.sim.sources import Drive, Played
 
 __all__ = ["NodeLoads"]
 
@@ -46,16 +45,15 @@ class NodeLoads:
         """Return the conductance from `node` to ground, S."""
         return sum(1.0 / ohm for loaded, ohm in self._loads.values() if loaded == node)
 
-    def behind(self, source: Drive | None) -> Drive | None:
+    def presented_ohm(self, node: str, own_ohm: float | None = None) -> float:
+        """Return what `node` presents to who is wired to it: its own resistance beside the loads; a rail has none."""
+        own = self._sources_ohm.get(node, 0.0) if own_ohm is None else own_ohm
+        return own / (1.0 + own * self.conductance_s(node))
+
+    def behind(self, source: Drive | Played | None) -> Drive | Played | None:
         """Return the source that a generator and the load on the V_Vc input are together (Thevenin)."""
         conductance = self.conductance_s("v_vc")
         if source is None or not conductance:
             return source
         share = 1.0 / (1.0 + source.source_ohm * conductance)
-        return replace(
-            source,
-            dc_v=source.dc_v * share,
-            amplitude_v=source.amplitude_v * share,
-            source_ohm=source.source_ohm * share,
-            overtones=tuple(replace(sine, amplitude_v=sine.amplitude_v * share) for sine in source.overtones),
-        )
+        return source.divided(share)

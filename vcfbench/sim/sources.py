@@ -1,10 +1,33 @@
-"""What generators and supplies put on the inputs of the PCB, in closed form."""
+"""What generators and supplies put on the inputs of the PCB.
+
+A generator's source is a :class:`Drive`, which goes on for ever in closed form, or something :class:`Played`: it can
+say its voltage at any instant, for pictures, and one piece after the other what a memoryless input makes of it, for
+the chain behind that input.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
-__all__ = ["Drive", "Ripple", "Sine"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["HIGHEST_HZ", "Bend", "Drive", "Piece", "Played", "Ripple", "Sine"]
+
+HIGHEST_HZ = 8000.0
+"""Up to where a piece holds what an input makes of its source.
+
+The gyro hears of V_Vc what the modulator shifts to its modes, at 3489 Hz, hence V_Vc around 0 Hz and around 6978 Hz.
+Content apart from both by d Hz moves the sense mode 25 Hz / d as much as slow content does, and its output by another
+(100 Hz / d)^4: from 8 kHz on (d > 1 kHz) less than 3e-6 of it is left at the output, 2.5 % in V_s.
+"""
+
+
+Bend = tuple[float, float, float, float]
+"""A memoryless input: b0 + b1 V + b2 V^2 + b3 V^3 of the open-circuit voltage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,13 +38,17 @@ class Sine:
     frequency_hz: float
     phase_rad: float
 
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return its volts at bench times."""
+        return _sines((self,), times_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """What a generator puts out, open circuit.
 
-    dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time, and `overtones`: harmonics of a waveform
-    that is no sine, sidebands of a modulated one.
+    dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time, and `overtones`: the sidebands of a
+    modulated one.
     """
 
     dc_v: float
@@ -30,6 +57,61 @@ class Drive:
     phase_rad: float = 0.0
     source_ohm: float = 50.0
     overtones: tuple[Sine, ...] = ()
+
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return its volts at bench times."""
+        return _sines((Sine(self.amplitude_v, self.frequency_hz, self.phase_rad), *self.overtones), times_s) + self.dc_v
+
+    def divided(self, share: float) -> Drive:
+        """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        return replace(
+            self,
+            dc_v=self.dc_v * share,
+            amplitude_v=self.amplitude_v * share,
+            source_ohm=self.source_ohm * share,
+            overtones=tuple(replace(sine, amplitude_v=sine.amplitude_v * share) for sine in self.overtones),
+        )
+
+
+def _sines(sines: tuple[Sine, ...], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
+
+    volts = np.zeros_like(times_s)
+    for each in sines:
+        volts += each.amplitude_v * np.sin(2 * math.pi * each.frequency_hz * times_s + each.phase_rad)
+    return volts
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """constant + slope_per_s t + Re sum a exp(s t) over [start_s, stop_s], terms (a, s), t from `start_s`."""
+
+    start_s: float
+    stop_s: float
+    constant: float
+    slope_per_s: float = 0.0
+    terms: tuple[tuple[complex, complex], ...] = ()
+
+
+class Played(Protocol):
+    """A source that does not go on the same for ever."""
+
+    @property
+    def source_ohm(self) -> float:
+        """What it has in series, ohm."""
+        ...
+
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the open-circuit volts at bench times; the same instant gives the same volts, whoever asks."""
+        ...
+
+    def piece(self, start_s: float, bend: Bend) -> Piece:
+        """Return what an input makes of it from `start_s` on, up to `HIGHEST_HZ`."""
+        ...
+
+    def divided(self, share: float) -> Played:
+        """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

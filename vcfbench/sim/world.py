@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.leads import Leads
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.sources import Drive, Ripple
+    from vcfbench.sim.sources import Drive, Played, Ripple
 
 __all__ = ["NODES", "RAILS", "Capture", "Recording", "Window", "World"]
 
@@ -114,10 +114,11 @@ class Capture:
 class Recording(Capture):
     """A capture without an end: what has passed can be looked at already. It leaves no mark in the World's course."""
 
-    __slots__ = ()
+    __slots__ = ("_open",)
 
     def __init__(self, world: World, start_s: float) -> None:
         super().__init__(world, start_s, math.inf)
+        self._open = True
 
     def forget(self, before_s: float) -> None:
         """Drop what was over before a time."""
@@ -127,10 +128,11 @@ class Recording(Capture):
         """Keep what there is and take nothing more."""
         self._world.advance()
         self._world.dismiss(self)
+        self._open = False
 
     def _require_over(self, times_s: NDArray[np.float64]) -> None:
         self._world.advance()
-        if times_s.size and self._world.reached_s < times_s.max():
+        if self._open and times_s.size and self._world.reached_s < times_s.max():
             raise RuntimeError("the recording has not come so far yet")
 
 
@@ -147,7 +149,7 @@ class World:
         self._rails_v = dict.fromkeys(RAILS, 0.0)
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._node_loads = NodeLoads(parameters.source)
-        self._v_vc_source: Drive | None = None
+        self._v_vc_source: Drive | Played | None = None
         self._on_load: list[Callable[[], None]] = []
         self._edges_s: list[float] = []
         self._observers: list[Window | Capture | Trace] = []
@@ -238,6 +240,15 @@ class World:
         self._gyro.connect_v_vc(self._node_loads.behind(self._v_vc_source))
         self._regulate()
 
+    def source_ohm(self, node: str) -> float:
+        """Return the resistance behind a node now, ohm; a PCB without power counts as one with it."""
+        self._require(node, NODES)
+        if node != "v_vc":
+            return self._node_loads.presented_ohm(node)
+        pull_down, source = self.parameters.virtual_path.pull_down_ohm, self._v_vc_source
+        own = pull_down if source is None else pull_down * source.source_ohm / (pull_down + source.source_ohm)
+        return self._node_loads.presented_ohm(node, own)
+
     def _regulate(self) -> None:
         for regulate in self._on_load:
             regulate()
@@ -264,7 +275,7 @@ class World:
         self.advance()
         return self._gyro.temperature_c()
 
-    def drive_v_vc(self, source: Drive | None) -> None:
+    def drive_v_vc(self, source: Drive | Played | None) -> None:
         """Connect a generator to the V_Vc input from now on, or None.
 
         None is a generator whose relay is open: the pull-down holds the node at 0 V and the carrier switch opens, so

@@ -58,6 +58,7 @@ class Forcing:
     rate_terms: list[tuple[complex, complex]]
     virtual_v: complex
     virtual_terms: list[tuple[complex, complex]]
+    virtual_slope: complex = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,13 +175,14 @@ class Chain:
         """Return the response to `forcing` from coordinates `modal` on; `turn` is e^{2j th} then."""
         own, twice = self.eigenmodes, 2j * self.drive_rad_s
         steady = self.rate * forcing.rate + self.virtual * forcing.virtual_v + self.quadrature
-        slope = self.rate * (-forcing.rate_slope / own)
+        slope = self.rate * (-forcing.rate_slope / own) + self.virtual * (-forcing.virtual_slope / own)
         constant = (slope - steady) / own
         exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
         forced = _spread(self.rate, self.virtual, forcing) / (exponents - own[:, None])
         lag = 1 / (twice - own[4:])
         turned_steady = self.turned_rate * forcing.rate + self.turned_virtual * forcing.virtual_v
         turned_slope = turn * forcing.rate_slope * self.turned_rate * lag
+        turned_slope += turn * forcing.virtual_slope * self.turned_virtual * lag
         turned_constant = turn * (turned_steady + self.turned_quadrature) * lag - turned_slope * lag
         turned_forced = turn * _spread(self.turned_rate, self.turned_virtual, forcing)
         turned_forced = turned_forced / (exponents + twice - own[4:, None])

@@ -5,18 +5,31 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from vcfbench.sim.sources import Drive
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
-    from vcfbench.sim.sources import Drive, Sine
+    from vcfbench.sim.sources import Bend, Piece, Played, Sine
 
-__all__ = ["Oscillation", "amplify", "modulate", "node_voltage", "output_limits", "rail_current_a", "source_voltage"]
+__all__ = [
+    "Oscillation",
+    "Passage",
+    "PlayedVoltage",
+    "amplify",
+    "modulate",
+    "node_voltage",
+    "output_limits",
+    "passage",
+    "rail_current_a",
+    "source_voltage",
+]
 
 FORGOTTEN = 1e-9
 """Part of the largest below which a product of sines is left out."""
@@ -24,26 +37,91 @@ FORGOTTEN = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Oscillation:
-    """A constant and sines: `constant_v + Re sum a exp(j w t)`, terms (a, j w), t from its own origin."""
+    """A line and sines: `constant_v + slope_v_s t + Re sum a exp(j w t)`, terms (a, j w), t from its own origin."""
 
     constant_v: float
     terms: list[tuple[complex, complex]]
+    slope_v_s: float = 0.0
 
     def later(self, elapsed_s: float) -> Oscillation:
         """Return the same from `elapsed_s` after its origin on."""
-        if not self.terms:
+        if not self.terms and not self.slope_v_s:
             return self
-        return Oscillation(self.constant_v, [(a * cmath.exp(s * elapsed_s), s) for a, s in self.terms])
+        terms = [(a * cmath.exp(s * elapsed_s), s) for a, s in self.terms]
+        return Oscillation(self.constant_v + self.slope_v_s * elapsed_s, terms, self.slope_v_s)
 
     def at(self, elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltage at times from its origin."""
         swung = ((a * np.exp(s * elapsed_s)).real for a, s in self.terms)
-        return np.asarray(self.constant_v + sum(swung, start=np.zeros_like(elapsed_s)))
+        return np.asarray(self.constant_v + self.slope_v_s * elapsed_s + sum(swung, start=np.zeros_like(elapsed_s)))
 
     def integral(self, duration_s: float) -> float:
         """Return the integral from its origin on, V s."""
         swung = sum((a * (np.exp(s * duration_s) - 1) / s).real for a, s in self.terms)
-        return self.constant_v * duration_s + float(swung)
+        return self.constant_v * duration_s + 0.5 * self.slope_v_s * duration_s**2 + float(swung)
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedVoltage:
+    """V_Vc of a source that plays, from `start_s` on: pictures as it is, means from its pieces."""
+
+    source: Played
+    share: float
+    start_s: float
+
+    def later(self, elapsed_s: float) -> PlayedVoltage:
+        """Return the same from `elapsed_s` after its origin on."""
+        return replace(self, start_s=self.start_s + elapsed_s)
+
+    def at(self, elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the voltage at times from its origin."""
+        return np.asarray(self.share * self.source.at(self.start_s + elapsed_s))
+
+    def integral(self, duration_s: float) -> float:
+        """Return the integral from its origin on, V s."""
+        total, reached, stop = 0.0, self.start_s, self.start_s + duration_s
+        while reached < stop:
+            piece = self.source.piece(reached, (0.0, self.share, 0.0, 0.0))
+            end = min(stop, piece.stop_s)
+            total += _written(piece).integral(end - reached)
+            reached = end
+        return total
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """V_Vc and what the modulator makes of it, from `origin_s` to `stop_s`."""
+
+    origin_s: float
+    stop_s: float
+    v_vc: Oscillation | PlayedVoltage
+    multiplicand: Oscillation
+
+    def voltage(self, now_s: float) -> Oscillation | PlayedVoltage:
+        """Return V_Vc from `now_s` on."""
+        return self.v_vc.later(now_s - self.origin_s)
+
+    def modulated(self, now_s: float) -> Oscillation:
+        """Return the multiplicand from `now_s` on."""
+        return self.multiplicand.later(now_s - self.origin_s)
+
+
+def passage(source: Drive | Played | None, path: VirtualPath, now_s: float) -> Passage:
+    """Return what `source` does from `now_s` on; None leaves the input to the pull-down, the switch open."""
+    if source is None:  # an open switch lets nothing through, not even the modulator's leakage
+        nothing = Oscillation(0.0, [])
+        return Passage(0.0, math.inf, nothing, nothing)
+    if isinstance(source, Drive):
+        node = source_voltage(source, path)
+        return Passage(0.0, math.inf, node, modulate(path, node))
+    share = node_voltage(1.0, source.source_ohm, path)
+    bend: Bend = (path.offset_v, share, path.second_order_per_v * share**2, path.third_order_per_v2 * share**3)
+    piece = source.piece(now_s, bend)
+    return Passage(now_s, piece.stop_s, PlayedVoltage(source, share, now_s), _written(piece))
+
+
+def _written(piece: Piece) -> Oscillation:
+    return Oscillation(piece.constant, list(piece.terms), piece.slope_per_s)
 
 
 def node_voltage(open_circuit_v: float, source_ohm: float, path: VirtualPath) -> float:

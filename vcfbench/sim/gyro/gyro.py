@@ -16,7 +16,7 @@ import numpy as np
 from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
-from vcfbench.sim.gyro.electronics import Oscillation, modulate, output_limits, rail_current_a, source_voltage
+from vcfbench.sim.gyro.electronics import Oscillation, output_limits, passage, rail_current_a
 from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Stretch
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.sources import Drive, Ripple
+    from vcfbench.sim.sources import Drive, Played, Ripple
 
 __all__ = ["Gyro"]
 
@@ -49,7 +49,8 @@ class Gyro:
         self._rails = (0.0, 0.0)
         self._ripples: list[Ripple | None] = [None, None]
         self._running = False
-        self._v_vc = self._multiplicand = Oscillation(0.0, [])
+        self._source: Drive | Played | None = None
+        self._passage = passage(None, bench.virtual_path, now_s)
         self._phase = 0.0
         self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
         self._bands = self._warm_up.bands(bench.thermal)
@@ -81,11 +82,10 @@ class Gyro:
         """
         self._ripples[rail] = ripple
 
-    def connect_v_vc(self, source: Drive | None) -> None:
+    def connect_v_vc(self, source: Drive | Played | None) -> None:
         """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
-        nothing = Oscillation(0.0, [])  # an open switch lets nothing through, not even the modulator's leakage
-        self._v_vc = nothing if source is None else source_voltage(source, self._bench.virtual_path)
-        self._multiplicand = nothing if source is None else modulate(self._bench.virtual_path, self._v_vc)
+        self._source = source
+        self._passage = passage(source, self._bench.virtual_path, self.now_s)
 
     @property
     def ambient_c(self) -> float:
@@ -119,9 +119,9 @@ class Gyro:
     # -- time --
 
     def next_event_s(self) -> float:
-        """Return when the gyro's own parameters change next."""
+        """Return when the gyro's own parameters change next, or V_Vc begins another piece."""
         band = self._bands[1][0] if len(self._bands) > 1 else math.inf
-        return min(self._drive[0].stop_s, band)
+        return min(self._drive[0].stop_s, band, self._passage.stop_s)
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`, as it will be without noise; changes nothing."""
@@ -145,6 +145,8 @@ class Gyro:
 
     def _pass_events(self) -> None:
         changed = False
+        if self._passage.stop_s <= self.now_s:
+            self.connect_v_vc(self._source)
         while self._drive[0].stop_s <= self.now_s:
             self._drive.pop(0)
             changed = True
@@ -194,7 +196,7 @@ class Gyro:
             self._drive_mode(),
             self._drive[0],
             self._phase,
-            self._v_vc.later(self.now_s),
+            self._passage.voltage(self.now_s),
             (self._rail(0), self._rail(1)),
             output_limits(bench.output_stage, *self._rails),
             self._weaker_rail() >= bench.supply.dead_v,
@@ -210,8 +212,9 @@ class Gyro:
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
-        virtual = self._multiplicand.later(self.now_s)
-        return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, real_terms(virtual.terms))
+        virtual = self._passage.modulated(self.now_s)
+        pushed = real_terms(virtual.terms)
+        return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, pushed, virtual.slope_v_s)
 
     def _bias(self) -> tuple[float, list[tuple[complex, complex]]]:
         """Return the bias rate by temperature, deg/s: its goal, and what is left of the warm-up."""

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ExponentialSum", "real_terms"]
 
+BLOCK = 1 << 20
+
 
 @dataclass(frozen=True, slots=True)
 class ExponentialSum:
@@ -30,9 +32,17 @@ class ExponentialSum:
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the signal at an array of times."""
-        turned: NDArray[np.complex128] = np.exp(np.multiply.outer(times_s, self.exponents)) @ self.amplitudes
+        turned = self._turned(times_s)
         ramped = self.turning * times_s * np.exp(self.turn * times_s) if self.turning else 0.0
         return np.asarray(turned + (self.constant + self.slope * times_s) + ramped)
+
+    def _turned(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the exponentials' sum, in blocks where times and exponents are many."""
+        block = max(1, BLOCK // max(len(self.exponents), 1))
+        if times_s.ndim != 1 or len(times_s) <= block:
+            return np.asarray(np.exp(np.multiply.outer(times_s, self.exponents)) @ self.amplitudes)
+        parts = (times_s[start : start + block] for start in range(0, len(times_s), block))
+        return np.concatenate([np.exp(np.multiply.outer(part, self.exponents)) @ self.amplitudes for part in parts])
 
     def value(self, time_s: float) -> complex:
         """Return the signal at one time."""

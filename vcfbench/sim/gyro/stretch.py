@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
+    from vcfbench.sim.gyro.electronics import PlayedVoltage
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
     from vcfbench.sim.parameters import BenchParameters
@@ -48,7 +49,7 @@ class Stretch:
     drive_mode: Resonance
     drive: DriveSegment
     phase_rad: float
-    v_vc: Oscillation
+    v_vc: Oscillation | PlayedVoltage
     rails: tuple[Oscillation, Oscillation]
     limits_v: tuple[float, float]
     alive: bool
@@ -67,6 +68,8 @@ class Stretch:
         source = self._source(node)
         if source is None:
             return COARSE_S
+        if not isinstance(source, Oscillation):
+            return 0.0
         fastest = max((abs(exponent) for _, exponent in source.terms), default=0.0)
         return FINEST_RAD / fastest if fastest else math.inf
 
@@ -76,12 +79,15 @@ class Stretch:
     def closed_form(self, node: str) -> Oscillation | None:
         """Return what a node carries as sines, its origin at the start of the stretch; None where only `at` tells."""
         source = self._source(node)
-        return Oscillation(0.0, []) if source is None and not self.alive else source
+        if source is None:
+            return None if self.alive else Oscillation(0.0, [])
+        return source if isinstance(source, Oscillation) else None
 
-    def _source(self, node: str) -> Oscillation | None:
+    def _source(self, node: str) -> Oscillation | PlayedVoltage | None:
         """Return what a node of the PCB's inputs carries; None for its own nodes."""
-        sources = {"v_vc": self.v_vc, "rail_positive": self.rails[0], "rail_negative": self.rails[1]}
-        return sources.get(node)
+        if node == "v_vc":
+            return self.v_vc
+        return {"rail_positive": self.rails[0], "rail_negative": self.rails[1]}.get(node)
 
     def _output_integral(self, duration: float) -> float:
         """Integrate the output: exactly where it is linear, the curvature by Gauss-Legendre nodes.
