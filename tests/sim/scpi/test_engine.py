@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.scpi.lamp import Lamp
-from vcfbench.sim.scpi import LAN, RS232, Dialect
+from vcfbench.sim.scpi import GPIB, LAN, RS232, Dialect, Interface
 
 
 @pytest.fixture
@@ -246,3 +246,48 @@ def test_noise_is_refused_and_the_parser_survives(noise: bytes) -> None:
     lamp.clear()
     lamp.write(b"*CLS\n")
     assert Conversation(lamp, lamp.clock).ask("*IDN?") == "MAKER,LAMP,0,1.0"
+
+
+def deadlocking(interface: Interface = GPIB) -> Conversation:
+    lamp = Lamp(interface, Dialect(input_buffer=100, output_queue=200))
+    return Conversation(lamp, lamp.clock)
+
+
+def test_both_buffers_full_is_a_deadlock() -> None:
+    """The 13th answer of 16 characters does not fit any more, while 180 of the message are still to come."""
+    talk = deadlocking()
+    talk.write("VOLT 3;" + "VOLT?;" * 20 + "VOLT 4;" * 20)
+    assert not talk.device.status_byte() & 16
+    assert talk.errors() == [-430]
+    assert talk.ask("VOLT?") == "+4.00000000E+00"
+
+
+def test_after_a_deadlock_the_rest_of_the_message_is_not_answered() -> None:
+    talk = deadlocking()
+    talk.write("*CLS;" + "VOLT?;" * 60)
+    assert not talk.device.status_byte() & 16
+    assert talk.ask("*ESR?") == "+4"
+    assert talk.errors() == [-430]
+
+
+@pytest.mark.parametrize("message", ["VOLT?;" * 12, "VOLT?;" * 28, "VOLT 4;" * 100 + "VOLT?"])
+def test_one_full_buffer_is_no_deadlock(message: str) -> None:
+    """The 28 answers do not fit, but by then the rest of the message is in the input buffer."""
+    talk = deadlocking()
+    assert len((talk.ask(message) or "").split(";")) == message.count("?")
+    assert talk.errors() == []
+
+
+@pytest.mark.parametrize("interface", [LAN, RS232])
+def test_a_stream_is_never_deadlocked(interface: Interface) -> None:
+    talk = deadlocking(interface)
+    assert len((talk.ask("VOLT?;" * 60) or "").split(";")) == 60
+    assert talk.errors() == []
+
+
+@pytest.mark.parametrize(("takes_blocks", "numbers"), [(False, [-161]), (True, [])])
+def test_only_who_has_blocks_waits_for_the_end_of_one(takes_blocks: bool, numbers: list[int]) -> None:  # noqa: FBT001
+    lamp = Lamp(LAN, Dialect(takes_blocks=takes_blocks))
+    lamp.write(b"DATA #14ab\n")
+    lamp.write(b"c\n" if takes_blocks else b"")
+    assert Conversation(lamp, lamp.clock).errors() == numbers

@@ -40,7 +40,7 @@ What happens by itself goes into the model's `service()` and `next_event_s()`; *
 `operations_end_s()`.
 """
 
-from vcfbench.sim.scpi.common import COMMON_COMMANDS, condition, enable, event, next_error
+from vcfbench.sim.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error
 from vcfbench.sim.scpi.engine import (
     GPIB,
     LAN,
@@ -79,6 +79,7 @@ __all__ = [
     "ERROR_WORDS",
     "GPIB",
     "LAN",
+    "MASK_16",
     "RS232",
     "USB",
     "Block",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.scpi.parameters import Boolean, Integer, Limits
+from vcfbench.sim.scpi.parameters import Integer, Limits
 from vcfbench.sim.scpi.table import Command
 
 if TYPE_CHECKING:
@@ -13,10 +13,13 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi.engine import ScpiModel
     from vcfbench.sim.scpi.status import Register
 
-__all__ = ["COMMON_COMMANDS", "condition", "enable", "event", "next_error"]
+__all__ = ["COMMON_COMMANDS", "MASK_16", "condition", "enable", "event", "next_error"]
 
-_MASK_8 = (Integer(limits=Limits(0, 255)),)
-_MASK_16 = (Integer(limits=Limits(0, 32767)),)
+_MASK_8 = (Integer(limits=Limits(0, 255), named=False),)
+MASK_16 = (Integer(limits=Limits(0, 32767), named=False),)
+"""Parameter of an enable register."""
+_FLAG = (Integer(limits=Limits(-32767, 32767), named=False),)
+"""Parameter of *PSC: a number, not ON or OFF; anything but 0 is on (IEEE 488.2, 10.25)."""
 
 
 def _clear_status(model: ScpiModel) -> None:
@@ -68,8 +71,8 @@ def _stb(model: ScpiModel) -> str:
     return engine.dialect.integer(engine.status.master(engine.status_now()))
 
 
-def _set_psc(model: ScpiModel, state: object) -> None:
-    model.engine.clears_masks_at_power_on = bool(state)
+def _set_psc(model: ScpiModel, flag: int) -> None:
+    model.engine.clears_masks_at_power_on = flag != 0
 
 
 def _psc(model: ScpiModel) -> str:
@@ -88,7 +91,7 @@ COMMON_COMMANDS = (
     Command("*ESR", query=_esr),
     Command("*IDN", query=_identity, indefinite=True),
     Command("*OPC", do=_announce, query=_completed),
-    Command("*PSC", (Boolean(),), do=_set_psc, query=_psc),
+    Command("*PSC", _FLAG, do=_set_psc, query=_psc, query_parameters=()),
     Command("*RST", do=_reset),
     Command("*SRE", _MASK_8, do=_set_sre, query=_sre, query_parameters=()),
     Command("*STB", query=_stb),
@@ -117,4 +120,4 @@ def enable(pattern: str, register: Callable[[Any], Register]) -> Command:
     def read(model: Any) -> str:
         return model.engine.dialect.integer(register(model).enable)  # type: ignore[no-any-return]
 
-    return Command(pattern, _MASK_16, do=write, query=read, query_parameters=())
+    return Command(pattern, MASK_16, do=write, query=read, query_parameters=())

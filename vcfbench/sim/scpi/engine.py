@@ -77,6 +77,9 @@ class Dialect:
         error_number: reply format of an error's number.
         input_limit: longest message, bytes.
         input_overflow: error when it is longer.
+        input_buffer: characters that are held while the parser waits for its answers to be fetched (-430 beyond).
+        output_queue: characters of answers that are held until they are fetched. Unverified for every model.
+        takes_blocks: whether any command has a block; where none has, a newline within one ends the message.
     """
 
     queue_depth: int = 20
@@ -87,6 +90,9 @@ class Dialect:
     error_number: Callable[[float], str] = signed_integer
     input_limit: int = 1 << 16
     input_overflow: int = 521
+    input_buffer: int = 1 << 14
+    output_queue: int = 1 << 14
+    takes_blocks: bool = True
 
 
 class Pending:
@@ -184,6 +190,7 @@ class ScpiEngine:
         self._output: deque[bytes] = deque()
         self._offset = 0
         self._unterminated = False
+        self._deadlocked = False
         self._announce_completion = False
 
     # --- the seam: vcfbench.sim.device.Device -------------------------------------------------------------
@@ -306,7 +313,7 @@ class ScpiEngine:
             self.clear()
             data = data.rpartition(break_byte)[2]
         self._partial += data
-        while (index := find_message_end(self._partial)) >= 0:
+        while (index := self._message_end()) >= 0:
             message = bytes(self._partial[: index + 1])
             del self._partial[: index + 1]
             self._accept(message)
@@ -317,6 +324,9 @@ class ScpiEngine:
         elif len(self._partial) > self.dialect.input_limit:
             self._partial.clear()
             self._overflow()
+
+    def _message_end(self) -> int:
+        return find_message_end(self._partial) if self.dialect.takes_blocks else self._partial.find(b"\n")
 
     def _accept(self, message: bytes) -> None:
         """Queue a message; the tail of one that was too long is dropped with its terminator."""
@@ -355,6 +365,7 @@ class ScpiEngine:
             self.report(ScpiError(-410))
         self._steps = program
         self._next = 0
+        self._deadlocked = False
 
     def _advance(self) -> None:
         """Execute what can be executed now."""
@@ -417,6 +428,22 @@ class ScpiEngine:
             self._pending_step = step
         elif step.is_query:
             self._replies.append(step.reply(result))
+            if step.rest > self.dialect.input_buffer:
+                self._look_for_deadlock()
+
+    def _look_for_deadlock(self) -> None:
+        """-430: the output queue is full, and so is the input buffer, with more of the message still to come.
+
+        The answers so far are lost, and those to the rest of the message too (IEEE 488.2, 6.3.1.7). Who takes the
+        answers of a stream while it sends never gets there.
+        """
+        if not self.interface.message_exchange:
+            return
+        if self._deadlocked or sum(map(len, self._replies)) + len(self._replies) > self.dialect.output_queue:
+            self._replies.clear()
+            if not self._deadlocked:
+                self.report(ScpiError(-430))
+            self._deadlocked = True
 
     def _refuse(self, error: ScpiError) -> None:
         """Report; a command error or a query error also ends the message, an execution error does not."""
@@ -442,6 +469,9 @@ class ScpiEngine:
 
     def _respond(self) -> None:
         replies = self._replies
+        if self._deadlocked:
+            replies.clear()
+            return
         if len(replies) == 1:  # as most have: a waveform of megabytes is copied no more than once
             part = replies[0]
             data = part if isinstance(part, bytes) else part.encode("latin-1")

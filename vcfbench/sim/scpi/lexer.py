@@ -7,6 +7,7 @@ are those the HP manuals give in their examples (34401A User's Guide p. 173-178)
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NoReturn
@@ -18,14 +19,19 @@ if TYPE_CHECKING:
 
 __all__ = ["Kind", "Token", "Unit", "find_message_end", "units"]
 
-_BLANK = " \t\r\x00\x0b\x0c"
+_BLANK = "".join(map(chr, (*range(10), *range(11, 33))))
+"""White space: blank and every control character but the newline (IEEE 488.2, 7.4.1.2)."""
+_DIGITS = "0123456789"
 _MNEMONIC_LIMIT = 12
 _HEADER = re.compile(r"(\*?[A-Za-z][A-Za-z0-9_]*(?::[A-Za-z][A-Za-z0-9_]*)*)(\?)?")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[ \t]*[eE][ \t]*([+-]?[0-9]+))?")
 _SUFFIX = re.compile(r"[ \t]*([A-Za-z%][A-Za-z0-9/.%]*)")
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _BASED = re.compile(r"#(?:[hH]([0-9A-Za-z]*)|[qQ]([0-9A-Za-z]*)|[bB]([0-9A-Za-z]*))")
 _STRING = {'"': re.compile(r'"((?:[^"]|"")*)"'), "'": re.compile(r"'((?:[^']|'')*)'")}
+_LONGEST_MANTISSA = 255
+_LARGEST_EXPONENT = 32000
+_LARGEST = sys.float_info.max
 _FRAME = re.compile(rb"\"[^\"\n]*\"|'[^'\n]*'|#[0-9]|\n")
 _BASES = (16, 8, 2)
 
@@ -55,6 +61,7 @@ class Unit:
     """One program message unit.
 
     `error` ends the message: nothing after it was understood; without mnemonics not even the header was.
+    `rest` is what follows in the message, characters.
     """
 
     mnemonics: tuple[str, ...] = ()
@@ -63,6 +70,7 @@ class Unit:
     common: bool = False
     from_root: bool = False
     error: ScpiError | None = None
+    rest: int = 0
 
 
 def units(text: str) -> Iterator[Unit]:
@@ -114,13 +122,14 @@ def _block_end(data: bytes | bytearray, position: int, digits: int) -> int:
 def _unit(text: str, position: int) -> tuple[Unit, int]:
     try:
         unit, position = _header(text, position)
+        position = _after_header(text, position)
     except ScpiError as error:
         return Unit(error=error), position
     try:
-        tokens, position = _tokens(text, _after_header(text, position))
+        tokens, position = _tokens(text, position)
     except ScpiError as error:
         return replace(unit, error=error), position
-    return replace(unit, tokens=tokens), position
+    return replace(unit, tokens=tokens, rest=len(text) - position), position
 
 
 def _header(text: str, position: int) -> tuple[Unit, int]:
@@ -129,9 +138,10 @@ def _header(text: str, position: int) -> tuple[Unit, int]:
     if match is None:
         _refuse_character(text, position + from_root)
     mnemonics = tuple(match[1].upper().split(":"))
+    common = mnemonics[0].startswith("*")  # after a colon too, which IEEE 488.2, 7.6.1 has not, and boxes take
     _check_mnemonics(mnemonics)
     _check_blanks_around_colon(text, match.end())
-    unit = Unit(mnemonics, query=match[2] is not None, common=mnemonics[0].startswith("*"), from_root=from_root)
+    unit = Unit(mnemonics, query=match[2] is not None, common=common, from_root=from_root)
     return unit, match.end()
 
 
@@ -217,7 +227,7 @@ def _number(text: str, position: int) -> tuple[Token, int]:
     match = _NUMBER.match(text, position)
     if match is None:
         raise ScpiError(-121)
-    _check_digits(match[0])
+    number = _decimal(match[1], match[2] or "0")
     suffix = _SUFFIX.match(text, match.end())
     end = match.end() if suffix is None else suffix.end()
     if end < len(text) and text[end] in "+-.":
@@ -225,29 +235,35 @@ def _number(text: str, position: int) -> tuple[Token, int]:
     unit = "" if suffix is None else suffix[1].upper()
     if len(unit) > _MNEMONIC_LIMIT:
         raise ScpiError(-134)
-    return Token(Kind.NUMBER, match[0], float(match[0]), unit), end
+    return Token(Kind.NUMBER, match[0], number, unit), end
 
 
-def _check_digits(number: str) -> None:
-    mantissa, _, exponent = number.upper().partition("E")
-    if exponent and abs(int(exponent)) > 32000:
+def _decimal(mantissa: str, exponent: str) -> float:
+    """Return the number; -123, -124 beyond what IEEE 488.2, 7.7.2.4 asks for. Infinity is only a word."""
+    if len(exponent.lstrip("+-0")) > len(str(_LARGEST_EXPONENT)) or abs(int(exponent)) > _LARGEST_EXPONENT:
         raise ScpiError(-123)
-    if len(mantissa.lstrip("+-0").replace(".", "")) > 255:
+    if len(mantissa.lstrip("+-0").replace(".", "")) > _LONGEST_MANTISSA:
         raise ScpiError(-124)
+    return min(max(float(f"{mantissa}E{exponent}"), -_LARGEST), _LARGEST)
 
 
 def _hash(text: str, position: int) -> tuple[Token, int]:
-    if text[position + 1 : position + 2].isdigit():
+    if position + 1 < len(text) and text[position + 1] in _DIGITS:
         return _block(text, position)
     match = _BASED.match(text, position)
     if match is None:
         raise ScpiError(-101)
     which = next(index for index, digits in enumerate(match.groups()) if digits is not None)
+    return Token(Kind.NUMBER, match[0], _based(match.groups()[which], _BASES[which])), match.end()
+
+
+def _based(digits: str, base: int) -> float:
+    if len(digits.lstrip("0")) > _LONGEST_MANTISSA:
+        raise ScpiError(-124)
     try:
-        number = int(match.groups()[which], _BASES[which])
+        return float(int(digits, base))
     except ValueError:
         raise ScpiError(-121) from None
-    return Token(Kind.NUMBER, match[0], float(number)), match.end()
 
 
 def _block(text: str, position: int) -> tuple[Token, int]:
@@ -256,7 +272,7 @@ def _block(text: str, position: int) -> tuple[Token, int]:
     if digits == 0:
         return Token(Kind.BLOCK, text[start:]), len(text)
     length = text[position + 2 : start]
-    if not length.isdigit() or len(length) < digits or start + int(length) > len(text):
+    if len(length) < digits or length.strip(_DIGITS) or start + int(length) > len(text):
         raise ScpiError(-161)
     end = start + int(length)
     return Token(Kind.BLOCK, text[start:end]), end

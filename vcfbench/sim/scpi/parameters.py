@@ -158,6 +158,7 @@ class Number(Parameter):
         with_unit: hand over a :class:`Quantity` instead of a float.
         deferred: hand over what was parsed, a number or a Special; the handler settles it with another Number
             (when the limits depend on an earlier parameter).
+        named: whether MIN, MAX and DEF stand for numbers here; a mask or the number of a memory takes no word.
     """
 
     unit: str | tuple[str, ...] = ""
@@ -167,6 +168,7 @@ class Number(Parameter):
     name: str = ""
     with_unit: bool = False
     deferred: bool = False
+    named: bool = True
     suffixes: Mapping[str, Quantity] = field(init=False, repr=False, compare=False)
     specials: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
@@ -177,7 +179,8 @@ class Number(Parameter):
             suffixes |= _suffixes(name)
         specials: dict[str, Any] = {}
         pairs: list[tuple[str, Any]] = [*self.words.items()]
-        pairs += [(special.value, special) for special in Special] if self.limits is not None or self.deferred else []
+        if self.named and (self.limits is not None or self.deferred):
+            pairs += [(special.value, special) for special in Special]
         for word, meaning in pairs:
             specials |= dict.fromkeys(Mnemonic.parse(word).spellings, meaning)
         object.__setattr__(self, "suffixes", suffixes)

@@ -79,7 +79,18 @@ def _alternatives(part: tuple[str, bool]) -> list[tuple[Mnemonic, ...]]:
 class Step:
     """One unit of a compiled message, ready to be executed again and again."""
 
-    __slots__ = ("arguments", "error", "handler", "indefinite", "is_query", "reply", "settling", "takes_s", "urgent")
+    __slots__ = (
+        "arguments",
+        "error",
+        "handler",
+        "indefinite",
+        "is_query",
+        "reply",
+        "rest",
+        "settling",
+        "takes_s",
+        "urgent",
+    )
 
     def __init__(self, handler: Callable[..., Any], arguments: tuple[Any, ...], command: Command, unit: Unit) -> None:
         self.handler = handler
@@ -90,6 +101,7 @@ class Step:
         self.takes_s = command.query_takes_s if unit.query else command.takes_s
         self.indefinite = command.indefinite and unit.query
         self.urgent = command.urgent
+        self.rest = unit.rest
         self.error: ScpiError | None = None
 
     def resolve(self, model: Any) -> list[Any]:
