@@ -61,7 +61,7 @@ _MODELS = {
     "34401A": Model("instruments.hp34401a", "Hp34401A", "MeterErrors"),
     "DSO7104B": Model("instruments.dso7104b", "Dso7104B", "ScopeErrors"),
     "acl": Model("rate_tables.acl", "AclTable", "TableErrors"),
-    "zaber": Model("rate_tables.zaber", "ZaberTable", "TableErrors"),
+    "zaber": Model("rate_tables.zaber", "ZaberTable", "StepperErrors"),
     "atl": Model("rate_tables.atl", "AtlTable", "TableErrors"),
     "esp": Model("rate_tables.esp", "EspTable", "TableErrors"),
     "dd16": Model("rate_tables.dd16", "Dd16Table", "TableErrors"),

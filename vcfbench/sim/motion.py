@@ -247,6 +247,11 @@ class TableMotion:
         """Return the rate at which the profile ends, deg/s; 0 of an oscillation, and with the servo open."""
         return self._goal_deg_s if self._servo_closed else 0.0
 
+    @property
+    def oscillating(self) -> bool:
+        """Whether the profile is an oscillation."""
+        return any(each.terms for each in self._profiles)
+
     def profile_complete(self) -> bool:
         """Tell whether the trapezoid has reached the demand, the oscillation its amplitude."""
         return self._clock.now() >= self._complete_s

@@ -22,7 +22,7 @@ from vcfbench.sim.rate_tables.dd16 import Dd16Table
 from vcfbench.sim.rate_tables.esp import EspTable
 from vcfbench.sim.rate_tables.mn_as import MnAsTable
 from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.rate_tables.zaber import ZaberTable
+from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ class Bench:
     def __init__(self, name: str, **settings: Any) -> None:
         self.clock = AttendedClock(VirtualClock())
         self.world = World(self.clock, BenchParameters.ideal(), 0)
-        self.twin = Muffled(TWINS[name](self.world, errors=TableErrors.none()), self.clock)
+        errors = StepperErrors.none() if name == "zaber" else TableErrors.none()
+        self.twin = Muffled(TWINS[name](self.world, errors=errors), self.clock)
         self.clock.attend(self.twin)
         serial_backend.register("dialects", self.twin, self.clock)  # type: ignore[arg-type]
         told = {**LIMITS, **settings, **({"steps_per_deg": 640000 / 360} if name == "zaber" else {})}

@@ -9,6 +9,7 @@ from vcfbench.clock import VirtualClock, sleep
 
 if TYPE_CHECKING:
     from vcfbench.sim.device import Device
+    from vcfbench.sim.motion import Ripple, Swing
 
 
 class IdealMotion:
@@ -54,6 +55,19 @@ class IdealMotion:
 
     def profile_rate_deg_s(self) -> float:
         return self.rate_deg_s()
+
+    def goal_deg_s(self) -> float:
+        return self._target if self.servo_closed else 0.0
+
+    @property
+    def oscillating(self) -> bool:
+        return False
+
+    def add_ripple(self, *ripples: Ripple) -> None:
+        raise NotImplementedError("an ideal table has no ripple")
+
+    def oscillate(self, swing: Swing) -> None:
+        raise NotImplementedError("an ideal table follows trapezoids only")
 
     def profile_complete(self) -> bool:
         return self.clock.now() - self._t0 >= self._ramp_s()

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.sim.rate_tables.ideal import IdealWorld, exchange, sleep
-from vcfbench.sim.rate_tables.zaber import TableErrors, ZaberTable, longitudinal_redundancy
+from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable, longitudinal_redundancy
 
 
 class Host:
     def __init__(self) -> None:
         self.world = IdealWorld()
-        self.stage = ZaberTable(self.world, TableErrors.none())
+        self.stage = ZaberTable(self.world, StepperErrors.none())
 
     def ask(self, text: str) -> str:
         return exchange(self.stage, self.world.clock, text.encode("latin-1") + b"\n").decode().removesuffix("\r\n")

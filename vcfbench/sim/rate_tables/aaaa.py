@@ -4,12 +4,14 @@ Recovered from a public client: a command is 21 bytes, three times control, posi
 status 23 bytes, five times position and status, and the byte sum. Positions are 24 bits, little-endian, sign and
 magnitude, 1e-4 deg; speeds 16 bits, 0.01 deg/s. There is no rate run: a run is a move towards a position far away, and
 the largest that can be said, +-838.8607 deg, is the end of travel. Unverified: the period of the status, that it comes
-unasked, the acceleration, that positions do not wrap, whether ``AB`` and ``80`` heed position and speed (here not).
+unasked, the acceleration, that positions do not wrap, whether ``AB`` and ``80`` heed position and speed (here not),
+what raises the alarm bit (here an interlock, the over-rate trip, following error, an end of travel; ``AB`` ends it).
 """
 
 from __future__ import annotations
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import SerialTiming
 from vcfbench.sim.rate_tables.stream import FrameDevice, StatusStream
 
@@ -20,22 +22,24 @@ _PERIOD_S = 0.1
 _OUTPUT_MESSAGES = 178
 _HEADER = b"\xaa\xaa"
 _CLOSE, _OPEN, _STOP, _MOVE = 0xAB, 0xAC, 0x80, 0x81
-_CLOSED, _MOVING = 1, 2
+_CLOSED, _MOVING, _ALARM = 1, 2, 0x80
 _PER_DEG = 1e4
 _LARGEST = 0x7FFFFF
+_TRAVEL_DEG = _LARGEST / _PER_DEG + 0.5
+"""Where the switches of the ends of travel are taken to be: a little beyond the last position that can be said."""
 
 
-class AaaaTable(FrameDevice):
+class AaaaTable(Interlocked, FrameDevice):
     """The table: loops open after switching on. One axis turns, the others stay at zero."""
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
         super().__init__(world.clock, _TIMING, header=_HEADER, length=21)
-        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
+        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, travel_deg=_TRAVEL_DEG)
         self._slot = axis - 1
         self._stream = StatusStream(world.clock, _PERIOD_S)
 
     def _advance(self) -> None:
-        self._axis.moves.advance()
+        self._watch()
         status = self._stream.due(self._status)
         if status is not None and len(self._output) < _OUTPUT_MESSAGES:
             self._send(status, 0)
@@ -48,6 +52,7 @@ class AaaaTable(FrameDevice):
 
     def _status(self) -> bytes:
         flags = (_CLOSED if self._axis.enabled else 0) | (_MOVING if self._axis.moving() else 0)
+        flags |= _ALARM if self._axis.latched or self._axis.barred else 0
         slots = [b"\0\0\0\0"] * 5
         slots[self._slot] = _sign_magnitude(self._axis.position_deg()) + bytes([flags])
         body = _HEADER + b"".join(slots)

@@ -14,12 +14,16 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from vcfbench.sim.motion import Swing
 from vcfbench.sim.rate_tables.acl_language import MAX_MESSAGE_CHARS, BadCommand, Request, parse_message
 from vcfbench.sim.rate_tables.axis import Axis, PositionMoves, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import interlock_adjustments
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
+
+    from vcfbench.sim.serve.adjust import Adjustment
 
 __all__ = ["AclTable", "AxisLimits", "Header", "TableErrors"]
 
@@ -54,8 +58,17 @@ _AT_REST_DEG_S = 0.02
 """Measured rate at which an orderly shutdown opens the servo."""
 
 _STB_INTERLOCK, _STB_AXIS, _STB_SUMMARY, _STB_QUEUE = 0x01, 0x02, 0x40, 0x80
-_SOFT_ABORT_BIT, _RATE_TRIP_BIT = 0, 1
-_INTERLOCK_BITS = 16
+_SOFT_ABORT_BIT, _RATE_TRIP_BIT, _TRACKING_BIT = 0, 1, 2
+_INTERLOCK_BITS = {"drive_fault": 6, "door": 7, "emergency_stop": 8, "interlock": 9}
+"""Power-amplifier acknowledgement, inputs 1 and 2 (what they are wired to is the installation's), front panel."""
+_HELD_DEG_S2 = 1e4
+"""How fast an axis that something holds comes to rest (chosen)."""
+_SETTLE_S = 0.15
+"""Pause for the rate loop before a turning axis that was stopped begins to oscillate (chosen)."""
+_TRACK_MS = 1.0
+"""Interval between demands in TRACK mode, if none is given (TM-8004-C 4.7.7)."""
+_TRACK_REACH_S = 0.1
+"""In TRACK mode with a demanded rate the lag in position is made up within this time (chosen)."""
 _UNLIMITED_DEG = 1e9
 
 
@@ -93,6 +106,17 @@ _POWER_ON = AxisLimits(1000.0, 100.0, 1e6)
 _POWER_ON_GLOBAL = _GlobalLimits(-_UNLIMITED_DEG, _UNLIMITED_DEG, 1100.0, 5.0)
 
 
+@dataclass(frozen=True, slots=True)
+class _OscillatorSetup:
+    """Configure:Oscillator (TM-8004-C 4.2.19). Power-on values are chosen; a frequency is taken at once, not slewed."""
+
+    enabled: str = "Disable"
+    amplitude_slew: float = 10.0
+    frequency_slew: float = 1.0
+    amplitude_of: str = "Position"
+    frequency_mode: str = "Linear"
+
+
 @dataclass(slots=True)
 class _Demand:
     """What the host has asked for, used or not."""
@@ -117,6 +141,7 @@ class AclTable(LineDevice):
         self._axis = Axis(world, errors)
         self._moves = PositionMoves(world, self._axis)
         self._header = header
+        self._wired = errors.interlocks
         self.remote_active = True
         """The front panel's ACTIVATE REMOTE; while it is off no command acts, queries do."""
         self._mode = "Off"
@@ -136,20 +161,50 @@ class AclTable(LineDevice):
         self._event_enable = 0
         self._binary = False
         self._inputs = [0.0] * 12
+        self._setup = _OscillatorSetup()
+        self._swing: Swing | None = None
+        self._swing_s = 0.0
+        self._swing_due_s: float | None = None
+        self._track_s = _TRACK_MS / 1e3
+        self._track_due_s: float | None = None
+        self._jammed = False
+        self._at_end = 0
         self._queue: deque[str] = deque(maxlen=64)
         self._commands = self._command_table()
         self._queries = self._query_table()
 
     # --- outside the wire -------------------------------------------------------------------------------------
 
-    def set_interlock(self, bit: int, *, faulty: bool) -> None:
-        """Break or restore interlock `bit` of 0...15 (9: master interlock, the front panel's disable button).
+    def set_interlock(self, cause: str | int, *, faulty: bool) -> None:
+        """Break or restore an interlock: by the name that it has on any table, or bit 0...15 of ours.
 
         A broken one drops the drive at once if the axis is servoed, and stays latched until Interlock:Reset.
+
+        Raises:
+            ValueError: there is none of that name.
         """
-        mask = 1 << bit
+        if isinstance(cause, str) and cause not in _INTERLOCK_BITS:
+            raise ValueError(f"an interlock is one of {', '.join(_INTERLOCK_BITS)}, not {cause!r}")
+        mask = (1 << (_INTERLOCK_BITS[cause] if isinstance(cause, str) else cause)) if self._wired else 0
         self._interlocks_now = self._interlocks_now | mask if faulty else self._interlocks_now & ~mask
         self._advance()
+
+    def jam(self, *, held: bool) -> None:
+        """Hold the axis from outside, or let it go: the tracking error trips while it should turn."""
+        self._jammed = held
+        self._advance()
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return what can be seen and changed of a served table from outside its wire."""
+        return interlock_adjustments(self, self._broken, lambda: self._jammed, self._shut_down_by)
+
+    def _broken(self) -> list[str]:
+        return [cause for cause, bit in _INTERLOCK_BITS.items() if self._interlocks_now >> bit & 1]
+
+    def _shut_down_by(self) -> list[str]:
+        causes = [cause for cause, bit in _INTERLOCK_BITS.items() if self._interlocks_latched >> bit & 1]
+        trips = {_RATE_TRIP_BIT: "over_rate", _TRACKING_BIT: "following_error"}
+        return causes + [cause for bit, cause in trips.items() if self._faults >> bit & 1]
 
     # --- the wire ---------------------------------------------------------------------------------------------
 
@@ -212,13 +267,22 @@ class AclTable(LineDevice):
         self._close_when_due()
         self._check_interlocks()
         self._check_rate()
+        self._check_tracking()
+        self._check_end()
+        self._check_track()
         self._moves.advance()
+        if self._swing_due_s is not None and self._clock.now() >= self._swing_due_s:
+            self._swing_due_s = None
+            self._begin_to_swing()
         if self._aborting and self._motion.profile_complete() and abs(self._axis.rate_deg_s()) <= _AT_REST_DEG_S:
             self._aborting = False
             self._motion.open_servo()
 
     def _own_events_s(self) -> tuple[float, ...]:
-        instants = (self._closing_at_s, self._moves.due_s, self._abort_ends_s(), self._trip_due_s())
+        instants = (
+            *(self._closing_at_s, self._moves.due_s, self._swing_due_s, self._track_due_s),
+            *(self._abort_ends_s(), self._trip_due_s(), self._end_due_s(), self._held_due_s()),
+        )
         return tuple(instant for instant in instants if instant is not None)
 
     def _abort_ends_s(self) -> float | None:
@@ -230,6 +294,8 @@ class AclTable(LineDevice):
     def _trip_due_s(self) -> float | None:
         """Return when the rate may trip: the crossing of a ramp beyond the trip, then poll by poll."""
         goal, trip = self._goal_deg_s(), self._global.trip_deg_s
+        if self._motion.servo_closed and self._motion.oscillating and self._peak_deg_s() > trip:
+            return self._clock.now() + _POLL_S
         if self._aborting or not self._motion.servo_closed or abs(goal) <= trip:
             return None
         if not self._ramp_direction():
@@ -237,6 +303,61 @@ class AclTable(LineDevice):
         along = math.copysign(1.0, goal) * self._motion.profile_rate_deg_s()
         wait = (trip - along) / self._limits[self._mode].acceleration_deg_s2
         return self._clock.now() + max(wait, _POLL_S)
+
+    def _peak_deg_s(self) -> float:
+        """Return the largest rate of the oscillation, deg/s."""
+        return 0.0 if self._swing is None else abs(self._swing.to_deg) * 2 * math.pi * self._swing.frequency_hz
+
+    def _held_due_s(self) -> float | None:
+        if not self._motion.servo_closed or not (self._jammed or self._faults >> _TRACKING_BIT & 1):
+            return None
+        return self._clock.now() + _LAZY_POLL_S
+
+    def _end_due_s(self) -> float | None:
+        """Return when a rate run must begin to brake before an end of travel, if there is one."""
+        rate = self._motion.profile_rate_deg_s()
+        if not self._motion.servo_closed or not rate or math.isinf(self._left_deg(rate)):
+            return None
+        fastest = max(abs(rate), abs(self._goal_deg_s()))
+        return self._clock.now() + max(self._left_deg(rate) / fastest / 2.0, _POLL_S)
+
+    def _left_deg(self, rate_deg_s: float) -> float:
+        """Return the way left until the axis must brake for the end that it turns to, deg; inf where there is none."""
+        end = self._global.high_deg if rate_deg_s > 0.0 else self._global.low_deg
+        acceleration = self._limits[self._mode].acceleration_deg_s2
+        if abs(end) >= _UNLIMITED_DEG or not acceleration:
+            return math.inf
+        braking_deg = rate_deg_s**2 / (2.0 * acceleration) + abs(rate_deg_s) * _POLL_S
+        return (end - self._axis.angle_deg()) * math.copysign(1.0, rate_deg_s) - braking_deg
+
+    def _check_end(self) -> None:
+        """Stop a run at the end of travel: the command processor does not go beyond a position limit."""
+        rate = self._motion.profile_rate_deg_s()
+        if not self._motion.servo_closed or self._moves.active or self._mode not in {"Rate", "Arate"}:
+            return
+        if rate * self._motion.goal_deg_s() > 0.0 and self._left_deg(rate) <= 0.0:
+            self._at_end = 1 if rate > 0.0 else -1
+            self._motion.demand_rate(0.0, self._limits[self._mode].acceleration_deg_s2)
+
+    def _check_track(self) -> None:
+        if self._track_due_s is not None and self._clock.now() >= self._track_due_s:
+            self._track_due_s = None
+            self._mode = "Off"  # TM-8004-C 4.7.7
+            self._follow()
+
+    def _check_tracking(self) -> None:
+        if not self._motion.servo_closed:
+            return
+        if self._faults >> _TRACKING_BIT & 1:
+            if abs(self._axis.rate_deg_s()) <= _AT_REST_DEG_S:
+                self._motion.open_servo()
+        elif self._jammed and self._motion.profile_rate_deg_s() and self._motion.goal_deg_s():
+            self._faults |= 1 << _TRACKING_BIT
+            self._unservo_bit = 7
+            self._aborting = False
+            self._moves.cancel()
+            self._fault("TRACKING ERROR FAULT")
+            self._motion.demand_rate(0.0, _HELD_DEG_S2)
 
     def _goal_deg_s(self) -> float:
         """Return the rate that the profile goes to."""
@@ -292,22 +413,78 @@ class AclTable(LineDevice):
         if limits.acceleration_deg_s2 == 0.0:
             return
         self._moves.cancel()
-        if self._mode == "Position" and limits.rate_deg_s > 0.0:
+        self._swing_due_s = None
+        if self._mode == "Synthesis":
+            self._swing_about_here(limits)
+        elif self._mode == "Track":
+            self._track(limits)
+        elif self._mode == "Position" and limits.rate_deg_s > 0.0:
             self._moves.start(self._nearest_target(), limits.rate_deg_s, limits.acceleration_deg_s2)
         else:
             self._motion.demand_rate(self._profiled_rate(), limits.acceleration_deg_s2)
 
+    def _swing_about_here(self, limits: AxisLimits) -> None:
+        """Oscillate about the present position; a turning axis is stopped first, for it would have no centre."""
+        rate = abs(self._motion.profile_rate_deg_s())
+        if not self._motion.oscillating and rate:
+            self._motion.demand_rate(0.0, limits.acceleration_deg_s2)
+            self._swing_due_s = self._clock.now() + rate / limits.acceleration_deg_s2 + _SETTLE_S
+        else:
+            self._begin_to_swing()
+
+    def _begin_to_swing(self) -> None:
+        now, going = self._clock.now(), self._swing if self._motion.oscillating else None
+        magnitude, frequency, phase = self._demand.oscillator
+        slew = self._setup.amplitude_slew / self._per_degree(frequency)
+        present, phase_rad = (0.0, math.radians(phase)) if going is None else _state_of(going, now - self._swing_s)
+        self._swing = Swing(present, self._amplitude_deg(magnitude, frequency), slew, frequency, phase_rad)
+        self._swing_s = now
+        self._motion.oscillate(self._swing)
+
+    def _per_degree(self, frequency_hz: float) -> float:
+        """Return how much of the regulated state a degree of amplitude is."""
+        power = {"Position": 0, "Rate": 1, "Acceleration": 2}[self._setup.amplitude_of]
+        return (2 * math.pi * frequency_hz) ** power if frequency_hz else 1.0
+
+    def _amplitude_deg(self, magnitude: float, frequency_hz: float) -> float:
+        """Return the amplitude that the limits of SYNTHESIS mode leave of what was demanded, deg."""
+        limits, turning = self._limits["Synthesis"], 2 * math.pi * frequency_hz
+        if not turning:
+            return 0.0  # a sinusoid of frequency 0 is a constant
+        most = min(limits.rate_deg_s / turning, limits.acceleration_deg_s2 / turning**2)
+        return max(-most, min(most, magnitude / self._per_degree(frequency_hz)))
+
+    def _track(self, limits: AxisLimits) -> None:
+        """Go to the demanded state; the real profile is time-optimal, this one makes up its lag in a set time."""
+        rate = self._demand.rate_deg_s
+        if rate == 0.0 and limits.rate_deg_s > 0.0:
+            self._moves.start(self._nearest_target(), limits.rate_deg_s, limits.acceleration_deg_s2)
+            return
+        wanted = rate + (self._nearest_target() - self._axis.angle_deg()) / _TRACK_REACH_S
+        wanted = max(-limits.rate_deg_s, min(limits.rate_deg_s, wanted))
+        self._motion.demand_rate(wanted, limits.acceleration_deg_s2)
+
     def _nearest_target(self) -> float:
         """Return the accumulated angle nearest to the present one that shows the demanded position (shortest path)."""
         present = self._axis.angle_deg()
-        return present + math.remainder(self._demand.position_deg - present, 360.0)
+        target = present + math.remainder(self._demand.position_deg - present, 360.0)
+        return max(self._global.low_deg, min(self._global.high_deg, target))
 
     def _follow_position(self) -> None:
-        if self._mode == "Position":
+        if self._mode == "Track":
+            self._demand.rate_deg_s = 0.0
+            self._keep_tracking()
+        if self._mode in {"Position", "Track"}:
             self._follow()
+
+    def _keep_tracking(self) -> None:
+        """Begin to wait for the next demand: the first one after the mode starts the test (TM-8004-C 4.7.7)."""
+        self._track_due_s = self._clock.now() + self._track_s if self._track_s else None
 
     def _profiled_rate(self) -> float:
         if self._mode not in {"Rate", "Arate"}:
+            return 0.0
+        if self._demand.rate_deg_s * self._at_end > 0.0:
             return 0.0
         limit = self._limits[self._mode].rate_deg_s
         return max(-limit, min(limit, self._demand.rate_deg_s))
@@ -316,6 +493,7 @@ class AclTable(LineDevice):
 
     def _command_table(self) -> dict[str, Callable[[tuple[str, ...]], None]]:
         return {
+            "Configure:Oscillator": self._configure_oscillator,
             "Demand:Rate": self._demand_rate,
             "Demand:Position": self._demand_position,
             "Demand:DeltaPosition": self._demand_delta,
@@ -351,7 +529,9 @@ class AclTable(LineDevice):
 
     def _select(self, mode: str, arguments: tuple[str, ...]) -> None:
         _axis(arguments, most=2 if mode == "Track" else 1)
-        self._mode = mode
+        if mode == "Track":
+            self._track_s = _interval_ms(arguments[1] if len(arguments) == 2 else None) / 1e3
+        self._mode, self._track_due_s = mode, None
         self._follow()
 
     def _set_mode(self, arguments: tuple[str, ...]) -> None:
@@ -362,6 +542,7 @@ class AclTable(LineDevice):
 
     def _demand_rate(self, arguments: tuple[str, ...]) -> None:
         (self._demand.rate_deg_s,) = _axis_values(arguments, 1)
+        self._at_end = 0 if self._demand.rate_deg_s * self._at_end <= 0.0 else self._at_end
         if self._mode in {"Rate", "Arate"}:
             self._follow()
 
@@ -382,6 +563,24 @@ class AclTable(LineDevice):
         if frequency < 0.0:
             raise _Refusal(_OUT_OF_RANGE)
         self._demand.oscillator = (amplitude, frequency, phase)
+        if self._mode == "Synthesis":
+            self._follow()
+
+    def _configure_oscillator(self, arguments: tuple[str, ...]) -> None:
+        axis, enabled, amplitude, frequency, amplitude_of, frequency_mode = _count(arguments, 6)
+        _axis((axis,))
+        slews = _number(amplitude), _number(frequency)
+        if min(slews) <= 0.0:
+            raise _Refusal(_OUT_OF_RANGE)
+        state = _word(amplitude_of, ("Position", "Rate", "Acceleration"))
+        mode = _word(frequency_mode, ("Linear", "Logarithmic"))
+        self._setup = _OscillatorSetup(_word(enabled, ("Enable", "Disable")), *slews, state, mode)
+
+    def _ask_setup(self, arguments: tuple[str, ...]) -> str:
+        _axis(arguments, everything=False)
+        setup = self._setup
+        slews = _decimal(setup.amplitude_slew), _decimal(setup.frequency_slew)
+        return ",".join((setup.enabled, *slews, setup.amplitude_of, setup.frequency_mode))
 
     def _demand_input(self, arguments: tuple[str, ...]) -> None:
         register, value = _count(arguments, 2)
@@ -392,7 +591,9 @@ class AclTable(LineDevice):
         self._demand.position_deg, self._demand.rate_deg_s = values[:2]
         if size == 3:
             self._demand.acceleration_deg_s2 = values[2]
-        if self._mode in {"Rate", "Arate", "Position"}:
+        if self._mode == "Track":
+            self._keep_tracking()
+        if self._mode in {"Rate", "Arate", "Position", "Track"}:
             self._follow()
 
     def _interlock_close(self, arguments: tuple[str, ...]) -> None:
@@ -474,6 +675,7 @@ class AclTable(LineDevice):
             "*SRE": lambda _: str(self._service_enable),
             "*ESE": lambda _: str(self._event_enable),
             "*ESR": lambda _: "0",
+            "Configure:Oscillator": self._ask_setup,
             "Demand:Rate": lambda a: self._of_axis(a, (self._demand.rate_deg_s, _RATE)),
             "Demand:Position": lambda a: self._of_axis(a, (self._demand.position_deg, _ANGLE)),
             "Demand:DeltaPosition": lambda a: self._of_axis(a, (self._demand.delta_deg, _ANGLE)),
@@ -640,8 +842,12 @@ class AclTable(LineDevice):
         direction, complete = self._ramp_direction(), self._motion.profile_complete()
         limited = self._mode in {"Rate", "Arate"} and complete and self._demand.rate_deg_s != self._profiled_rate()
         rate_bit = 4 if self._demand.rate_deg_s > 0 else 5
-        arrived = self._mode == "Position" and complete and not self._moves.active
-        return (direction > 0) << 2 | (direction < 0) << 3 | limited << rate_bit | arrived << 8 | complete << 9
+        arrived = self._mode in {"Position", "Track"} and complete and not self._moves.active
+        ends = (self._at_end > 0) << 6 | (self._at_end < 0) << 7
+        swings = self._motion.oscillating
+        synthesizer = (swings and complete) << 10 | swings << 11
+        profiler = arrived << 8 | (complete and not swings) << 9
+        return (direction > 0) << 2 | (direction < 0) << 3 | limited << rate_bit | ends | profiler | synthesizer
 
 
 # --- arguments and replies ------------------------------------------------------------------------------------
@@ -713,6 +919,21 @@ def _number(text: str) -> float:
     if abs(value) > 1e30:
         raise _Refusal(_OUT_OF_RANGE)
     return value
+
+
+def _interval_ms(text: str | None) -> float:
+    """Return the interval of TRACK mode, ms; 0 is no test."""
+    value = _TRACK_MS if text is None else _number(text)
+    if not 0.0 <= value <= 65535.0:
+        raise _Refusal(_OUT_OF_RANGE)
+    return value
+
+
+def _state_of(swing: Swing, elapsed_s: float) -> tuple[float, float]:
+    """Return amplitude (deg) and phase (rad) that an oscillation has reached."""
+    share = min(elapsed_s / swing.lasts_s, 1.0) if swing.lasts_s else 1.0
+    reached = swing.from_deg + share * (swing.to_deg - swing.from_deg)
+    return reached, swing.phase_rad + 2 * math.pi * swing.frequency_hz * elapsed_s
 
 
 def _integer(text: str, low: int, high: int) -> int:

@@ -17,6 +17,7 @@ MAX_MESSAGE_CHARS = 32768
 """Longest message; a longer one overflows the read buffer and is lost (TM-8004-C 2.5)."""
 
 COMMANDS = (
+    "Configure:Oscillator",
     "Demand:Rate",
     "Demand:Position",
     "Demand:Acceleration",

@@ -1,7 +1,8 @@
 """The axis of a simulated rate table as its controller sees it: true motion through encoder and read-back.
 
-The true motion and its errors (servo loop, mean-rate error, wow) belong to the World's table; here are the errors
-of what the controller *says*, which is what a driver reads.
+The true motion and its errors (servo loop, mean-rate error, wow, flutter) belong to the World's table; here are the
+errors of what the controller *says*, which is what a driver reads, and what shuts an axis down by itself: interlocks,
+the over-rate trip, ends of travel, a stalled motor.
 """
 
 from __future__ import annotations
@@ -10,12 +11,31 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from vcfbench.sim.motion import Swing
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy as np
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.motion import Ripple
 
-__all__ = ["Axis", "Motion", "PositionMoves", "ServoAxis", "TableErrors", "TableWorld"]
+__all__ = ["INTERLOCKS", "Axis", "Motion", "PositionMoves", "ServoAxis", "TableErrors", "TableWorld"]
+
+INTERLOCKS = ("interlock", "door", "emergency_stop", "drive_fault")
+"""What can break the current that must flow for a drive to be on: master interlock, door switch, emergency stop, and
+the power amplifier's own acknowledgement."""
+_POLL_S = 0.002
+"""How often the measured rate is looked at when it decides what happens next."""
+_LAZY_POLL_S = 0.05
+"""The same at constant rate."""
+_AT_REST_DEG_S = 0.02
+"""Measured rate at which an axis that is held is let go by its drive: what holds it goes on holding it."""
+_SELDOM_S = 0.25
+"""The same on the way there: the table may be turned by another hand than the controller's."""
+_LOCKED_DEG_S2 = 1e4
+"""How fast an axis that is held, or has lost its steps, comes to rest (chosen)."""
 
 _REACHED_DEG = 1e-4
 _SETTLE_S = 0.15
@@ -58,8 +78,25 @@ class Motion(Protocol):
         """Return the profiled rate now."""
         ...
 
+    def goal_deg_s(self) -> float:
+        """Return the rate at which the profile ends."""
+        ...
+
     def profile_complete(self) -> bool:
         """Tell whether the profile has reached the demand."""
+        ...
+
+    @property
+    def oscillating(self) -> bool:
+        """Tell whether the profile is an oscillation."""
+        ...
+
+    def add_ripple(self, *ripples: Ripple) -> None:
+        """Let the table have more ripple from the next command on."""
+        ...
+
+    def oscillate(self, swing: Swing) -> None:
+        """Oscillate from now on about where the table stands."""
         ...
 
 
@@ -79,7 +116,7 @@ class TableWorld(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TableErrors:
-    """Imperfections of the read-back of one specimen; zero switches each off.
+    """Imperfections of the read-back of one specimen; zero switches each off. And what shuts it down by itself.
 
     Raises:
         ValueError: delay or estimate would look further back than the motion is remembered.
@@ -97,6 +134,11 @@ class TableErrors:
     """Age of what the controller says, s, at most 0.5 s (chosen; unverified for every table)."""
     rate_estimate_s: float = 0.0
     """Time over which the rate is estimated from the encoder's angle, s, at most 0.5 s (chosen; unverified)."""
+
+    over_rate_trip_deg_s: float = 1100.0
+    """Measured rate beyond which the axis shuts down, deg/s; 0 never. ACL has its own limit instead, Vtrip (chosen)."""
+    interlocks: bool = True
+    """Whether the axis has interlocks (door, emergency stop, drive fault, master), which drop the drive when broken."""
 
     def __post_init__(self) -> None:
         """Refuse times that are none."""
@@ -206,43 +248,170 @@ class PositionMoves:
 
 
 class ServoAxis(Axis):
-    """An axis whose controller knows one acceleration and runs at a commanded rate while its drive is on."""
+    """An axis whose controller knows one acceleration and runs at a commanded rate while its drive is on.
 
-    def __init__(self, world: TableWorld, errors: TableErrors, acceleration_deg_s2: float) -> None:
+    What shuts it down by itself is in `latched`, by name: those of `INTERLOCKS`, ``over_rate``, ``following_error``,
+    ``travel`` and ``stalled``; the last two bring it to rest with its drive on. Interlocks are looked at while the
+    drive is on, drop it at once, and bar it as long as they are broken. A number of `pull_out_deg_s` makes its motor a
+    stepping motor, which loses its steps beyond that rate (0 never) and when held; a servo trips on following error.
+    """
+
+    def __init__(
+        self,
+        world: TableWorld,
+        errors: TableErrors,
+        acceleration_deg_s2: float,
+        *,
+        travel_deg: float = math.inf,
+        pull_out_deg_s: float | None = None,
+    ) -> None:
         super().__init__(world, errors)
         self._motion = world.table
+        self._clock = world.clock
         self.acceleration_deg_s2 = acceleration_deg_s2
         self.moves = PositionMoves(world, self)
         self._zero_deg = 0.0
+        self._travel_deg = travel_deg
+        self._stepping = pull_out_deg_s is not None
+        self._pull_out_deg_s = pull_out_deg_s or math.inf
+        self._trip_deg_s = errors.over_rate_trip_deg_s or math.inf
+        self._wired = errors.interlocks
+        self.broken: set[str] = set()
+        self.jammed = False
+        """Whether something holds the axis."""
+        self.latched: list[str] = []
 
     @property
     def enabled(self) -> bool:
         """Tell whether the drive is on."""
         return self._motion.servo_closed
 
-    def enable(self) -> None:
-        """Switch the drive on, at rest."""
-        if not self.enabled:
-            self._motion.close_servo()
-            self.run(0.0)
+    @property
+    def barred(self) -> bool:
+        """Tell whether a broken interlock keeps the drive off."""
+        return self._wired and bool(self.broken)
+
+    def enable(self) -> bool:
+        """Switch the drive on, at rest, and forget what had shut it down; return whether it is on."""
+        if not self.barred:
+            self.latched.clear()
+            if not self.enabled:
+                self._motion.close_servo()
+                self.run(0.0)
+        return self.enabled
 
     def disable(self) -> None:
         """Switch the drive off; the table coasts."""
         self.moves.cancel()
         self._motion.open_servo()
 
+    def set_interlock(self, cause: str, *, faulty: bool) -> None:
+        """Break or restore one of `INTERLOCKS`.
+
+        Raises:
+            ValueError: there is none of that name.
+        """
+        if cause not in INTERLOCKS:
+            raise ValueError(f"an interlock is one of {', '.join(INTERLOCKS)}, not {cause!r}")
+        (self.broken.add if faulty else self.broken.discard)(cause)
+        self.advance()
+
+    def jam(self, *, held: bool) -> None:
+        """Hold the axis from outside, or let it go."""
+        self.jammed = held
+        self.advance()
+
+    def clear_latched(self) -> None:
+        """Forget what had shut it down."""
+        self.latched.clear()
+
+    def advance(self) -> None:
+        """Do what is due of a move, and what must happen by itself."""
+        self.moves.advance()
+        if not self.enabled:
+            return
+        if self.barred:
+            self._shut_down(*(cause for cause in INTERLOCKS if cause in self.broken))
+        elif self._overrun():
+            self._shut_down("over_rate")
+        elif self._beyond_travel():
+            self._halt("travel")
+        elif self._out_of_step():
+            self._halt("stalled" if self._stepping else "following_error")
+        elif "following_error" in self.latched and abs(self.rate_deg_s()) <= _AT_REST_DEG_S:
+            self.disable()
+
+    def _shut_down(self, *causes: str) -> None:
+        self._latch(*causes)
+        self.disable()
+
+    def _latch(self, *causes: str) -> None:
+        self.latched += [cause for cause in causes if cause not in self.latched]
+
+    def _halt(self, cause: str) -> None:
+        """Come to rest with the drive on."""
+        self._latch(cause)
+        self.moves.cancel()
+        self._motion.demand_rate(0.0, self.acceleration_deg_s2 if cause == "travel" else _LOCKED_DEG_S2)
+
+    def _overrun(self) -> bool:
+        return abs(self.rate_deg_s()) > self._trip_deg_s
+
+    def _beyond_travel(self) -> bool:
+        """Tell whether the axis goes on outwards beyond an end of its travel."""
+        position = self.position_deg()
+        return (
+            abs(position) > self._travel_deg
+            and position * self._motion.profile_rate_deg_s() > 0.0
+            and (position * self._motion.goal_deg_s() > 0.0 or self._motion.oscillating)
+        )
+
+    def _out_of_step(self) -> bool:
+        rate = abs(self._motion.profile_rate_deg_s())
+        return rate > 0.0 and (rate > self._pull_out_deg_s or self.jammed) and self._motion.goal_deg_s() != 0.0
+
     def run(self, rate_deg_s: float) -> None:
         """Ramp to a rate."""
         self.moves.cancel()
         self._motion.demand_rate(rate_deg_s, self.acceleration_deg_s2)
+        self.advance()
+
+    def oscillate(self, amplitude_deg: float, frequency_hz: float, phase_rad: float = 0.0) -> None:
+        """Oscillate about where the axis stands, at rest; the amplitude grows within two periods (unverified)."""
+        self.moves.cancel()
+        slew_deg_s = amplitude_deg * frequency_hz / 2.0
+        self._motion.oscillate(Swing(0.0, amplitude_deg, slew_deg_s, frequency_hz, phase_rad))
 
     def go_to(self, position_deg: float, rate_deg_s: float) -> None:
         """Move to a position, counted from the zero that was set."""
         self.moves.start(position_deg + self._zero_deg, rate_deg_s, self.acceleration_deg_s2)
 
     def own_events_s(self) -> tuple[float, ...]:
-        """Return when the next command of a move is due."""
-        return () if self.moves.due_s is None else (self.moves.due_s,)
+        """Return when the next command of a move is due, and when something may shut the axis down."""
+        return (*(() if self.moves.due_s is None else (self.moves.due_s,)), *self._watches_s())
+
+    def _watches_s(self) -> Iterator[float]:
+        """Yield when to look again, if the axis is on its way to where it must not be."""
+        if not self.enabled:
+            return
+        now, goal = self._clock.now(), self._motion.goal_deg_s()
+        fastest = 0.0 if self.jammed else min(self._trip_deg_s, self._pull_out_deg_s)
+        if "following_error" in self.latched:
+            yield now + _POLL_S
+        if abs(goal) > fastest:
+            yield now + self._crossing_s(goal, fastest)
+        if self._motion.oscillating and math.isfinite(min(fastest, self._travel_deg)):
+            yield now + _POLL_S
+        left = self._travel_deg - math.copysign(1.0, goal) * self.position_deg()
+        if goal and math.isfinite(left):
+            yield now + max(left / max(abs(goal), abs(self._motion.profile_rate_deg_s())), _POLL_S)
+
+    def _crossing_s(self, goal_deg_s: float, rate_deg_s: float) -> float:
+        """Return the time until the profile passes `rate_deg_s`, from when on the measured rate is polled, s."""
+        if self._motion.profile_complete():
+            return _LAZY_POLL_S
+        along = math.copysign(1.0, goal_deg_s) * self._motion.profile_rate_deg_s()
+        return min(max((rate_deg_s - along) / self.acceleration_deg_s2, _POLL_S), _SELDOM_S)
 
     def change_acceleration(self, acceleration_deg_s2: float) -> None:
         """Take another acceleration for the ramps that follow; the running one keeps its own."""
@@ -250,7 +419,13 @@ class ServoAxis(Axis):
 
     def moving(self) -> bool:
         """Tell whether a move is under way, or the profile turns or ramps."""
-        return self.moves.active or not self._motion.profile_complete() or self._motion.profile_rate_deg_s() != 0.0
+        motion = self._motion
+        return (
+            self.moves.active
+            or not motion.profile_complete()
+            or motion.oscillating
+            or motion.profile_rate_deg_s() != 0.0
+        )
 
     def position_deg(self) -> float:
         """Return the measured angle from the zero that was set, deg."""

@@ -12,6 +12,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import SerialTiming
 from vcfbench.sim.rate_tables.stream import FrameDevice
 
@@ -28,7 +29,7 @@ _AT_POSITION, _AT_RATE, _STOPPED = 1, 2, 4
 _HOMING_DEG_S = 20.0
 
 
-class Dd16Table(FrameDevice):
+class Dd16Table(Interlocked, FrameDevice):
     """The table: power off and nobody connected after switching on."""
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
@@ -61,7 +62,7 @@ class Dd16Table(FrameDevice):
         }
 
     def _advance(self) -> None:
-        self._axis.moves.advance()
+        self._watch()
         if self._homing == 1 and not self._axis.moving():
             self._homing = 2
 
@@ -84,6 +85,9 @@ class Dd16Table(FrameDevice):
         if command is not None:
             command(data)
         return None
+
+    def _noticed(self, _cause: str, /) -> None:
+        self._running = 0  # the language has no word for what shut it down: it stands, its run is over
 
     def _link(self, function: int) -> bytes | None:
         if function == 0x55:

@@ -11,6 +11,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
@@ -21,14 +22,20 @@ __all__ = ["EspTable", "TableErrors"]
 _TIMING = SerialTiming(baud=19200.0, processing_s=0.002)
 _COMMAND = re.compile(r"(\d*)([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
 _UNKNOWN, _RANGE, _AXIS = 6, 7, 37
-_AXIS_RANGE, _NOT_ENABLED = 101, 113
+_INTERLOCK, _AXIS_RANGE, _NOT_ENABLED = 29, 101, 113
+_SHUT_DOWN = {"drive_fault": 102, "following_error": 103, "over_rate": 110}
+"""Errors of what shuts axis 1 down by itself; anything else is the interlock."""
 _WORDS = {
     0: "NO ERROR DETECTED",
     _UNKNOWN: "COMMAND DOES NOT EXIST",
     _RANGE: "PARAMETER OUT OF RANGE",
     _AXIS: "AXIS NUMBER MISSING",
     9: "AXIS NUMBER OUT OF RANGE",
+    _INTERLOCK: "DIGITAL I/O INTERLOCK DETECTED",
     _AXIS_RANGE: "PARAMETER OUT OF RANGE",
+    102: "AXIS-1 AMPLIFIER FAULT DETECTED",
+    103: "AXIS-1 FOLLOWING ERROR THRESHOLD EXCEEDED",
+    110: "AXIS-1 MAXIMUM VELOCITY EXCEEDED",
     _NOT_ENABLED: "AXIS-1 MOTOR NOT ENABLED",
 }
 _MAX_RATE_DEG_S = 400.0
@@ -41,7 +48,7 @@ class _Refused(Exception):
         self.number = number
 
 
-class EspTable(LineDevice):
+class EspTable(Interlocked, LineDevice):
     """The controller; motor off after power-up. Errors go to a queue read by TE? or TB?."""
 
     def __init__(self, world: TableWorld, errors: TableErrors) -> None:
@@ -78,10 +85,14 @@ class EspTable(LineDevice):
         }
 
     def _advance(self) -> None:
-        self._axis.moves.advance()
+        self._watch()
 
     def _own_events_s(self) -> tuple[float, ...]:
         return self._axis.own_events_s()
+
+    def _noticed(self, cause: str, /) -> None:
+        self._direction = 0
+        self._errors.append(_SHUT_DOWN.get(cause, _INTERLOCK))
 
     def _answer(self, message: bytes) -> bytes | None:
         replies = []
@@ -122,8 +133,9 @@ class EspTable(LineDevice):
     def _motor_on(self, value: str) -> str | None:
         if value == "?":
             return str(int(self._axis.enabled))
-        self._axis.enable()
         self._direction = 0
+        if not self._axis.enable():
+            raise _Refused(_SHUT_DOWN.get(min(self._axis.broken), _INTERLOCK))
         return None
 
     def _motor_off(self, value: str) -> str | None:

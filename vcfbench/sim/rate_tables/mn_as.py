@@ -12,6 +12,7 @@ import re
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class _Refused(Exception):
     """A message that the table does not take."""
 
 
-class MnAsTable(LineDevice):
+class MnAsTable(Interlocked, LineDevice):
     """The table: local control, servo off after switching on."""
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
@@ -61,7 +62,7 @@ class MnAsTable(LineDevice):
         }
 
     def _advance(self) -> None:
-        self._axis.moves.advance()
+        self._watch()
 
     def _own_events_s(self) -> tuple[float, ...]:
         return self._axis.own_events_s()
@@ -97,7 +98,8 @@ class MnAsTable(LineDevice):
     def _enable(self) -> None:
         if not self._remote:
             raise _Refused
-        self._axis.enable()
+        if not self._axis.enable():
+            raise _Refused
 
     def _home(self) -> None:
         self._require_servo()

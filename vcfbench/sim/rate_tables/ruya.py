@@ -4,7 +4,8 @@ Recovered from a public client. Commands ``$1<...>``, status ``$1<alarm><state><
 are a direction digit (0 clockwise, 1 counter-clockwise) and a magnitude; motion is taken up only in state 1. The
 World's angle is counter-clockwise positive; the table's is taken to be clockwise positive, as the client negates.
 Unverified: the period of the status, the sign of its angle, that ``st`` decelerates as the run accelerated, that the
-angle of ``$12`` is turned from where the table stands. The sine run (``$14``) is not simulated: it is ignored.
+angle of ``$12`` is turned from where the table stands, how fast the amplitude of a sine run (``$14``) grows, that the
+status says 7 from when on it is reached, that a run is refused whose rate or acceleration is beyond the table's.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import re
 from enum import IntEnum
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 from vcfbench.sim.rate_tables.stream import StatusStream
 
@@ -26,7 +28,9 @@ _OUTPUT_MESSAGES = 200
 _RATE = re.compile(r"3([01])(\d{4})(\d{4}\.\d{4})")
 _POSITION = re.compile(r"2([01])(\d{4})(\d{4}\.\d{4})(\d{3}\.\d{4})")
 _TURNS = re.compile(r"5([01])(\d{4})(\d{4}\.\d{4})(\d{3}\.\d{4})(\d{2})")
+_SINE = re.compile(r"4(\d{3}\.\d{4})(\d{2}\.\d{3})")
 _HOMING_DEG_S = 20.0
+_MOST_DEG_S, _MOST_DEG_S2 = 1000.0, 1000.0
 
 
 class _State(IntEnum):
@@ -36,6 +40,8 @@ class _State(IntEnum):
     POSITION_RUN = 3
     RATE_RUN = 4
     RATE_STEADY = 5
+    SINE_RUN = 6
+    SINE_STEADY = 7
     STOPPING = 8
     MULTI_TURN = 9
 
@@ -43,7 +49,7 @@ class _State(IntEnum):
 _MOVES = (_State.HOMING, _State.POSITION_RUN, _State.MULTI_TURN)
 
 
-class RuyaTable(LineDevice):
+class RuyaTable(Interlocked, LineDevice):
     """The table: released after switching on."""
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
@@ -56,7 +62,7 @@ class RuyaTable(LineDevice):
         self._stream = StatusStream(world.clock, _PERIOD_S)
 
     def _advance(self) -> None:
-        self._axis.moves.advance()
+        self._watch()
         self._change_state()
         status = self._stream.due(self._status)
         if status is not None and len(self._output) < _OUTPUT_MESSAGES:
@@ -65,10 +71,15 @@ class RuyaTable(LineDevice):
     def _own_events_s(self) -> tuple[float, ...]:
         return (*self._axis.own_events_s(), self._stream.due_s)
 
+    def _noticed(self, _cause: str, /) -> None:
+        self._state = _State.RELEASED
+
     def _change_state(self) -> None:
         table = self._world.table
         if self._state is _State.RATE_RUN and table.profile_complete():
             self._state = _State.RATE_STEADY
+        elif self._state is _State.SINE_RUN and table.profile_complete():
+            self._state = _State.SINE_STEADY
         elif (self._state is _State.STOPPING and table.profile_complete()) or (
             self._state in _MOVES and not self._axis.moving()
         ):
@@ -78,7 +89,8 @@ class RuyaTable(LineDevice):
         self._sequence = (self._sequence + 1) % 100
         angle_deg = math.fmod(-self._axis.position_deg(), 360.0)
         shown = angle_deg + 720.0 if angle_deg < 0.0 else angle_deg
-        return f"{self._start}0{self._state:d}{self._sequence:02d}{shown + 0.0:08.4f}\r\n".encode("ascii")
+        alarm = int(self._axis.barred or bool(self._axis.latched))
+        return f"{self._start}{alarm}{self._state:d}{self._sequence:02d}{shown + 0.0:08.4f}\r\n".encode("ascii")
 
     def _answer(self, message: bytes) -> bytes | None:
         text = message.decode("latin-1")
@@ -98,8 +110,7 @@ class RuyaTable(LineDevice):
             self._move(command)
 
     def _hold(self) -> None:
-        if self._state is _State.RELEASED:
-            self._axis.enable()
+        if self._state is _State.RELEASED and self._axis.enable():
             self._state = _State.STOPPING
 
     def _stop(self) -> None:
@@ -113,10 +124,19 @@ class RuyaTable(LineDevice):
             self._axis.go_to(0.0, _HOMING_DEG_S)
         elif found := _RATE.fullmatch(command):
             self._run(*found.groups())
+        elif found := _SINE.fullmatch(command):
+            self._oscillate(*found.groups())
         elif found := _TURNS.fullmatch(command):
             self._turn(_State.MULTI_TURN, *found.groups())
         elif found := _POSITION.fullmatch(command):
             self._turn(_State.POSITION_RUN, *found.groups())
+
+    def _oscillate(self, amplitude: str, frequency: str) -> None:
+        amplitude_deg, turning = float(amplitude), 2.0 * math.pi * float(frequency)
+        slow = amplitude_deg * turning <= _MOST_DEG_S and amplitude_deg * turning**2 <= _MOST_DEG_S2
+        if amplitude_deg > 0.0 and turning > 0.0 and slow:
+            self._state = _State.SINE_RUN
+            self._axis.oscillate(amplitude_deg, float(frequency))
 
     def _accelerate(self, digits: str) -> bool:
         if not 1 <= int(digits) <= 1000:

@@ -8,18 +8,24 @@ the stage's microsteps and limits.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
+from vcfbench.sim.motion import Ripple
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["TableErrors", "ZaberTable", "longitudinal_redundancy"]
+    import numpy as np
+
+__all__ = ["StepperErrors", "ZaberTable", "longitudinal_redundancy"]
 
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.002)
+_MICROSTEPS = 64
+"""Of a full step (the devices' default)."""
 _VELOCITY_UNIT = 1.6384
 _ACCELERATION_UNIT = 1.6384e-4
 _REQUEST = re.compile(r"/(?:\s*(\d+)(?:\s+(\d+)(?:\s+(\d+))?)?)?(?:\s*([A-Za-z].*?))?\s*")
@@ -33,6 +39,31 @@ class _Request:
     words: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class StepperErrors(TableErrors):
+    """Imperfections of a stage with a stepping motor; zero switches each off."""
+
+    step_error_arcsec: float = 0.0
+    """Angle error once in each full step, arcsec (chosen: 1 % of the rate, as such stages have; unverified)."""
+    pull_out_deg_s: float = 0.0
+    """Rate beyond which the motor loses its steps and stalls, deg/s; 0 never (chosen, unverified)."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> StepperErrors:
+        """Return a specimen: the read-back as of any table, and the steps of its motor."""
+        told = {each.name: getattr(TableErrors.drawn(rng), each.name) for each in fields(TableErrors)}
+        return cls(**told, step_error_arcsec=0.2, pull_out_deg_s=600.0)
+
+
+_FLAGS = {
+    "FH": {"emergency_stop", "interlock", "door"},
+    "FD": {"drive_fault", "over_rate", "following_error"},
+    "FS": {"stalled"},
+    "FE": {"travel"},
+}
+"""Warning flags and what raises them; which of ours belongs to which is chosen."""
+
+
 class _Rejected(Exception):
     """A command that the device refuses; the text is its reason."""
 
@@ -42,15 +73,24 @@ def longitudinal_redundancy(text: str) -> str:
     return f"{-sum(text.encode('latin-1')) & 0xFF:02X}"
 
 
-class ZaberTable(LineDevice):
+class ZaberTable(Interlocked, LineDevice):
     """The stage; the drive is on after power-up."""
 
-    def __init__(self, world: TableWorld, errors: TableErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
+    def __init__(self, world: TableWorld, errors: StepperErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=256)
-        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
+        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, pull_out_deg_s=errors.pull_out_deg_s)
+        if errors.step_error_arcsec:
+            steps_per_turn = round(microsteps_per_deg * 360.0 / _MICROSTEPS)
+            world.table.add_ripple(Ripple(errors.step_error_arcsec, steps_per_turn))
         self._axis.enable()
         self._per_deg = microsteps_per_deg
-        self._settings = {"deviceid": 50081, "serial": 12345, "version": 7.33, "system.axiscount": 1}
+        self._settings = {
+            "deviceid": 50081,
+            "system.serial": 12345,
+            "serial": 12345,
+            "version": 7.33,
+            "system.axiscount": 1,
+        }
         self._max_speed_deg_s = 450.0
         self._checksums = False
         self._actions: dict[str, Callable[[tuple[str, ...]], str]] = {
@@ -65,7 +105,7 @@ class ZaberTable(LineDevice):
         }
 
     def _advance(self) -> None:
-        self._axis.moves.advance()
+        self._watch()
 
     def _own_events_s(self) -> tuple[float, ...]:
         return self._axis.own_events_s()
@@ -103,7 +143,14 @@ class ZaberTable(LineDevice):
         return action(request.words[1:])
 
     def _warning(self) -> str:
-        return "--" if self._axis.enabled else "FO"
+        return next(iter(self._flags()), "--")
+
+    def _flags(self) -> list[str]:
+        """Return the warning flags that are up, the gravest first."""
+        axis = self._axis
+        causes = {*axis.latched, *(axis.broken if axis.barred else ())}
+        up = [flag for flag, why in _FLAGS.items() if causes & why]
+        return up if axis.enabled else [*up, "FO"]
 
     def _get(self, words: tuple[str, ...]) -> str:
         values = self._readings()
@@ -165,6 +212,7 @@ class ZaberTable(LineDevice):
     def _require_driver(self) -> None:
         if not self._axis.enabled:
             raise _Rejected("DRIVERDISABLED")
+        self._axis.clear_latched()  # a stall is over with the next movement
 
     def _stop(self) -> str:
         if self._axis.enabled:
@@ -174,17 +222,19 @@ class ZaberTable(LineDevice):
     def _driver(self, words: tuple[str, ...]) -> str:
         if words not in {("enable",), ("disable",)}:
             raise _Rejected("BADCOMMAND")
-        if words == ("enable",):
-            self._axis.enable()
-        else:
+        if words == ("disable",):
             self._axis.disable()
+        elif not self._axis.enable():
+            raise _Rejected("DRIVERDISABLED")
         return "0"
 
     def _warnings(self, words: tuple[str, ...]) -> str:
         if words not in {(), ("clear",)}:
             raise _Rejected("BADCOMMAND")
-        flag = self._warning()  # FO is a state, which clearing does not end
-        return "00" if flag == "--" else f"01 {flag}"
+        up = self._flags()
+        if words and self._axis.enabled:  # a driver that is off is a state, which clearing does not end
+            self._axis.clear_latched()
+        return " ".join([f"{len(up):02d}", *up])
 
 
 def _number(text: str) -> float:
