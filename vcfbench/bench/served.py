@@ -1,5 +1,7 @@
 """A bench that another process simulates: its instruments are on real wires, and its clock is there too.
 
+:func:`build_served` is the other side: what that process serves.
+
 Everything that waits is given that clock, so that a run takes no longer than its exchanges do, and gives the results of
 the same run on a bench simulated in this process, to the last digit.
 """
@@ -18,9 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.sim.serve import RemoteClock
+    from vcfbench.sim.serve import RemoteClock, ServedBench, ServedClock
 
-__all__ = ["LedClock", "led_clock", "on_wires"]
+__all__ = ["LedClock", "build_served", "led_clock", "on_wires"]
 
 _CONTROL = "control port"
 
@@ -73,6 +75,26 @@ def led_clock(served: Served) -> Iterator[tuple[LedClock, int | None]]:
         except ControlError as error:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
         yield LedClock(remote, served.control), seed
+
+
+def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
+    """Build what is served of a simulated bench, from `seed` or the bench file's; it can be built anew on its clock."""
+    from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415  (there may be no simulation)
+    from vcfbench.sim.serve import ServedBench  # noqa: PLC0415
+
+    used = chosen_seed(description, seed)
+    built = SimulatedBench.build(description, used, clock)
+    models = {role: _model(description, role) for role in built.devices}
+
+    def rebuild(seed: int | None) -> ServedBench:
+        return build_served(description, seed, clock)
+
+    return ServedBench(built.world, built.devices, models, used, rebuild)
+
+
+def _model(description: BenchDescription, role: str) -> str:
+    part = getattr(description, role)
+    return str(part.dialect if role == "rate_table" else part.model)
 
 
 def on_wires(description: BenchDescription, resources: Mapping[str, str], control: str) -> BenchDescription:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import re
 import signal
 from dataclasses import replace
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.sim.serve import BenchServer, Offer, ServedBench, ServedClock, ServerSettings
+    from vcfbench.sim.serve import BenchServer, Offer, ServerSettings
 
 __all__ = ["ctl", "register", "serve"]
 
@@ -83,6 +84,7 @@ def serve(
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.bench.served import build_served  # noqa: PLC0415
     from vcfbench.sim.serve import BenchServer, ServedClock  # noqa: PLC0415
 
     description = load_bench(bench)
@@ -93,9 +95,8 @@ def serve(
         port_mapper=port_mapper,
     )
     clock = ServedClock(_speed(speed))
-    built = _built(description, seed, clock)
     try:
-        server = BenchServer(built, clock, settings)
+        server = BenchServer(build_served(description, seed, clock), clock, settings)
     except ValueError as error:
         raise ConfigError(str(error)) from error
     except OSError as error:
@@ -117,7 +118,9 @@ def ctl(
     """Read and change a served bench from outside its wires.
 
     status; list [PART]; get NAME; set NAME VALUE; speed X|max; pause; resume; now; advance SECONDS;
-    fault INSTRUMENT KIND [DURATION_S]; clear_faults [INSTRUMENT]; stop
+    fault INSTRUMENT KIND [DURATION_S]; clear_faults [INSTRUMENT]; reset [SEED]; stop
+
+    Any argument can be given by its name, as in fault multimeter late delay_s=3 count=1.
     """
     import json  # noqa: PLC0415
 
@@ -132,6 +135,7 @@ def ctl(
     typer.echo(json.dumps(result, indent=2))
 
 
+_NAMED = re.compile(r"[a-z_]+=")
 _ARGUMENTS: dict[str, tuple[str, ...]] = {
     "list": ("match",),
     "get": ("name",),
@@ -140,15 +144,18 @@ _ARGUMENTS: dict[str, tuple[str, ...]] = {
     "advance": ("seconds",),
     "fault": ("instrument", "kind", "duration_s"),
     "clear_faults": ("instrument",),
+    "reset": ("seed",),
 }
 
 
 def _arguments(command: str, given: list[str]) -> dict[str, Any]:
     """Return the arguments of a control command by name; numbers, true, false and null are what they are in JSON."""
+    named = dict(text.split("=", 1) for text in given if _NAMED.match(text))
+    placed = [text for text in given if not _NAMED.match(text)]
     names = _ARGUMENTS.get(command, ())
-    if len(given) > len(names):
+    if len(placed) > len(names):
         raise ConfigError(f"ctl {command} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
-    return {name: _value(text) for name, text in zip(names, given, strict=False)}
+    return {name: _value(text) for name, text in [*zip(names, placed, strict=False), *named.items()]}
 
 
 def _value(text: str) -> Any:
@@ -189,20 +196,6 @@ def _offer(text: str) -> tuple[str, frozenset[Offer]]:
     if not colon or not kinds:
         raise ConfigError(f"--offer {text}: expected ROLE:KIND,... as in rate_source:hislip")
     return role, frozenset(cast("list[Offer]", kinds.split(",")))
-
-
-def _built(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
-    from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415
-    from vcfbench.sim.serve import ServedBench  # noqa: PLC0415
-
-    used = chosen_seed(description, seed)
-    bench = SimulatedBench.build(description, used, clock)
-    return ServedBench(bench.world, bench.devices, {role: _model(description, role) for role in bench.devices}, used)
-
-
-def _model(description: BenchDescription, role: str) -> str:
-    part = getattr(description, role)
-    return str(part.dialect if role == "rate_table" else part.model)
 
 
 def _write_bench(path: Path, description: BenchDescription, server: BenchServer, kind: str) -> None:

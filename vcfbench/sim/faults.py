@@ -10,6 +10,7 @@ A script is TOML; `vcfbench sim serve --faults FILE` and the test fixtures read 
     kind = "late"
     duration_s = 5.0            # bench time; without it the fault lasts until it is cleared
     delay_s = 3.0               # of the kind `late`
+    count = 2                   # answers that it spoils; without it all of them
 
 ==============  ====================================================================================================
 kind            what happens
@@ -21,14 +22,18 @@ garbage         a burst of noise comes before each answer
 truncated       the second half of each answer is missing
 disconnect      the connection is cut once
 unreachable     the connection is cut, and there is no new one
+half_open       the connection is dead and nobody says so: nothing is taken, nothing comes; a new one works
+power_cycle     the mains fail: the connection is cut, and the instrument comes back (after `duration_s`) as switched on
 error           `number` is in the error queue
+identity        the answer to ``*IDN?`` is `identity`: somebody has exchanged the instrument
 overload        the multimeter's input is beyond every range
-current_limit   a short circuit (1 ohm) across the rails: the supply goes to its current limit
+offset          the multimeter reads `offset` too much (in the unit of the reading), and `drift_s` more every second
+current_limit   a short circuit (`load_ohm`) across the rails: the supply goes to its current limit
 interlock       the rate table's master interlock opens: the servo drops
 ==============  ====================================================================================================
 
 :class:`FaultyDevice` stands around a `Device`, so that transports, drivers and procedures see what they would see of a
-real fault. The last three are faults of the bench, not of a wire, and act on the instrument itself.
+real fault. From `power_cycle` on they are faults of the bench, not of a wire, and act on the instrument itself.
 """
 
 from __future__ import annotations
@@ -50,11 +55,14 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
 
 __all__ = [
+    "CUTTING",
+    "UNREACHABLE",
     "Fault",
     "FaultInjector",
     "FaultScript",
     "FaultyDevice",
     "Kind",
+    "Ongoing",
     "begin_on_bench",
     "parse_script",
     "read_faults",
@@ -72,17 +80,25 @@ Kind = Literal[
     "truncated",
     "disconnect",
     "unreachable",
+    "half_open",
+    "power_cycle",
     "error",
+    "identity",
     "overload",
+    "offset",
     "current_limit",
     "interlock",
 ]
 
 _WHOLE = 1 << 25
 _MASTER_INTERLOCK = 9
-_SHORT_OHM = 1.0
+_POWER_ON = 128
 _AT_ONCE = frozenset({"disconnect", "error"})
 """Kinds that happen and are over."""
+CUTTING = frozenset({"disconnect", "unreachable", "power_cycle"})
+"""Kinds that cut the connections."""
+UNREACHABLE = frozenset({"unreachable", "power_cycle"})
+"""Kinds during which there is no new connection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +106,7 @@ class Fault:
     """A fault of one instrument.
 
     Raises:
-        ValueError: there is no such kind, or a time is negative.
+        ValueError: there is no such kind, a time is negative, or a quantity is none.
     """
 
     instrument: str
@@ -104,10 +120,24 @@ class Fault:
     """Error number of the kind `error`."""
     delay_s: float = 1.0
     """Lateness of the kind `late`, bench time."""
+    count: int | None = None
+    """How many answers a fault of the wire spoils; None: all while it lasts."""
+    identity: str = "UNKNOWN,UNKNOWN,0,0"
+    """What the kind `identity` answers."""
+    offset: float = 0.0
+    """What the kind `offset` adds to readings, in their unit."""
+    drift_s: float = 0.0
+    """By how much that grows in a second of bench time."""
+    load_ohm: float = 1.0
+    """What lies across the rails with the kind `current_limit`."""
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {self.kind!r}")
+        if self.count is not None and not (self.kind in _SPOILERS and self.count > 0):
+            raise ValueError("a count is of answers, above 0, of a fault that spoils them")
+        if not self.load_ohm > 0:
+            raise ValueError(f"a load has more than 0 ohm, not {self.load_ohm}")
         if self.at_s < 0 or self.delay_s < 0 or (self.duration_s is not None and self.duration_s <= 0):
             raise ValueError("a fault begins at 0 s or later, and lasts")
 
@@ -185,29 +215,79 @@ class _Overdriven:
         return type(reading)(reading.end_s, lambda: OVERLOAD)
 
 
-def _short(device: Any, _fault: Fault) -> Callable[[], None]:
+def _shift(device: Any, fault: Fault) -> Callable[[], None]:
+    inputs, clock = device.inputs, device.engine.clock
+    begun_s = clock.now()
+    device.inputs = _Shifted(inputs, lambda: fault.offset + fault.drift_s * (clock.now() - begun_s))
+    return lambda: setattr(device, "inputs", inputs)
+
+
+class _Shifted:
+    """The input stage of a multimeter that reads too much."""
+
+    def __init__(self, inputs: Any, offset: Callable[[], float]) -> None:
+        self._inputs = inputs
+        self._offset = offset
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inputs, name)
+
+    def begin(self, *arguments: Any, **settings: Any) -> Any:
+        return self._shifted(self._inputs.begin(*arguments, **settings))
+
+    def _shifted(self, reading: Any) -> Any:
+        def value() -> Any:
+            read = reading.value()
+            if isinstance(read, type(reading)):  # it needs a further one
+                return self._shifted(read)
+            return read if abs(read) >= OVERLOAD else read + self._offset()
+
+        return type(reading)(reading.end_s, value)
+
+
+def _exchange(device: Any, fault: Fault) -> Callable[[], None]:
+    device.identity = lambda: fault.identity
+    return lambda: delattr(device, "identity")
+
+
+def _restart(device: Any, _fault: Fault) -> Callable[[], None]:
+    """Switch off and on: what *RST sets, the queues empty, the masks cleared unless *PSC 0 keeps them, PON set."""
+    engine = device.engine
+    engine.clear()
+    device.reset()
+    engine.clear_status()
+    engine.status.esr = _POWER_ON
+    if engine.clears_masks_at_power_on:
+        engine.status.ese = engine.status.sre = 0
+    if hasattr(device, "local"):
+        device.local = True
+    return lambda: None
+
+
+def _short(device: Any, fault: Fault) -> Callable[[], None]:
     worlds = {name: output._world for name, output in device.outputs.items()}  # noqa: SLF001  # the leads end there
 
     def connect(lead: Callable[[Any], Any]) -> None:
         for name, output in device.outputs.items():
             output._world = lead(worlds[name])  # noqa: SLF001  # as above
-        device.observe()
+        device.regulate()
 
-    connect(_Shorted)
+    connect(lambda world: _Shorted(world, fault.load_ohm))
     return lambda: connect(lambda world: world)
 
 
 class _Shorted:
     """The World at the end of a supply's leads when something lies across them."""
 
-    def __init__(self, world: Any) -> None:
+    def __init__(self, world: Any, load_ohm: float) -> None:
         self._world = world
+        self._load_ohm = load_ohm
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._world, name)
 
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
-        return float(self._world.rail_current_a(rail, voltage_v)) + abs(voltage_v) / _SHORT_OHM
+        return float(self._world.rail_current_a(rail, voltage_v)) + abs(voltage_v) / self._load_ohm
 
 
 def _open_interlock(device: Any, _fault: Fault) -> Callable[[], None]:
@@ -217,7 +297,10 @@ def _open_interlock(device: Any, _fault: Fault) -> Callable[[], None]:
 
 _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]] = {
     # kind: what an instrument must have to suffer it, and how it begins
+    "power_cycle": ("reset", _restart),
+    "identity": ("identity", _exchange),
     "overload": ("inputs", _overdrive),
+    "offset": ("inputs", _shift),
     "current_limit": ("outputs", _short),
     "interlock": ("set_interlock", _open_interlock),
 }
@@ -234,6 +317,21 @@ def begin_on_bench(device: Any, fault: Fault) -> Callable[[], None]:
     """Let a fault of the bench begin at `device`; return what ends it. Faults of a wire change nothing there."""
     begin = _ON_THE_BENCH.get(fault.kind)
     return (lambda: None) if begin is None else begin[1](device, fault)
+
+
+@dataclass(slots=True, eq=False)
+class Ongoing:
+    """A fault that goes on: what ends it, when, and how many more answers it spoils (None: all)."""
+
+    fault: Fault
+    undo: Callable[[], None]
+    ends_s: float | None
+    left: int | None
+
+    @property
+    def over(self) -> bool:
+        """Whether it has spoiled as many answers as it was to."""
+        return self.left == 0
 
 
 # --- faults of a wire ------------------------------------------------------------------------------------------------
@@ -253,7 +351,7 @@ class FaultyDevice:
         self._clock = clock
         self._noise = noise
         self._planned: list[Fault] = []
-        self._active: list[tuple[float | None, Fault, Callable[[], None]]] = []
+        self._active: list[Ongoing] = []
         self._underway: deque[tuple[float, bytes, bool]] = deque()
         self._cut = False
 
@@ -275,7 +373,7 @@ class FaultyDevice:
         """End what goes on and forget what is planned."""
         self._planned.clear()
         while self._active:
-            self._active.pop()[2]()
+            self._active.pop().undo()
         self._cut = False
 
     # --- what transports call -------------------------------------------------------------------------------------
@@ -283,11 +381,14 @@ class FaultyDevice:
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; ConnectionResetError when the link is lost."""
         self._require_link()
-        self.device.write(data, end=end)
+        if not self._dead:
+            self.device.write(data, end=end)
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return what has arrived; ConnectionResetError when the link is lost."""
         self._require_link()
+        if self._dead:
+            return b"", False
         if not self._underway:
             return self.device.read(limit) if not self._spoiling() else (b"", False)
         arrives_s, data, end = self._underway[0]
@@ -305,7 +406,7 @@ class FaultyDevice:
         self._advance()
         coming = [
             self.device.wake_at(),
-            *(each[0] for each in self._active),
+            *(each.ends_s for each in self._active),
             *(each.at_s for each in self._planned[:1]),
         ]
         coming += [arrives_s for arrives_s, _, _ in self._underway]
@@ -334,40 +435,51 @@ class FaultyDevice:
         now = self._clock.now()
         while self._planned and self._planned[0].at_s <= now:
             self._begin(self._planned.pop(0))
-        for each in [each for each in self._active if each[0] is not None and each[0] <= now]:
-            self._active.remove(each)
-            each[2]()
+        self._end([each for each in self._active if each.ends_s is not None and each.ends_s <= now])
         if self._spoiling():
             self._spoil_what_is_said()
 
     def _begin(self, fault: Fault) -> None:
         if fault.kind == "error":
             self.device.engine.report(ScpiError(fault.number))  # type: ignore[attr-defined]  # add() has seen to it
-        if fault.kind in {"disconnect", "unreachable"}:
+        if fault.kind in CUTTING:
             self._underway.clear()
             self.device.clear()
-            self._cut = fault.kind == "disconnect"
+            self._cut = fault.kind != "unreachable"
         if fault.kind in _AT_ONCE:
             return
         undo = begin_on_bench(self.device, fault)
+        if fault.kind == "power_cycle" and fault.duration_s is None:
+            return
         ends_s = None if fault.duration_s is None else max(fault.at_s, self._clock.now()) + fault.duration_s
-        self._active.append((ends_s, fault, undo))
+        self._active.append(Ongoing(fault, undo, ends_s, fault.count))
+
+    def _end(self, over: Iterable[Ongoing]) -> None:
+        for each in over:
+            self._active.remove(each)
+            each.undo()
+
+    @property
+    def _dead(self) -> bool:
+        return any(each.fault.kind == "half_open" for each in self._active)
 
     def _require_link(self) -> None:
         self._advance()
-        if self._cut or any(fault.kind == "unreachable" for _, fault, _ in self._active):
+        if self._cut or any(each.fault.kind in UNREACHABLE for each in self._active):
             self._cut = False
             raise ConnectionResetError("the link to the instrument is lost")
 
-    def _spoiling(self) -> list[Fault]:
-        return [fault for _, fault, _ in self._active if spoils(fault)]
+    def _spoiling(self) -> list[Ongoing]:
+        return [each for each in self._active if spoils(each.fault)]
 
     def _spoil_what_is_said(self) -> None:
         data, end = self.device.read(_WHOLE)
         if not data:
             return
         arrives_s = max([self._clock.now(), *(each[0] for each in self._underway)])
-        data, end, late_s = spoiled(self._spoiling(), self._noise, data, end=end)
+        spoiling = self._spoiling()
+        data, end, late_s = spoiled(spoiling, self._noise, data, end=end)
+        self._end([each for each in spoiling if each.over])
         arrives_s += late_s
         if data:
             self._underway.append((arrives_s, data, end))
@@ -409,13 +521,15 @@ def spoils(fault: Fault) -> bool:
     return fault.kind in _SPOILERS
 
 
-def spoiled(faults: Iterable[Fault], noise: random.Random, data: bytes, *, end: bool) -> tuple[bytes, bool, float]:
+def spoiled(faults: Iterable[Ongoing], noise: random.Random, data: bytes, *, end: bool) -> tuple[bytes, bool, float]:
     """Return what `faults`, all of which spoil answers, leave of (a part of) one, its end, and how late that is, s."""
-    late_s = 0.0
-    for fault in faults:
-        if fault.kind == "late":
-            late_s += fault.delay_s
-        data, end = _SPOILERS[fault.kind](noise, data, end)
+    late_s, whole = 0.0, end
+    for each in faults:
+        if each.fault.kind == "late":
+            late_s += each.fault.delay_s
+        data, end = _SPOILERS[each.fault.kind](noise, data, end)
+        if whole and each.left is not None:
+            each.left -= 1
     return data, end, late_s
 
 

@@ -176,6 +176,10 @@ class ServedLab:
         """Let a fault happen now, or `at_s`; further fields as of :class:`~vcfbench.sim.faults.Fault`."""
         self.ask("fault", instrument=instrument, kind=kind, **when)
 
+    def reset(self, seed: int | None = None) -> None:
+        """Put the bench back to what it was first, of the same seed or another; time begins anew, connections stay."""
+        self.ask("reset", **({} if seed is None else {"seed": seed}))
+
     def on_wires(self) -> BenchDescription:
         """Return the bench as a run of this program opens it from outside: over TCP, led by its clock."""
         from vcfbench.bench.served import on_wires  # noqa: PLC0415  # loaded when it is needed
@@ -198,15 +202,14 @@ def serve_simulated(
     """
     import threading  # noqa: PLC0415  # only served benches need one
 
-    from vcfbench.sim.serve import MAX_SPEED, BenchServer, ServedBench, ServedClock, ServerSettings  # noqa: PLC0415
+    from vcfbench.bench.served import build_served  # noqa: PLC0415
+    from vcfbench.sim.serve import MAX_SPEED, BenchServer, ServedClock, ServerSettings  # noqa: PLC0415
 
     settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
     used = chosen_seed(description, seed)
     clock = ServedClock(MAX_SPEED if speed is None else speed)
-    built = SimulatedBench.build(description, used, clock)
-    models = {role: _model(description, role) for role in built.devices}
-    with BenchServer(ServedBench(built.world, built.devices, models), clock, settings) as server:
+    with BenchServer(build_served(description, used, clock), clock, settings) as server:
         worker = threading.Thread(target=server.run, daemon=True)
         worker.start()
         try:
@@ -214,8 +217,3 @@ def serve_simulated(
         finally:
             server.stop()
             worker.join(_GIVING_UP_S)
-
-
-def _model(description: BenchDescription, role: str) -> str:
-    part = getattr(description, role)
-    return str(part.dialect if role == "rate_table" else part.model)

@@ -132,6 +132,31 @@ def test_ctl_talks_to_it(described: tuple[Any, dict[str, Any]]) -> None:
     assert turned.exit_code == 0, turned.output
 
 
+def test_every_field_of_a_fault_can_be_said_on_the_command_line(described: tuple[Any, dict[str, Any]]) -> None:
+    port = str(described[1]["control"]["port"])
+    app = typer.Typer()
+    register(app)
+
+    def ctl(*words: str) -> Any:
+        done = CliRunner().invoke(app, ["ctl", "--port", port, *words])
+        assert done.exit_code == 0, (words, done.output, done.exception)
+        return json.loads(done.stdout)
+
+    fields = ["number=-350", "delay_s=3", "at_s=1e6", "identity=ACME,1,2,3", "offset=0.5", "drift_s=1e-3", "load_ohm=2"]
+    ctl("fault", "multimeter", "late", "5", *fields, "count=1")
+    ctl("fault", "multimeter", "silent", "count=1")
+    ctl("fault", "instrument=power", "kind=current_limit", "duration_s=5")
+    faults = {role: state["faults"] for role, state in ctl("status")["instruments"].items()}
+    assert (faults["multimeter"], faults["power"]) == (["silent"], ["current_limit"])
+    ctl("clear_faults")
+    ctl("set", "name=ambient_c", "value=35")
+    assert ctl("get", "ambient_c") == 35
+    assert ctl("reset") == 0.0
+    assert ctl("get", "ambient_c") != 35
+    refused = CliRunner().invoke(app, ["ctl", "--port", port, "fault", "multimeter", "late", "lateness=3"])
+    assert "lateness" in str(refused.exception)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows knows no SIGTERM")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_it_serves_until_it_is_told_to_stop(number: signal.Signals) -> None:

@@ -50,7 +50,7 @@ class Adjustable(Protocol):
 def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:
     """Return everything that can be seen and changed, by name."""
     found = [*_motion(world), *_warmth(world), *_nodes(world), *_rails(world), *_leads(world), *_parameters(world)]
-    found += [*_loads(world, devices.values()), *_own(world, "")]
+    found += [*_loads(world), *_own(world, "")]
     for role, device in devices.items():
         found += _own(device, f"{role}.")
     return {each.name: each for each in found}
@@ -113,18 +113,10 @@ def _truth(value: Any) -> bool:
     return value
 
 
-@runtime_checkable
-class _Regulator(Protocol):
-    """A supply that must find its working point anew when its load changes."""
-
-    def observe(self) -> None: ...
-
-
-def _loads(world: World, devices: Iterable[object]) -> Iterator[Adjustment]:
-    supplies = [device for device in devices if isinstance(device, _Regulator)]
+def _loads(world: World) -> Iterator[Adjustment]:
     for rail in RAILS:
-        write = partial(_load, world, rail, supplies)
         read = partial(_finite, partial(world.load_ohm, rail))
+        write = partial(_load, world, rail)
         yield Adjustment(f"rail.{rail}.load_ohm", "ohm", "load beside the PCB; null is none", read, write)
 
 
@@ -132,10 +124,8 @@ def _finite(read: Callable[[], float]) -> float | None:
     return value if math.isfinite(value := read()) else None
 
 
-def _load(world: World, rail: str, supplies: Iterable[_Regulator], ohms: Any) -> None:
+def _load(world: World, rail: str, ohms: Any) -> None:
     world.set_load(rail, math.inf if ohms is None else float(ohms))
-    for supply in supplies:
-        supply.observe()
 
 
 def _nodes(world: World) -> Iterator[Adjustment]:

@@ -41,6 +41,12 @@ class ServedClock:
             self._started = True
             self._anchor()
 
+    def restart(self) -> None:
+        """Stand at 0 again until :meth:`start`, unpaused; a lead goes on."""
+        self._now = 0.0
+        self._started = self._paused = False
+        self._anchor()
+
     def now(self) -> float:
         """Return the bench time, s."""
         return self._now

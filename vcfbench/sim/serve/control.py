@@ -18,9 +18,10 @@ advance                 seconds (of bench time)                        bench tim
 lead                                                                   bench time; until the connection ends,
                                                                        time passes only as far as it says
 sleep_until             instant_s (of bench time)                      bench time
-fault                   instrument, kind; duration_s, at_s, number,    bench time
-                        delay_s as of `vcfbench.sim.faults.Fault`
+fault                   instrument, kind; the other fields as of       bench time
+                        `vcfbench.sim.faults.Fault`, at_s is now
 clear_faults            instrument (optional)                          bench time
+reset                   seed (optional)                                bench time: 0; the bench as first served
 stop                                                                   the server ends
 ======================  =============================================  ======================================
 """
@@ -29,7 +30,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.sim.faults import Fault
 from vcfbench.sim.serve.clock import MAX_SPEED
@@ -39,9 +40,11 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Callable
 
-    from vcfbench.sim.serve.server import BenchServer
+    from vcfbench.sim.serve.clock import ServedClock
+    from vcfbench.sim.serve.instrument import Passage
+    from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["ControlServer", "Refused"]
+__all__ = ["ControlServer", "Controlled", "Refused"]
 
 _LONGEST_REQUEST = 1 << 16
 
@@ -50,10 +53,50 @@ class Refused(Exception):
     """A request that cannot be fulfilled; the words go back to who asked."""
 
 
+class Controlled(Protocol):
+    """What can be controlled: a served bench."""
+
+    loop: Loop
+    clock: ServedClock
+    passage: Passage
+
+    def status(self) -> dict[str, Any]:
+        """Return bench time, how it passes, and who is connected to what."""
+        ...
+
+    def listed(self, match: str = ...) -> list[dict[str, Any]]:
+        """Return what can be seen and changed whose name contains `match`."""
+        ...
+
+    def get(self, name: str) -> Any:
+        """Return the value of a quantity."""
+        ...
+
+    def set(self, name: str, value: Any) -> Any:
+        """Change a quantity; return its value."""
+        ...
+
+    def add_fault(self, fault: Fault) -> None:
+        """Let something go wrong."""
+        ...
+
+    def end_faults(self, role: str | None = ...) -> None:
+        """End what goes wrong."""
+        ...
+
+    def reset(self, seed: int | None = ...) -> None:
+        """Put the bench back to what it was first."""
+        ...
+
+    def stop(self) -> None:
+        """End the server."""
+        ...
+
+
 class ControlServer:
     """Listens for control connections, on the loopback interface only."""
 
-    def __init__(self, server: BenchServer, address: tuple[str, int]) -> None:
+    def __init__(self, server: Controlled, address: tuple[str, int]) -> None:
         self.server = server
         self.leader: _Control | None = None
         self.connections: set[_Control] = set()
@@ -91,6 +134,7 @@ class _Control(Connection):
             "sleep_until": self._sleep_until,
             "fault": self._fault,
             "clear_faults": self._clear_faults,
+            "reset": self._reset,
             "stop": self._server.stop,
         }
         super().__init__(self._server.loop, connection)
@@ -171,6 +215,14 @@ class _Control(Connection):
 
     def _clear_faults(self, instrument: str | None = None) -> float:
         self._server.end_faults(instrument)
+        return self._server.clock.now()
+
+    def _reset(self, seed: int | None = None) -> float:
+        if self._control.leader not in (None, self):
+            raise Refused("another connection leads the clock")
+        if seed is not None and (type(seed) is not int or seed < 0):
+            raise Refused(f"a seed is a whole number from 0, not {seed!r}")
+        self._server.reset(seed)
         return self._server.clock.now()
 
 

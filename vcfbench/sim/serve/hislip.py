@@ -166,9 +166,22 @@ class _Session(Client):
             self._server.share(self.instrument, self, None)
         self.leave()
 
+    def start_anew(self) -> None:
+        """Forget what was under way."""
+        super().start_anew()
+        self._unread = False
+
     def cut(self) -> None:
         """Lose the connection."""
         self.end()
+
+    def freeze(self) -> list[socket.socket]:
+        """Serve both channels no more, but leave them open."""
+        channels = [each for each in (self._sync, self._async) if each is not None and not each.closed]
+        dead = [channel.detach() for channel in channels]
+        self._server.channels.difference_update(channels)
+        self.end()
+        return dead
 
     # --- synchronous channel ------------------------------------------------------------------------------
 

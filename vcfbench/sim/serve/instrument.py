@@ -17,6 +17,7 @@ from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiInstrument
 from vcfbench.sim.scpi.lexer import find_message_end
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable
 
     from vcfbench.sim.device import Device
@@ -124,8 +125,20 @@ class Client:
         self.instrument.submit(self, message, tag)
         return data[size:] if size else b""
 
+    def start_anew(self) -> None:
+        """Forget what was under way."""
+        self.backlog.clear()
+        self.partial.clear()
+        self.overlong = b""
+        self.queued = False
+        self.relieved()
+
     def cut(self) -> None:
         """Lose the connection."""
+
+    def freeze(self) -> list[socket.socket]:
+        """Serve the connection no more, but leave its sockets open, and return them; a cable stays as it is."""
+        return []
 
     def leave(self) -> None:
         """Be forgotten by the instrument."""
@@ -153,9 +166,7 @@ class Instrument:
 
     def __init__(self, role: str, device: Device, clock: ServedClock) -> None:
         self.role = role
-        self.device = device
         self.clock = clock
-        self.engine = device.engine if isinstance(device, ScpiInstrument) else None
         self.due_s = _NOTHING
         self.clients: set[Client] = set()
         self.holder: Client | None = None
@@ -173,6 +184,12 @@ class Instrument:
         self.watches_service = False
         self._requested = False
         self._passed = 0
+        self._embody(device)
+
+    def _embody(self, device: Device) -> None:
+        """Be `device` from now on."""
+        self.device = device
+        self.engine = device.engine if isinstance(device, ScpiInstrument) else None
         limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
         self.longest = limit + 8
         self.message_size, self.line_size = _framing(device)
@@ -181,6 +198,23 @@ class Instrument:
         self._write, self._read, self._wake_at = _shortest(device)
         self.speaks = self.engine is None and device.wake_at() is not None
         """Whether it says something unasked, so that a client may wait for it without a word."""
+
+    def replace(self, device: Device) -> None:
+        """Put another specimen in its place: nobody is owed anything; connections and locks stay."""
+        self.waiting.clear()
+        self.late.clear()
+        self.holder = None
+        self._requested, self._passed = False, 0
+        self._embody(device)
+        for client in tuple(self.clients):
+            client.start_anew()
+
+    def power(self, *, on: bool) -> None:
+        """Let the instrument take and say something, or nothing at all."""
+        if on:
+            self._write, self._read, self._wake_at = _shortest(self.device)
+        else:
+            self._write, self._read = (lambda _data, **_end: None), (lambda _limit: (b"", False))
 
     # --- messages -----------------------------------------------------------------------------------------
 
@@ -516,6 +550,16 @@ class Passage:
         self.instruments.append(instrument)
         instrument.passage = self
         instrument.touched()
+
+    def restart(self) -> None:
+        """Forget every errand; time begins anew at 0, at once if somebody is connected."""
+        self.errands.clear()
+        self.clock.restart()
+        if any(client.comes_and_goes for each in self.instruments for client in each.clients):
+            self.clock.start()
+        self.next_due_s = _NOTHING
+        for each in self.instruments:
+            each.touched()
 
     def at(self, instant_s: float, action: Callable[[], None]) -> None:
         """Do `action` at bench time `instant_s`."""

@@ -98,10 +98,12 @@ class Stream(Client):
 
     def close(self) -> None:
         """End the connection."""
-        if self.closed:
-            return
+        if not self.closed:
+            self._detach()
+            self._close()
+
+    def _detach(self) -> None:
         self._loop.unwatch(self._fd)
-        self._close()
         self.leave()
 
     def _received(self, data: bytes) -> None:
@@ -172,6 +174,13 @@ class TcpStream(Stream):
     def cut(self) -> None:
         """Lose the connection."""
         self.close()
+
+    def freeze(self) -> list[socket.socket]:
+        """Serve the connection no more, but leave it open."""
+        if self.closed:
+            return []
+        self._detach()
+        return [self._socket]
 
 
 class Pty(Stream):

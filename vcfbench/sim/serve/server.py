@@ -7,24 +7,24 @@ and 34401A on a serial line and, since labs put those on converters, on TCP; rat
 from __future__ import annotations
 
 import math
-import random
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
 
-from vcfbench.sim.faults import FaultScript, begin_on_bench, require_possible, spoiled, spoils
+from vcfbench.sim.faults import FaultScript
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
 from vcfbench.sim.serve.hislip import HislipServer
 from vcfbench.sim.serve.instrument import Instrument, Passage
 from vcfbench.sim.serve.loop import Loop
+from vcfbench.sim.serve.mishaps import Mishaps, require_roles
 from vcfbench.sim.serve.raw import Pty, Stream, TcpStream, has_ptys
 from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
 from vcfbench.sim.serve.wire import Listener
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
     from vcfbench.sim.faults import Fault
@@ -53,6 +53,8 @@ class ServedBench:
     models: Mapping[str, str]
     seed: int | None = None
     """What it was built from, for whoever asks."""
+    rebuild: Callable[[int | None], ServedBench] | None = None
+    """Builds it anew, of a seed and on the same clock; without it a served bench cannot be reset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,18 +131,12 @@ class BenchServer:
         self.instruments = {role: Instrument(role, device, clock) for role, device in bench.devices.items()}
         self._listeners: dict[str, list[Listener]] = {role: [] for role in self.instruments}
         self._adjustments: dict[str, Adjustment] | None = None
-        self._planned: list[Fault] = []
-        self._faulty: dict[str, list[tuple[Fault, Callable[[], None]]]] = {role: [] for role in self.instruments}
-        """What goes on, and what ends it."""
-        self._noise = {
-            role: random.Random(f"{self.settings.faults.seed}/{role}")  # noqa: S311  # noise, not secrets
-            for role in self.instruments
-        }
+        self._first_speed = clock.speed
         self._open = ExitStack()
         self._open.callback(self.loop.close)
         try:
-            self._check_roles(self.settings.offers, "offer")
-            self._check_faults(self.settings.faults.faults)
+            require_roles(self.instruments, self.settings.offers, "offer")
+            self.mishaps = Mishaps(self.instruments, self._listeners, self.passage, self.settings.faults)
             self._listen()
         except BaseException:
             self._open.close()
@@ -177,16 +173,6 @@ class BenchServer:
 
     # --- wires --------------------------------------------------------------------------------------------
 
-    def _check_roles(self, roles: Iterable[str], what: str) -> None:
-        unknown = [role for role in roles if role not in self.instruments]
-        if unknown:
-            raise ValueError(f"{what}: the bench has no {unknown[0]!r}, only {', '.join(self.instruments)}")
-
-    def _check_faults(self, faults: Iterable[Fault]) -> None:
-        for fault in faults:
-            self._check_roles([fault.instrument], "fault")
-            require_possible(self.instruments[fault.instrument].device, fault)
-
     def _listen(self) -> None:
         ports = _Ports(self.settings.base_port)
         self.control = self._control(ports)
@@ -196,8 +182,7 @@ class BenchServer:
             self.wires[role] = self._wire(instrument, ports)
         if self.settings.port_mapper is not None:
             self._map_ports(self.settings.port_mapper, ports)
-        for fault in self.settings.faults.faults:
-            self._plan(fault)
+        self.mishaps.begin()
 
     def _control(self, ports: _Ports) -> ControlServer:
         address = _loopback(self.settings.host)
@@ -238,11 +223,15 @@ class BenchServer:
             wires.hislip = f"TCPIP0::{host}::hislip0,{hislip.port}::INSTR"
         if "pty" in offers:
             pty = Pty(self.loop, instrument)
-            if isinstance(instrument.device, _FrontPanel):
-                # as left by a program that sent SYSTem:REMote: many drivers rely on somebody having done so
-                instrument.device.local = False
             wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
+            self._leave_in_remote(role)
         return wires
+
+    def _leave_in_remote(self, role: str) -> None:
+        """Leave it as a program did that sent SYSTem:REMote: many drivers rely on somebody having done so."""
+        device = self.instruments[role].device
+        if "pty" in self.offered(role) and isinstance(device, _FrontPanel):
+            device.local = False
 
     def _keep(self, role: str, server: Vxi11Server | HislipServer, listener: Listener) -> None:
         self._open.callback(server.close)
@@ -283,7 +272,7 @@ class BenchServer:
                     **self.wires[role].as_json(),
                     "clients": sum(client.comes_and_goes for client in instrument.clients),
                     "busy": instrument.busy,
-                    "faults": [fault.kind for fault, _ in self._faulty[role]],
+                    "faults": self.mishaps.kinds(role),
                 }
                 for role, instrument in self.instruments.items()
             },
@@ -318,63 +307,30 @@ class BenchServer:
         Raises:
             ValueError: the bench has no such instrument, or the instrument cannot suffer that.
         """
-        self._check_faults([fault])
-        if fault.at_s <= self.clock.now():
-            self._begin_fault(fault)
-        else:
-            self._plan(fault)
+        self.mishaps.add(fault)
 
     def end_faults(self, role: str | None = None) -> None:
         """End the faults of an instrument, or of all, and forget those that are planned."""
-        if role is not None:
-            self._check_roles([role], "fault")
-        for each in self.instruments if role is None else [role]:
-            self._planned = [fault for fault in self._planned if fault.instrument != each]
-            while self._faulty[each]:
-                self._faulty[each].pop()[1]()
-            self._apply_faults(each)
+        self.mishaps.end(role)
 
-    def _plan(self, fault: Fault) -> None:
-        def begin() -> None:
-            if any(planned is fault for planned in self._planned):  # else it has been forgotten
-                self._planned.remove(fault)
-                self._begin_fault(fault)
+    def reset(self, seed: int | None = None) -> None:
+        """Put the bench back to what it was when it was served first, of the same seed or another; connections stay.
 
-        self._planned.append(fault)
-        self.passage.at(fault.at_s, begin)
-
-    def _begin_fault(self, fault: Fault) -> None:
-        instrument = self.instruments[fault.instrument]
-        if fault.kind == "error":
-            instrument.complain(fault.number)
-            return
-        if fault.kind in {"disconnect", "unreachable"}:
-            self._cut(fault.instrument)
-        if fault.kind != "disconnect":
-            begun = (fault, begin_on_bench(instrument.device, fault))
-            self._faulty[fault.instrument].append(begun)
-            self._apply_faults(fault.instrument)
-            if fault.duration_s is not None:
-                self.passage.at(self.clock.now() + fault.duration_s, lambda: self._end_fault(*begun))
-
-    def _end_fault(self, fault: Fault, undo: Callable[[], None]) -> None:
-        if (fault, undo) in self._faulty[fault.instrument]:
-            self._faulty[fault.instrument].remove((fault, undo))
-            undo()
-            self._apply_faults(fault.instrument)
-
-    def _apply_faults(self, role: str) -> None:
-        instrument, faults = self.instruments[role], [fault for fault, _ in self._faulty[role]]
-        spoiling, noise = [fault for fault in faults if spoils(fault)], self._noise[role]
-        instrument.fault = (lambda data, end: spoiled(spoiling, noise, data, end=end)) if spoiling else None
-        for listener in self._listeners[role]:
-            listener.refusing = any(fault.kind == "unreachable" for fault in faults)
-        instrument.touched()
-
-    def _cut(self, role: str) -> None:
-        """Cut the connections to an instrument; a pseudo-terminal stays, as a serial cable does."""
-        for client in tuple(self.instruments[role].clients):
-            client.cut()
+        Raises:
+            Refused: whoever made the server has not said how the bench is built.
+        """
+        if self.bench.rebuild is None:
+            raise Refused("this bench cannot be built anew")
+        self.mishaps.end()
+        self.clock.restart()
+        self.bench = self.bench.rebuild(self.bench.seed if seed is None else seed)
+        self._adjustments = None
+        for role, instrument in self.instruments.items():
+            instrument.replace(self.bench.devices[role])
+            self._leave_in_remote(role)
+        self.clock.speed = self._first_speed
+        self.passage.restart()
+        self.mishaps.begin()
 
     def _adjustable(self) -> Iterator[Adjustment]:
         if self._adjustments is None:

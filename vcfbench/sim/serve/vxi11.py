@@ -90,6 +90,11 @@ class _Link(Client):
         """Keep an answer that the instrument had no more room for."""
         self._aside.append((data, end))
 
+    def start_anew(self) -> None:
+        """Forget what was under way; a read that waits goes on waiting."""
+        super().start_anew()
+        self.drop()
+
     def drop(self) -> None:
         """Forget what was not read."""
         self._aside.clear()
@@ -121,6 +126,15 @@ class _Link(Client):
     def cut(self) -> None:
         """Lose the connection."""
         self.connection.close()
+
+    def freeze(self) -> list[socket.socket]:
+        """Serve the connection, with all its links, no more, but leave it open."""
+        connection = self.connection
+        if connection.closed:
+            return []
+        dead = connection.detach()
+        connection.gone()
+        return [dead]
 
     def refill(self) -> None:
         """Try a waiting read again."""

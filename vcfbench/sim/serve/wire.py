@@ -134,10 +134,14 @@ class Connection:
     def close(self) -> None:
         """End the connection."""
         if not self.closed:
-            self.closed = True
-            self.loop.unwatch(self._fd)
-            self._socket.close()
+            self.detach().close()
             self.gone()
+
+    def detach(self) -> socket.socket:
+        """Serve the socket no more, but leave it open: the other side learns of nothing; :meth:`gone` is not called."""
+        self.closed = True
+        self.loop.unwatch(self._fd)
+        return self._socket
 
     def received(self, data: bytes) -> None:
         """Make sense of what has come."""
