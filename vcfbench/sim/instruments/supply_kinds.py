@@ -1,0 +1,55 @@
+"""The three outputs of the simulated E3631A by design.
+
+Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 91, 186-187).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from vcfbench.sim.scpi import Limits, Number
+
+__all__ = ["KINDS", "N25V", "P6V", "P25V", "OutputKind"]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputKind:
+    """What an output is by design.
+
+    Args:
+        name: as in the commands. number: as in INSTrument:NSELect. sign: of its voltage.
+        volts, amps: ranges (p. 91). volt_step, amp_step: programming and read-back resolution (p. 186).
+        rise_s, fall_s: settling at no load and at full load, s (p. 187).
+        rated_a: its rated current (p. 186).
+    """
+
+    name: str
+    number: int
+    sign: int
+    volts: Limits
+    amps: Limits
+    volt_step: float
+    amp_step: float
+    rise_s: tuple[float, float]
+    fall_s: tuple[float, float]
+    rated_a: float
+
+    @property
+    def volt_parameter(self) -> Number:
+        """A voltage for this output."""
+        return Number(unit="V", limits=self.volts)
+
+    @property
+    def amp_parameter(self) -> Number:
+        """A current limit for this output."""
+        return Number(unit="A", limits=self.amps)
+
+
+P6V = OutputKind(
+    "P6V", 1, 1, Limits(0.0, 6.18, 0.0), Limits(0.0, 5.15, 5.0), 0.5e-3, 0.5e-3, (0.010, 0.011), (0.2, 0.013), 5.0
+)
+P25V = OutputKind(
+    "P25V", 2, 1, Limits(0.0, 25.75, 0.0), Limits(0.0, 1.03, 1.0), 1.5e-3, 0.1e-3, (0.02, 0.05), (0.4, 0.045), 1.0
+)
+N25V = replace(P25V, name="N25V", number=3, sign=-1, volts=Limits(0.0, -25.75, 0.0))
+KINDS = (P6V, P25V, N25V)
