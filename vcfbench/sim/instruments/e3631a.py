@@ -29,6 +29,7 @@ __all__ = ["E3631A", "TABLE", "OutputErrors", "SupplyErrors"]
 _INTERFACES = {"gpib": GPIB, "rs232": RS232}
 _DIALECT = Dialect(
     queue_depth=20,
+    words={708: "Cal output disabled", 712: "Bad DAC cal data", 713: "Bad readback cal data"},
     number_not_allowed=-128,
     integer=bare_integer,
     input_buffer=100,

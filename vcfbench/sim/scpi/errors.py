@@ -77,9 +77,6 @@ ERROR_WORDS = MappingProxyType(
         721: "Cal DCI offset out of range",
         722: "Cal RES offset out of range",
         723: "Cal FRES offset out of range",
-        708: "Cal output disabled",
-        712: "Bad DAC cal data",
-        713: "Bad readback cal data",
         800: "P25V and N25V coupled by track system",
         801: "P25V and N25V coupled by trigger subsystem",
     }
