@@ -28,6 +28,7 @@ def lamp(speed: float = 1.0, faults: tuple[Fault, ...] = ()) -> Iterator[tuple[S
     settings = ServerSettings(offers={"lamp": ALL}, faults=FaultScript(faults))
     with serving({"lamp": Lamp(clock)}, clock, settings) as served:
         served.server.bench = rebuilt(served.server, clock)
+        served.server._first = (7, speed)
         with Control(served.server.control.port) as control:
             yield served, control
 

@@ -131,7 +131,7 @@ class BenchServer:
         self.instruments = {role: Instrument(role, device, clock) for role, device in bench.devices.items()}
         self._listeners: dict[str, list[Listener]] = {role: [] for role in self.instruments}
         self._adjustments: dict[str, Adjustment] | None = None
-        self._first_speed = clock.speed
+        self._first = (bench.seed, clock.speed)
         self._open = ExitStack()
         self._open.callback(self.loop.close)
         try:
@@ -314,21 +314,22 @@ class BenchServer:
         self.mishaps.end(role)
 
     def reset(self, seed: int | None = None) -> None:
-        """Put the bench back to what it was when it was served first, of the same seed or another; connections stay.
+        """Put the bench back to what it was when it was served first, of its first seed or another; connections stay.
 
         Raises:
             Refused: whoever made the server has not said how the bench is built.
         """
         if self.bench.rebuild is None:
             raise Refused("this bench cannot be built anew")
+        first_seed, first_speed = self._first
         self.mishaps.end()
         self.clock.restart()
-        self.bench = self.bench.rebuild(self.bench.seed if seed is None else seed)
+        self.bench = self.bench.rebuild(first_seed if seed is None else seed)
         self._adjustments = None
         for role, instrument in self.instruments.items():
             instrument.replace(self.bench.devices[role])
             self._leave_in_remote(role)
-        self.clock.speed = self._first_speed
+        self.clock.speed = first_speed
         self.passage.restart()
         self.mishaps.begin()
 
