@@ -1,8 +1,11 @@
 """A simulated Zaber rotary stage that speaks Zaber ASCII: one device, one axis.
 
 Grammar after zaber.serial and zaber-motion: request ``/device axis [id] command[:LRC]``, reply
-``@dd a [id] OK|RJ BUSY|IDLE flag data[:LRC]``. Unverified: the factor 1.6384 of velocities, 1.6384e-4 of accelerations,
-the stage's microsteps and limits.
+``@dd a [id] OK|RJ BUSY|IDLE flag data[:LRC]``; the names of settings and the parking commands are those that
+zaber-motion sends. Unverified: the factor 1.6384 of velocities, 1.6384e-4 of accelerations, the stage's microsteps and
+limits, that an alert has the form ``!dd a IDLE flag``. The stage turns without end, so there is no ``move min`` and
+``move max``; there are no streams, triggers, device storage and binary packets. Nothing asks for a reference: the
+encoder is absolute.
 """
 
 from __future__ import annotations
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["StepperErrors", "ZaberTable", "longitudinal_redundancy"]
 
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.002)
+_ALERT_POLL_S = 0.02
+"""How often an axis whose end of motion is to be told is looked at, s."""
 _MICROSTEPS = 64
 """Of a full step (the devices' default)."""
 _VELOCITY_UNIT = 1.6384
@@ -86,11 +91,17 @@ class ZaberTable(Interlocked, LineDevice):
         self._per_deg = microsteps_per_deg
         self._settings = {
             "deviceid": 50081,
+            "device.id": 50081,
             "system.serial": 12345,
             "serial": 12345,
             "version": 7.33,
             "system.axiscount": 1,
+            "system.access": 1,
+            "system.voltage": 48.0,
         }
+        self._was_moving = False
+        self._alerts = False
+        self._parked = False
         self._max_speed_deg_s = 450.0
         self._checksums = False
         self._actions: dict[str, Callable[[tuple[str, ...]], str]] = {
@@ -102,13 +113,20 @@ class ZaberTable(Interlocked, LineDevice):
             "home": lambda _: self._go_to(0.0),
             "driver": self._driver,
             "warnings": self._warnings,
+            "tools": self._tools,
+            "renumber": self._renumber,
         }
 
     def _advance(self) -> None:
         self._watch()
+        moving = self._axis.moving()
+        if self._alerts and self._was_moving and not moving:
+            self._send(self._framed("!", f"01 1 IDLE {self._warning()}"), 0)
+        self._was_moving = moving
 
     def _own_events_s(self) -> tuple[float, ...]:
-        return self._axis.own_events_s()
+        watched = (self._clock.now() + _ALERT_POLL_S,) if self._alerts and self._was_moving else ()
+        return (*self._axis.own_events_s(), *watched)
 
     def _answer(self, message: bytes) -> bytes | None:
         text = message.decode("latin-1")
@@ -130,7 +148,11 @@ class ZaberTable(Interlocked, LineDevice):
         number = f" {int(request.identifier):02d}" if request.identifier is not None else ""
         state = "BUSY" if self._axis.moving() else "IDLE"
         body = f"01 {request.axis}{number} {flag} {state} {self._warning()} {data}"
-        return f"@{body}:{longitudinal_redundancy(body)}\r\n".encode() if self._checksums else f"@{body}\r\n".encode()
+        return self._framed("@", body)
+
+    def _framed(self, kind: str, body: str) -> bytes:
+        check = f":{longitudinal_redundancy(body)}" if self._checksums else ""
+        return f"{kind}{body}{check}\r\n".encode()
 
     def _do(self, request: _Request) -> str:
         if request.axis > 1:
@@ -167,17 +189,21 @@ class ZaberTable(Interlocked, LineDevice):
             "accel": f"{self._axis.acceleration_deg_s2 * self._per_deg * _ACCELERATION_UNIT:.0f}",
             "maxspeed": f"{self._max_speed_deg_s * self._per_deg * _VELOCITY_UNIT:.0f}",
             "comm.checksum": str(int(self._checksums)),
+            "comm.alert": str(int(self._alerts)),
+            "parking.state": str(int(self._parked)),
             "driver.enabled": str(int(self._axis.enabled)),
         }
 
     def _set(self, words: tuple[str, ...]) -> str:
-        if len(words) != 2 or words[0] not in {"accel", "maxspeed", "pos", "comm.checksum"}:
+        if len(words) != 2 or words[0] not in {"accel", "maxspeed", "pos", "comm.checksum", "comm.alert"}:
             raise _Rejected("BADCOMMAND")
         value = _number(words[1])
         if words[0] == "pos":
             self._axis.set_zero(value / self._per_deg)
         elif words[0] == "comm.checksum":
             self._checksums = bool(value)
+        elif words[0] == "comm.alert":
+            self._alerts, self._was_moving = bool(value), self._axis.moving()
         else:
             self._set_limit(words[0], value)
         return "0"
@@ -209,7 +235,24 @@ class ZaberTable(Interlocked, LineDevice):
         self._axis.go_to(position_deg, self._max_speed_deg_s)
         return "0"
 
+    def _tools(self, words: tuple[str, ...]) -> str:
+        """Park or unpark: a parked axis takes no movement. A moving one cannot be parked."""
+        if words not in {("parking", "park"), ("parking", "unpark")}:
+            raise _Rejected("BADCOMMAND")
+        if self._axis.moving():
+            raise _Rejected("STATUSBUSY")
+        self._parked = words[1] == "park"
+        return "0"
+
+    def _renumber(self, words: tuple[str, ...]) -> str:
+        """Take another address; here the first is the only one, for there is no chain."""
+        if words not in {(), ("1",)}:
+            raise _Rejected("BADDATA")
+        return "0"
+
     def _require_driver(self) -> None:
+        if self._parked:
+            raise _Rejected("PARKED")
         if not self._axis.enabled:
             raise _Rejected("DRIVERDISABLED")
         self._axis.clear_latched()  # a stall is over with the next movement
