@@ -38,19 +38,25 @@ class _Poller(Protocol):
 
 
 class _SelectorPoller:
-    """What other systems have, in the shape of epoll."""
+    """What other systems have, in the shape of epoll.
 
-    def __init__(self) -> None:
-        self._selector = selectors.DefaultSelector()
+    A selector cannot watch a file for hanging up alone: one from which nothing is to be received for now is forgotten.
+    """
+
+    def __init__(self, selector: selectors.BaseSelector) -> None:
+        self._selector = selector
 
     def register(self, fd: int, eventmask: int = READ, /) -> None:
-        self._selector.register(fd, self._wanted(eventmask))
+        if eventmask:
+            self._selector.register(fd, self._wanted(eventmask))
 
     def modify(self, fd: int, eventmask: int, /) -> None:
-        self._selector.modify(fd, self._wanted(eventmask))
+        self.unregister(fd)
+        self.register(fd, eventmask)
 
     def unregister(self, fd: int, /) -> None:
-        self._selector.unregister(fd)
+        with contextlib.suppress(KeyError):
+            self._selector.unregister(fd)
 
     def poll(self, timeout: float | None = None, /) -> list[tuple[int, int]]:
         return [(key.fd, self._found(mask)) for key, mask in self._selector.select(timeout)]
@@ -60,9 +66,7 @@ class _SelectorPoller:
 
     @staticmethod
     def _wanted(mask: int) -> int:
-        # a selector must be told something; a file that is only watched for hanging up is watched for reading
-        wanted = (selectors.EVENT_READ if mask & READ else 0) | (selectors.EVENT_WRITE if mask & WRITE else 0)
-        return wanted or selectors.EVENT_READ
+        return (selectors.EVENT_READ if mask & READ else 0) | (selectors.EVENT_WRITE if mask & WRITE else 0)
 
     @staticmethod
     def _found(mask: int) -> int:
@@ -71,7 +75,7 @@ class _SelectorPoller:
 
 def _poller() -> _Poller:
     epoll = getattr(select, "epoll", None)
-    return _SelectorPoller() if epoll is None else epoll()
+    return _SelectorPoller(selectors.DefaultSelector()) if epoll is None else epoll()
 
 
 class Timer:
