@@ -188,6 +188,11 @@ class Leads:
         """Keep the last `span_s` of the inputs from now on; as of the World."""
         return _LeadTrace(self._world.trace(span_s), self)
 
+    def source_ohm(self, name: str) -> float:
+        """Return the resistance between the terminals of input `name`, ohm; inf when its lead hangs free."""
+        node = self._leads[name].node
+        return math.inf if node is None else self._world.source_ohm(node)
+
     def value_v(self, name: str) -> float:
         """Return the voltage at input `name` now."""
         lead = self._leads[name]

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.sources import Sine
+from vcfbench.sim.trace import Piece
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from vcfbench.sim.sources import Ripple
@@ -40,6 +43,42 @@ class FakeCapture:
         return world.offset_v + world.amplitude_v * np.sin(2 * np.pi * world.frequency_hz * times_s)
 
 
+Waveform = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+
+
+class FakeHistory:
+    """What the node did since the history was begun: sines, or a waveform that can only be asked for its volts."""
+
+    def __init__(self, world: FakeWorld) -> None:
+        self.world = world
+        self.start_s = world.clock.now()
+
+    def pieces(self, node: str) -> list[Piece]:
+        assert node == "output"
+        now = self.world.clock.now()
+        changes = [*self.world.signals, (now, ())]
+        parts = [(max(start, self.start_s), stop, signal) for (start, signal), (stop, _) in pairwise(changes)]
+        return [self._piece(start, stop, signal) for start, stop, signal in parts if stop > start]
+
+    def _piece(self, start_s: float, stop_s: float, signal: tuple[Sine, ...] | Waveform) -> Piece:
+        if not isinstance(signal, tuple):
+            return Piece(start_s, stop_s, 0.0, None, signal)
+        turned = tuple(
+            Sine(each.amplitude_v, each.frequency_hz, each.phase_rad + math.tau * each.frequency_hz * start_s)
+            for each in signal
+        )
+        return Piece(start_s, stop_s, self.world.offset_v, turned, lambda times: self._sum(signal, times))
+
+    def _sum(self, sines: tuple[Sine, ...], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(
+            self.world.offset_v
+            + sum(each.amplitude_v * np.sin(math.tau * each.frequency_hz * times_s + each.phase_rad) for each in sines)
+        )
+
+    def end(self) -> None:
+        """Nothing is kept anyway."""
+
+
 class FakeWorld:
     """A node "output" that is offset + slope t (windows) or offset + sine (captures), and resistive rails."""
 
@@ -49,6 +88,8 @@ class FakeWorld:
         self.slope_v_s = 0.0
         self.amplitude_v = 0.0
         self.frequency_hz = 0.0
+        self.resistance_ohm = math.inf
+        self.signals: list[tuple[float, tuple[Sine, ...] | Waveform]] = [(0.0, ())]
         self.load_ohm = {"positive": 100.0, "negative": 100.0}
         self.rails: list[tuple[float, str, float]] = []
         self.windows: list[tuple[float, float]] = []
@@ -67,6 +108,18 @@ class FakeWorld:
     def capture(self, start_s: float, stop_s: float) -> FakeCapture:
         assert self.clock.now() <= start_s < stop_s
         return FakeCapture(self)
+
+    def play(self, *sines: Sine, waveform: Waveform | None = None) -> None:
+        """Change what is on the node from now on, beside its direct voltage; a waveform is of bench time."""
+        self.signals.append((self.clock.now(), waveform or sines))
+
+    def trace(self, span_s: float) -> FakeHistory:
+        assert span_s >= 7.0
+        return FakeHistory(self)
+
+    def source_ohm(self, node: str) -> float:
+        assert node == "output"
+        return self.resistance_ohm
 
     def on_load(self, regulate: Callable[[], None]) -> None:
         self.on_load_change = regulate

@@ -2,43 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.fake_world import FakeWorld
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
-
-
-class Bench(NamedTuple):
-    world: FakeWorld
-    meter: Hp34401A
-    talk: Conversation
-
-    def value(self, query: str = "READ?") -> float:
-        return float(self.talk.ask(query) or "nan")
-
-    def duration_s(self, query: str) -> float:
-        start = self.world.clock.now()
-        assert self.talk.ask(query) is not None
-        return self.world.clock.now() - start
-
-
-def bench(errors: MeterErrors | None = None, interface: str = "gpib", source_ohm: float = 0.0) -> Bench:
-    world = FakeWorld()
-    meter = Hp34401A(
-        world,  # type: ignore[arg-type]
-        errors=errors or MeterErrors.none(),
-        interface=interface,
-        source_ohm=source_ohm,
-    )
-    world.clock.attend(meter)
-    return Bench(world, meter, Conversation(meter, world.clock))
-
+from tests.sim.instruments.meter_bench import bench
+from vcfbench.sim.instruments.hp34401a import MeterErrors
 
 RESET = {
     "*IDN?": "HEWLETT-PACKARD,34401A,0,11-5-2",
@@ -251,15 +221,6 @@ def test_open_inputs(query: str, reply: str, bit: str) -> None:
     assert talk.errors() == []
 
 
-def test_alternating_signals() -> None:
-    bench_ = bench()
-    bench_.world.amplitude_v, bench_.world.frequency_hz = 2.0, 3488.9
-    assert bench_.value("MEAS:VOLT:AC?") == pytest.approx(2.0 / 2**0.5, rel=1e-3)
-    assert bench_.value("MEAS:FREQ?") == pytest.approx(3488.9, rel=1e-5)
-    assert bench_.value("MEAS:PER?") == pytest.approx(1 / 3488.9, rel=1e-5)
-    assert bench_.talk.ask("FUNC?") == '"PER"'
-
-
 @pytest.mark.parametrize(
     ("spelling", "reply"),
     [
@@ -299,9 +260,9 @@ def test_memory() -> None:
 def test_after_init_nothing_is_done_until_the_sequence_is_through() -> None:
     bench_ = bench()
     bench_.talk.write("SAMP:COUN 5;:INIT;:TRIG:DEL 1")
-    assert bench_.meter.delay_auto
+    assert bench_.meter.triggering.delay_auto
     assert bench_.duration_s("FETC?") == pytest.approx(0.02 + 5 * (0.0015 + 0.4))
-    assert not bench_.meter.delay_auto
+    assert not bench_.meter.triggering.delay_auto
 
 
 def test_bus_trigger() -> None:

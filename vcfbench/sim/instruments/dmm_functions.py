@@ -58,6 +58,16 @@ class Function:
         return {"V": 10.0, "A": self.ranges[-1], "OHM": 1e3}[self.unit]
 
     @property
+    def alternating(self) -> bool:
+        """Whether it goes through the ac path."""
+        return not self.integrating and not self.fixed
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it has one range and one integration time: continuity and diode test (p. 51)."""
+        return not self.ranges and not self.gated
+
+    @property
     def voltage_ranged(self) -> Function:
         """The function whose ranges RANGe sets: for frequency and period that of the signal, an ac voltage."""
         return BY_NAME["VOLT:AC"] if self.voltage_ranges else self
@@ -69,8 +79,8 @@ class Function:
 
     @property
     def autorange_s(self) -> float:
-        """Time an automatic change of range takes (p. 217)."""
-        return 0.03 if self.integrating else 0.8
+        """Time an automatic change of range takes at most (p. 217, 219, 221)."""
+        return 0.03 if self.integrating else 0.6 if self.gated else 0.8
 
     def range_for(self, value: float) -> float:
         """Return the lowest range that holds `value`, over-range included (unverified); -222 above the top."""
@@ -81,7 +91,7 @@ class Function:
 
     def over_range_of(self, range_: float) -> float:
         """Return the highest reading on `range_` as a multiple of it: 20 % over-range but for the limited top ones."""
-        return self.over_range if range_ == self.ranges[-1] else 1.2
+        return self.over_range if self.ranges and range_ == self.ranges[-1] else 1.2
 
     def nplc_for(self, resolution: float) -> float:
         """Return the power line cycles that go with a resolution."""

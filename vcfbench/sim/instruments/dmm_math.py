@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from vcfbench.sim.scpi import ScpiError
 
-__all__ = ["OVERLOAD", "Math", "MathResult"]
+__all__ = ["MATH_RULES", "OVERLOAD", "Math", "MathResult"]
 
 OVERLOAD = 9.9e37
 """What an overload reads as (p. 82)."""
+MATH_RULES = MappingProxyType(
+    {
+        "NULL": ("VOLT", "VOLT:AC", "CURR", "CURR:AC", "RES", "FRES", "FREQ", "PER"),
+        "AVER": ("VOLT", "VOLT:RAT", "VOLT:AC", "CURR", "CURR:AC", "RES", "FRES", "FREQ", "PER"),
+        "LIM": ("VOLT", "VOLT:RAT", "VOLT:AC", "CURR", "CURR:AC", "RES", "FRES", "FREQ", "PER"),
+        "DB": ("VOLT", "VOLT:AC"),
+        "DBM": ("VOLT", "VOLT:AC"),
+    }
+)
+"""Which functions each math operation goes with (p. 63)."""
 _LIMIT_LOW = 1 << 11
 _LIMIT_HIGH = 1 << 12
 
