@@ -44,6 +44,23 @@ def short(tmp_path: Path) -> Path:
     return path
 
 
+WIRES = ["tcp", pytest.param("pty", marks=needs_ptys), "vxi11", "hislip"]
+INSTRUMENTS = ("power", "rate_source", "multimeter", "oscilloscope")
+
+
+def everywhere(wires: str) -> list[str]:
+    """Return what offers every instrument on `wires`, and runs on them; a table has sockets and serial lines only."""
+    offers = [word for role in INSTRUMENTS for word in ("--offer", f"{role}:{wires}")]
+    return ["--wires", wires, *offers]
+
+
+def require_wires(served: Path, wires: str) -> None:
+    """Make sure that the bench file names those wires for every instrument."""
+    marks = {"tcp": "::SOCKET", "pty": "ASRL/dev/", "vxi11": "::inst0::INSTR", "hislip": "::hislip0,"}
+    description = load_bench(served)
+    assert all(marks[wires] in getattr(description, role).resource for role in INSTRUMENTS)
+
+
 @contextmanager
 def serving(bench: Path, *arguments: str) -> Iterator[Path]:
     """Serve `bench` in another process; the bench file that it writes."""
@@ -69,10 +86,11 @@ def answer(folder: Path, procedure: str, *arguments: str) -> dict[str, Any]:
     return given
 
 
-@pytest.mark.parametrize("wires", ["tcp", pytest.param("pty", marks=needs_ptys), "vxi11"])
+@pytest.mark.parametrize("wires", WIRES)
 def test_turntable_over_real_wires_gives_the_same_bytes(short: Path, tmp_path: Path, wires: str) -> None:
     alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
-    with serving(short, "--wires", wires, "--seed", "7") as served:
+    with serving(short, *everywhere(wires), "--seed", "7") as served:
+        require_wires(served, wires)
         over_wires = answer(tmp_path, "turntable", "--bench", str(served))
     assert json.dumps(over_wires) == json.dumps(alone)
 
@@ -87,13 +105,35 @@ def test_a_led_run_with_a_table_of_frames_or_unasked_status(dialect: str, tmp_pa
     assert given["results"]["scale_factor"]["value"] == pytest.approx(-0.012542052, rel=1e-8)
 
 
-def test_all_four_steps_over_real_wires_give_the_same_bytes(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def four_steps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The whole calibration in one process."""
+    return answer(tmp_path_factory.mktemp("alone"), "virtual-coriolis", "--seed", "7")
+
+
+@pytest.mark.parametrize("wires", WIRES)
+def test_all_four_steps_over_real_wires_give_the_same_bytes(
+    four_steps: dict[str, Any], tmp_path: Path, wires: str
+) -> None:
     paper = tmp_path / "paper.toml"
     paper.write_text(embedded_text("paper"), encoding="utf-8")
-    alone = answer(tmp_path, "virtual-coriolis")
-    with serving(paper, *(["--wires", "pty"] if hasattr(os, "openpty") else [])) as served:
+    with serving(paper, *everywhere(wires), "--seed", "7") as served:
+        require_wires(served, wires)
         over_wires = answer(tmp_path, "virtual-coriolis", "--bench", str(served), "--speed", "max")
-    assert json.dumps(over_wires) == json.dumps(alone)
+    assert json.dumps(over_wires) == json.dumps(four_steps)
+
+
+def test_after_a_reset_the_bench_gives_the_same_bytes_again(short: Path, tmp_path: Path) -> None:
+    with serving(short) as served:
+        told = load_bench(served).served
+        assert told is not None
+        first = answer(tmp_path, "turntable", "--bench", str(served))
+        second = answer(tmp_path, "turntable", "--bench", str(served))
+        with Control(told.address()[1]) as control:
+            control.request("reset")
+        third = answer(tmp_path, "turntable", "--bench", str(served))
+    assert json.dumps(first) == json.dumps(third)
+    assert json.dumps(first["results"]) != json.dumps(second["results"])
 
 
 def test_without_its_key_a_served_bench_is_a_real_bench_on_a_wall_clock(short: Path, tmp_path: Path) -> None:

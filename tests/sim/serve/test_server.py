@@ -281,6 +281,12 @@ def test_an_instrument_on_a_serial_line_is_in_remote_until_it_is_sent_to_local()
                 assert error.startswith(b"+550" if before else b"+0")
 
 
+def test_a_client_of_the_control_port_loads_no_numerics() -> None:
+    code = "import sys, vcfbench.sim.serve; print(sorted({'numpy', 'scipy', 'pyvisa', 'serial'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout.strip() == "[]"
+
+
 class BrittleLamp(Lamp):
     def reset(self) -> None:
         raise ZeroDivisionError

@@ -12,9 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from vcfbench.sim.sources import Drive
-from vcfbench.sim.world import NODES, RAILS
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
@@ -114,6 +111,8 @@ def _truth(value: Any) -> bool:
 
 
 def _loads(world: World) -> Iterator[Adjustment]:
+    from vcfbench.sim.world import RAILS  # noqa: PLC0415  (numpy with it; a client of the control port needs none)
+
     for rail in RAILS:
         read = partial(_finite, partial(world.load_ohm, rail))
         write = partial(_load, world, rail)
@@ -129,6 +128,8 @@ def _load(world: World, rail: str, ohms: Any) -> None:
 
 
 def _nodes(world: World) -> Iterator[Adjustment]:
+    from vcfbench.sim.world import NODES  # noqa: PLC0415  (as above)
+
     for node in NODES:
         write = partial(_drive, world) if node == "v_vc" else None
         yield Adjustment(f"node.{node}", "V", "voltage of the node now", partial(world.value_v, node), write)
@@ -136,10 +137,14 @@ def _nodes(world: World) -> Iterator[Adjustment]:
 
 def _drive(world: World, volts: Any) -> None:
     """Put a voltage on the V_Vc input instead of the generator, or nothing (null)."""
+    from vcfbench.sim.sources import Drive  # noqa: PLC0415  (as above)
+
     world.drive_v_vc(None if volts is None else Drive(float(volts)))
 
 
 def _rails(world: World) -> Iterator[Adjustment]:
+    from vcfbench.sim.world import RAILS  # noqa: PLC0415  (as above)
+
     for rail in RAILS:
         read = partial(_rail_current, world, rail)
         yield Adjustment(f"rail.{rail}.current_a", "A", "current that the PCB draws from the rail", read)
