@@ -84,7 +84,7 @@ class Console:
             TransportError: the answer did not come, or the connection is gone.
         """
         self._signals.safe_point()
-        if not message.isascii():
+        if not (message.isascii() and message.isprintable()):
             raise ConfigError(f"{message!r} has characters that instruments do not know; nothing was sent")
         if self._guard is not None:
             self._guard.judge(message, lambda question: self._plain.ask(question).decode("latin-1").strip())

@@ -109,6 +109,8 @@ def test_supply_within_the_limits(message: str) -> None:
         ("OUTP MAYBE", "neither ON nor OFF"),
         ("INST:NSEL 4", "there is no output 4"),
         ("VOLTAG 30", "VOLTAG is not known"),
+        ("DISP:TEXT a';:VOLT 30;'", "has a quotation mark inside a parameter"),
+        ("VOLT 10\nVOLT 30", "only printable ASCII"),
     ],
 )
 def test_supply_beyond_the_limits(message: str, words: str) -> None:
@@ -184,6 +186,7 @@ def test_generator_within_the_limits(message: str) -> None:
         ("OUTP:LOAD 50;:VOLT:OFFS 5", "peak voltage 11 V"),
         ("OUTP:LOAD MIN;:VOLT:OFFS 1", "peak voltage"),
         ("VOLT 3 VRMS", "'3 VRMS' cannot be judged"),
+        ("VOLT:UNIT VRMS;:VOLT 3", "send VOLT:UNIT VPP first"),
         ("AM:DEPT 120", "modulation depth 120 %"),
         ("*RCL 0", "*RCL is not known"),
         ("*TST?", "self-test"),
@@ -240,6 +243,13 @@ def test_no_way_to_a_peak_beyond_the_limit(vpp: float, offset: float, load: str)
         ("MEAS:RES?", False),
         ("CONF:FRES", False),
         ("MEASURE:DIODE?", False),
+        ("CONF?", True),
+        ('SENS:FUNC "FREQ"', True),
+        ("RES:NPLC 10", True),
+        ('FUNC "SENS:RES"', False),
+        ("FUNC:ON 'RES'", False),
+        ("MEAS:SCAL:RES?", False),
+        ("FUNC RES'", False),
         ('SENS:FUNC "CONT"', False),
         ("L2", False),
         ("FUNC?", True),
@@ -328,7 +338,11 @@ def test_a_servo_is_not_closed_on_a_position() -> None:
 @pytest.mark.parametrize(
     ("name", "allowed", "forbidden"),
     [
-        ("zaber", ["/1 get pos", "/stop", "/1 1 stop", "/"], ["/1 move vel 1000", "/1 home", "/1 set maxspeed 5"]),
+        (
+            "zaber",
+            ["/1 get pos", "/stop", "/1 1 stop", "/"],
+            ["/1 move vel 1000", "/1 home", "/1 set maxspeed 5", "/1 get pos\r/1 home"],
+        ),
         ("esp", ["1TP?", "1ST", "VE?"], ["1PA90", "1MV+", "1MO"]),
         ("atl", ["STO", "PVE"], ["JOG60", "HOM"]),
         ("made-up", [], ["", "STO", "?"]),

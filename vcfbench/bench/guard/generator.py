@@ -20,6 +20,9 @@ __all__ = ["GeneratorRules"]
 _OPEN_OHM = 9.9e37
 _SOURCE_OHM = 50.0
 _DEFAULT_VPP = 0.1
+_SMALLEST_VPP, _LARGEST_VPP = 0.02, 20.0
+"""Into an open circuit (data sheet: 10 mVpp to 10 Vpp into 50 ohm)."""
+
 _LOAD_WORDS: Mapping[str, float] = MappingProxyType(
     {"INFinity": _OPEN_OHM, "MINimum": 1.0, "MAXimum": 10_000.0, "DEFault": 50.0}
 )
@@ -35,7 +38,7 @@ _HARMLESS = (
         "OUTPut:POLarity",
         "OUTPut:SYNC...",
     ),
-    *("OUTPut:TRIGger...", "[SOURce:]FREQuency...", "[SOURce:]VOLTage:UNIT", "[SOURce:]VOLTage:RANGe:AUTO"),
+    *("OUTPut:TRIGger...", "[SOURce:]FREQuency...", "[SOURce:]VOLTage:RANGe:AUTO"),
     *("[SOURce:]FUNCtion:SQUare...", "[SOURce:]FUNCtion:RAMP...", "[SOURce:]FUNCtion:PULSe..."),
     *("[SOURce:]FUNCtion:USER", "[SOURce:]PULSe...", "[SOURce:]AM:STATe", "[SOURce:]AM:INTernal...", "[SOURce:]FM..."),
     *("[SOURce:]PM...", "[SOURce:]PWM...", "[SOURce:]FSKey...", "[SOURce:]SWEep...", "[SOURce:]BURSt..."),
@@ -48,19 +51,25 @@ _FUNCTIONS = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC", "USER")
 
 @dataclass(slots=True)
 class _State:
-    """What the generator is set to, V as it shows them for the load that it is told."""
+    """What the generator is set to, V as it shows them for the load that it is told.
+
+    `vpp` is None when the amplitude is not known in Vpp; `in_vpp` tells what an amplitude without a unit is taken for.
+    """
 
     function: str
     vpp: float | None
     offset_v: float
     load_ohm: float
+    in_vpp: bool
 
     @classmethod
     def asked(cls, ask: Ask) -> _State:
         """Ask the generator; an amplitude that is not in Vpp is not known."""
         peak_to_peak = ask("VOLT:UNIT?").strip().upper() == "VPP"
         vpp = float(ask("VOLT?")) if peak_to_peak else None
-        return cls(ask("FUNC?").strip().upper(), vpp, float(ask("VOLT:OFFS?")), float(ask("OUTP:LOAD?")))
+        return cls(
+            ask("FUNC?").strip().upper(), vpp, float(ask("VOLT:OFFS?")), float(ask("OUTP:LOAD?")), in_vpp=peak_to_peak
+        )
 
     @property
     def factor(self) -> float:
@@ -71,15 +80,18 @@ class _State:
         """Return the peak voltage into an open circuit."""
         if self.function == "DC":
             return self.factor * abs(self.offset_v)
+        return self.factor * (abs(self.offset_v) + self.known_vpp() / 2.0)
+
+    def known_vpp(self) -> float:
+        """Return the amplitude, which must be known."""
         if self.vpp is None:
             raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
-        return self.factor * (abs(self.offset_v) + self.vpp / 2.0)
+        return self.vpp
 
     def levels_v(self) -> tuple[float, float]:
         """Return low and high level."""
-        if self.vpp is None:
-            raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
-        return self.offset_v - self.vpp / 2.0, self.offset_v + self.vpp / 2.0
+        half_v = self.known_vpp() / 2.0
+        return self.offset_v - half_v, self.offset_v + half_v
 
 
 class GeneratorRules:
@@ -93,6 +105,7 @@ class GeneratorRules:
             "[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet": self._offset,
             "[SOURce:]VOLTage[:LEVel][:IMMediate]:HIGH": self._high,
             "[SOURce:]VOLTage[:LEVel][:IMMediate]:LOW": self._low,
+            "[SOURce:]VOLTage:UNIT": self._unit,
             "[SOURce:]AM:DEPTh": self._depth,
             "OUTPut[:STATe]": self._switch,
             "OUTPut:LOAD": self._load,
@@ -109,7 +122,8 @@ class GeneratorRules:
             rule = self._rule(part)
             state = state or _State.asked(ask)
             rule(state, part)
-            at_most("peak voltage", state.peak_v(), self._max_v, "V (open circuit)")
+            if rule != self._unit:  # which changes nothing but what the next amplitude means
+                at_most("peak voltage", state.peak_v(), self._max_v, "V (open circuit)")
 
     def _rule(self, part: Part) -> Callable[[_State, Part], None]:
         if part.path.startswith("APPL"):
@@ -124,7 +138,9 @@ class GeneratorRules:
         word = part.path.partition(":")[2]
         state.function = _known_function(word)
         given = part.arguments
-        if len(given) > 1:
+        if state.function == "DC":  # an amplitude is ignored, the one that was set may come back with another function
+            pass
+        elif len(given) > 1:
             state.vpp = self._vpp(state, given[1])
         elif state.vpp is not None:
             state.vpp = max(state.vpp, _DEFAULT_VPP)
@@ -137,8 +153,6 @@ class GeneratorRules:
 
     def _amplitude(self, state: _State, part: Part) -> None:
         part.require(1)
-        if state.vpp is None:
-            state.levels_v()
         state.vpp = self._vpp(state, part.arguments[0])
 
     def _offset(self, state: _State, part: Part) -> None:
@@ -158,6 +172,11 @@ class GeneratorRules:
     def _span(self, state: _State, low_v: float, high_v: float) -> None:
         at_most("level", state.factor * max(abs(low_v), abs(high_v)), self._max_v, "V (open circuit)")
         state.vpp, state.offset_v = high_v - low_v, (high_v + low_v) / 2.0
+
+    @staticmethod
+    def _unit(state: _State, part: Part) -> None:
+        part.require(1)
+        state.in_vpp = part.argument(0) == "VPP"
 
     @staticmethod
     def _depth(_state: _State, part: Part) -> None:
@@ -185,10 +204,14 @@ class GeneratorRules:
     @staticmethod
     def _reset(state: _State, _part: Part) -> None:
         state.function, state.vpp, state.offset_v, state.load_ohm = "SIN", _DEFAULT_VPP, 0.0, _SOURCE_OHM
+        state.in_vpp = True
 
     def _vpp(self, state: _State, text: str) -> float:
-        """Return an amplitude; the largest is what the output can do."""
-        return quantity(text, VPP, {"MINimum": 0.0, "MAXimum": 20.0 / state.factor, "DEFault": _DEFAULT_VPP})
+        """Return an amplitude; the largest is what the output can do, and less than the smallest sets the smallest."""
+        if not state.in_vpp and not text.upper().endswith("VPP"):
+            raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
+        words = {"MINimum": 0.0, "MAXimum": _LARGEST_VPP / state.factor, "DEFault": _DEFAULT_VPP}
+        return max(quantity(text, VPP, words), _SMALLEST_VPP / state.factor)
 
     def _volts(self, state: _State, text: str) -> float:
         largest = 10.0 / state.factor

@@ -21,6 +21,7 @@ __all__ = ["AMPERE", "OHM", "VOLT", "VPP", "Part", "Unreadable", "header_pattern
 _HEADER = re.compile(r"\s*(:?)(\*?[A-Za-z][A-Za-z0-9_]*(?::[A-Za-z][A-Za-z0-9_]*)*)(\??)(?:\s+(.*?))?\s*", re.DOTALL)
 _QUANTITY = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*([A-Za-z]*)")
 _OUTSIDE = re.compile(r"\"[^\"]*\"|'[^']*'|[;,]")
+_STRING = re.compile(r"(?:\"[^\"]*\")+|(?:'[^']*')+")
 _MNEMONIC = re.compile(r"([A-Z]+)([a-z]*)")
 
 VOLT: Mapping[str, float] = MappingProxyType({"": 1.0, "V": 1.0, "MV": 1e-3, "UV": 1e-6, "KV": 1e3})
@@ -72,6 +73,8 @@ def _part(piece: str, path: tuple[str, ...]) -> tuple[Part, tuple[str, ...]]:
     if found is None or "#" in (found[4] or ""):
         raise Unreadable(f"{piece.strip()!r} is not understood")
     arguments = tuple(each.strip() for each in _split(found[4], ",")) if found[4] else ()
+    if any(("'" in each or '"' in each) and not _STRING.fullmatch(each) for each in arguments):
+        raise Unreadable(f"{piece.strip()!r} has a quotation mark inside a parameter")
     nodes = tuple(found[2].upper().split(":"))
     if nodes[0].startswith("*"):
         return Part(found[2].upper(), bool(found[3]), arguments), path

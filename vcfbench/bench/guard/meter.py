@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 __all__ = ["MeterRules"]
 
-_SOURCING = ("RESistance", "FRESistance", "CONTinuity", "DIODe")
-"""Functions that send a test current of up to 1 mA out of the terminals (guide p. 51-53)."""
+_QUIET = ("VOLTage...", "CURRent...", "FREQuency...", "PERiod...")
+"""Functions that only measure. Resistance, continuity and diode tests send up to 1 mA out of the meter (p. 51-53)."""
 
-_CHOOSING = tuple(f"{verb}:{function}" for verb in ("MEASure", "CONFigure") for function in _SOURCING)
+_CHOOSING = ("MEASure...", "CONFigure...")
 _OTHER_LANGUAGES = ("L2", "L3")
 
 
@@ -27,14 +27,17 @@ class MeterRules:
         """Raise Beyond or Unreadable when `message` may not be sent."""
         del ask
         for part in read_message(message):
-            if is_one_of(part, _CHOOSING) or _chooses_by_name(part):
-                raise Beyond(f"{part.path} would send a test current into the PCB")
+            function = _chosen(part)
+            if function is not None and not any(header_pattern(each).fullmatch(function) for each in _QUIET):
+                raise Beyond(f"{part.path} could send a test current into the PCB: {function} is no quiet function")
             if part.path in _OTHER_LANGUAGES:
                 raise Unreadable(f"{part.path} makes the meter speak another language")
 
 
-def _chooses_by_name(part: Part) -> bool:
-    if part.query or not part.arguments or not header_pattern("[SENSe:]FUNCtion").fullmatch(part.path):
-        return False
-    wanted = part.argument(0).strip("\"'")
-    return any(header_pattern(each).fullmatch(wanted) for each in _SOURCING)
+def _chosen(part: Part) -> str | None:
+    """Return the function that `part` makes the meter measure, None when it chooses none."""
+    if is_one_of(part, _CHOOSING):
+        return part.path.partition(":")[2] or None  # CONFigure? alone asks
+    if part.query or not part.arguments or not is_one_of(part, ("[SENSe:]FUNCtion...",)):
+        return None
+    return part.argument(0).strip("\"'")

@@ -54,9 +54,10 @@ class _State:
     @classmethod
     def asked(cls, ask: Ask) -> _State:
         """Ask the supply."""
+        levels = {name: ask(f"APPL? {name}").strip('" ').split(",") for name in _OUTPUTS}
+        # asked last: the guide does not say whether APPLy? selects the output that it is asked for
         state = cls(ask("INST:SEL?").strip().upper(), switch(ask("OUTP:TRAC?")), switch(ask("OUTP?")))
-        for name in _OUTPUTS:
-            volts, amps = ask(f"APPL? {name}").strip('" ').split(",")
+        for name, (volts, amps) in levels.items():
             state.volts[name], state.amps[name] = float(volts), float(amps)
         return state
 

@@ -169,5 +169,6 @@ class ReadsAndStops:
     def judge(self, message: str, ask: Ask) -> None:
         """Raise Unreadable when `message` may not be sent."""
         del ask
-        if self._allowed is None or not self._allowed.fullmatch(message.strip()):
+        text = message.strip()  # a carriage return within would end one message and begin another
+        if self._allowed is None or not text.isprintable() or not self._allowed.fullmatch(text):
             raise Unreadable("of this table's dialect only what reads or stops is understood")
