@@ -3,81 +3,14 @@ from __future__ import annotations
 import math
 import re
 import struct
-import zlib
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vcfbench.clock import VirtualClock
-from vcfbench.sim.instruments.dso7104b import TABLE, Dso7104B, ScopeErrors
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-F = 3488.9
-
-
-@dataclass
-class SineCapture:
-    world: Bench
-    start_s: float
-    stop_s: float
-
-    def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        assert self.world.clock.now() >= self.stop_s, "looked at before it has happened"
-        assert times_s.min() >= self.start_s
-        assert times_s.max() <= self.stop_s
-        return self.world.nodes[node](times_s)
-
-
-class Bench:
-    """A world of analytic nodes, and a host that reads as a transport does."""
-
-    def __init__(self, errors: ScopeErrors | None = None) -> None:
-        self.clock = VirtualClock()
-        self.nodes: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
-            "drive": lambda t: 0.1 + 1.5 * np.sin(2 * np.pi * F * t),
-            "carrier": lambda t: 2.0 * np.sin(2 * np.pi * F * t + np.radians(-40.0)),
-            "flat": lambda t: np.full(len(t), 0.25),
-            "pulse": lambda t: np.where((t * 1000.0) % 1.0 < 0.3, 1.0, -1.0),
-        }
-        wired = {1: "drive", 2: "carrier", 3: "flat", 4: "pulse"}
-        self.scope = Dso7104B(self, wired, errors or ScopeErrors.none())
-
-    def capture(self, start_s: float, stop_s: float) -> SineCapture:
-        assert start_s >= self.clock.now()
-        return SineCapture(self, start_s, stop_s)
-
-    def send(self, text: str) -> None:
-        self.scope.write(text.encode() + b"\n")
-
-    def raw(self, text: str, limit_s: float = 100.0) -> bytes:
-        self.send(text)
-        deadline = self.clock.now() + limit_s
-        while not (reply := self.scope.read(1 << 26)[0]):
-            wake = self.scope.wake_at()
-            if wake is None or wake > deadline:
-                raise TimeoutError(text)
-            self.clock.sleep_until(wake)
-        return reply
-
-    def ask(self, text: str) -> str:
-        return self.raw(text).decode("latin-1").removesuffix("\n")
-
-    def number(self, text: str) -> float:
-        return float(self.ask(text))
-
-    def errors(self) -> list[int]:
-        found = []
-        while (text := self.ask("SYST:ERR?")) != '+0,"No error"':
-            found.append(int(text.split(",")[0]))
-        return found
+from tests.sim.instruments.dso_bench import Bench, F, errors_with, waveform
+from vcfbench.sim.instruments.dso7104b import TABLE, ScopeErrors
 
 
 @pytest.fixture
@@ -183,19 +116,6 @@ def test_the_trigger_is_at_time_zero(bench: Bench, slope: str) -> None:
     middle = int(np.argmin(abs(times)))
     assert volts[middle] == pytest.approx(0.5, abs=4 / 65536)
     assert (volts[middle + 1] > volts[middle]) == (slope == "POS")
-
-
-def waveform(bench: Bench) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Read the source out as a programmer's guide says."""
-    preamble = [float(field) for field in bench.ask(":WAV:PRE?").split(",")]
-    data = bench.raw(":WAV:DATA?")
-    count = int(data[2:10])
-    assert data[:2] == b"#8"
-    assert len(data) == 10 + count + 1
-    codes = np.frombuffer(data[10:-1], ">u2" if preamble[0] == 1 else "u1").astype(float)
-    assert len(codes) == preamble[2]
-    times = (np.arange(len(codes)) - preamble[6]) * preamble[4] + preamble[5]
-    return times, (codes - preamble[9]) * preamble[7] + preamble[8]
 
 
 def test_the_preamble_of_the_live_sample(bench: Bench) -> None:
@@ -458,10 +378,6 @@ def test_peak_detect_alternates_minimum_and_maximum(bench: Bench) -> None:
     assert (volts[0::2] <= volts[1::2]).all()
 
 
-def errors_with(**changes: object) -> ScopeErrors:
-    return replace(ScopeErrors.none(), **changes)  # type: ignore[arg-type]
-
-
 def test_averaging_takes_its_time_and_reduces_the_noise() -> None:
     spread = {}
     for kind in ("NORM", "AVER"):
@@ -541,21 +457,6 @@ def test_installed_measurements_give_results(bench: Bench) -> None:
     assert bench.ask(":MEAS:RES?").startswith("VPP(1),+")
     bench.send(":MEAS:CLE")
     assert bench.ask(":MEAS:RES?") == ""
-
-
-def test_the_screen_is_a_picture_of_the_shown_traces(bench: Bench) -> None:
-    bench.send(":DIG CHAN3")
-    reply = bench.raw(":DISP:DATA? PNG,SCR,COL")
-    png = reply[10:-1]
-    assert int(reply[2:10]) == len(png)
-    assert png[:8] == b"\x89PNG\r\n\x1a\n"
-    start = png.index(b"IDAT") + 4
-    rows = (
-        np.frombuffer(zlib.decompress(png[start:-16]), np.uint8).reshape(480, 1 + 640 * 3)[:, 1:].reshape(480, 640, 3)
-    )
-    yellow = np.flatnonzero((rows[:, 333] == (255, 255, 0)).all(axis=1))
-    # 0.25 V of 4 V above the middle
-    assert yellow == pytest.approx([round((0.5 - 0.0625) * 479)])
 
 
 @pytest.mark.parametrize(

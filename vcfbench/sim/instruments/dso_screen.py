@@ -1,51 +1,140 @@
-"""The oscilloscope's screen as a picture: grid and traces, nothing else."""
+"""The oscilloscope's screen as a picture: grid and traces, nothing else, in the formats of :DISPlay:DATA.
+
+Pixels and colours are chosen (a screen of 1024 by 768 is what the data sheet's XGA means; unverified of the picture).
+"""
 
 from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-__all__ = ["screenshot"]
+__all__ = ["COLOURS", "FORMATS", "Look", "screenshot"]
 
-WIDTH, HEIGHT = 640, 480
-_COLOURS = ((255, 255, 0), (0, 255, 0), (80, 80, 255), (255, 80, 160))
-_GRID = (70, 70, 70)
+WIDTH, HEIGHT = 1024, 768
+COLOURS = ((255, 255, 0), (0, 255, 0), (80, 80, 255), (255, 80, 160), (200, 80, 255))
+"""Of the channels and the math trace."""
+_BLACK, _WHITE, _GRID = (0, 0, 0), (255, 255, 255), (70, 70, 70)
+_LUMINANCE = (0.299, 0.587, 0.114)
+_LEVELS = 6
+"""Of each of red, green and blue in the palette of an 8-bit picture."""
+_GREYS = 256 - _LEVELS**3
 
 
-def screenshot(traces: Sequence[NDArray[np.float64]]) -> bytes:
-    """Return a PNG of traces whose values run from -0.5 (bottom) to 0.5 (top)."""
-    picture = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How the picture is made: palette COL, GRAY or MON; the ink saver makes the background white."""
+
+    palette: str = "COL"
+    ink_saver: bool = False
+
+
+def screenshot(traces: Mapping[int, NDArray[np.float64]], kind: str, look: Look) -> bytes:
+    """Return a picture of traces whose values run from -0.5 (bottom) to 0.5 (top), by number of the trace from 1."""
+    picture = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    picture[:] = _WHITE if look.ink_saver else _BLACK
     picture[:: HEIGHT // 8, :] = _GRID
     picture[:, :: WIDTH // 10] = _GRID
-    for trace, colour in zip(traces, _COLOURS, strict=False):
-        _draw(picture, trace, colour)
-    return _png(picture)
+    for number, trace in traces.items():
+        _draw(picture, trace, COLOURS[number - 1])
+    return FORMATS[kind](_toned(picture, look))
 
 
 def _draw(picture: NDArray[np.uint8], trace: NDArray[np.float64], colour: tuple[int, int, int]) -> None:
     """Draw each column from its lowest to its highest sample, joined to the column before."""
-    columns = np.array_split(np.clip(np.round((0.5 - trace) * (HEIGHT - 1)), 0, HEIGHT - 1).astype(int), WIDTH)
-    last = int(columns[0][0])
-    for x, rows in enumerate(columns):
+    rows_of_points = np.clip(np.round((0.5 - trace) * (HEIGHT - 1)), 0, HEIGHT - 1).astype(int)
+    last = int(rows_of_points[0])
+    for x, rows in enumerate(_columns(rows_of_points)):
         top, bottom = min(int(rows.min()), last), max(int(rows.max()), last)
         picture[top : bottom + 1, x] = colour
         last = int(rows[-1])
 
 
+def _columns(rows: NDArray[np.int_]) -> Sequence[NDArray[np.int_]]:
+    """Return the points of each column of pixels; where there are fewer points than columns, the nearest one."""
+    if len(rows) < WIDTH:
+        rows = rows[np.arange(WIDTH) * len(rows) // WIDTH]
+    return np.array_split(rows, WIDTH)
+
+
+def _toned(picture: NDArray[np.uint8], look: Look) -> NDArray[np.uint8]:
+    if look.palette == "COL":
+        return picture
+    grey = picture @ np.array(_LUMINANCE)
+    if look.palette == "MON":
+        paper = 255.0 if look.ink_saver else 0.0
+        grey = np.where(np.abs(grey - paper) > 32.0, 255.0 - paper, paper)
+    return np.repeat(np.rint(grey).astype(np.uint8)[:, :, None], 3, axis=2)
+
+
 def _png(picture: NDArray[np.uint8]) -> bytes:
     rows = b"".join(b"\0" + row.tobytes() for row in picture)
     header = struct.pack(">IIBBBBB", WIDTH, HEIGHT, 8, 2, 0, 0, 0)
-    chunks = (_chunk(b"IHDR", header), _chunk(b"IDAT", zlib.compress(rows)), _chunk(b"IEND", b""))
+    chunks = (_chunk(b"IHDR", header), _chunk(b"IDAT", zlib.compress(rows, 1)), _chunk(b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def _bmp(pixels: bytes, palette: bytes, bits: int) -> bytes:
+    """Return a Windows bitmap of rows from the bottom up."""
+    start = 14 + 40 + len(palette)
+    size = struct.pack("<IiiHHIIiiII", 40, WIDTH, HEIGHT, 1, bits, 0, len(pixels), 2835, 2835, len(palette) // 4, 0)
+    return struct.pack("<2sIHHI", b"BM", start + len(pixels), 0, 0, start) + size + palette + pixels
+
+
+def _bmp24(picture: NDArray[np.uint8]) -> bytes:
+    return _bmp(picture[::-1, :, ::-1].tobytes(), b"", 24)
+
+
+def _bmp8(picture: NDArray[np.uint8]) -> bytes:
+    """Return an 8-bit bitmap: six levels a colour, and a ramp of greys."""
+    cube = np.rint(picture * ((_LEVELS - 1) / 255.0)).astype(int) @ np.array((_LEVELS**2, _LEVELS, 1))
+    grey = _LEVELS**3 + np.rint(picture[:, :, 0] * ((_GREYS - 1) / 255.0)).astype(int)
+    is_grey = (picture[:, :, 0] == picture[:, :, 1]) & (picture[:, :, 1] == picture[:, :, 2])
+    return _bmp(np.where(is_grey, grey, cube)[::-1].astype(np.uint8).tobytes(), _palette(), 8)
+
+
+def _palette() -> bytes:
+    """Return the colours of an 8-bit picture as blue, green, red, 0."""
+    steps = [round(level * 255 / (_LEVELS - 1)) for level in range(_LEVELS)]
+    cube = [(blue, green, red, 0) for red in steps for green in steps for blue in steps]
+    greys = [(round(level * 255 / (_GREYS - 1)),) * 3 + (0,) for level in range(_GREYS)]
+    return bytes(value for colour in cube + greys for value in colour)
+
+
+def _tiff(picture: NDArray[np.uint8]) -> bytes:
+    """Return a bilevel TIFF, one strip without compression, 1 being white."""
+    bits = np.packbits(picture[:, :, 0] > 127, axis=1).tobytes()
+    tags = (
+        (256, 4, 1, WIDTH),
+        (257, 4, 1, HEIGHT),
+        (258, 3, 1, 1),  # bits a sample
+        (259, 3, 1, 1),  # not compressed
+        (262, 3, 1, 1),  # black is zero
+        (273, 4, 1, 8),  # where the strip is
+        (277, 3, 1, 1),  # samples a pixel
+        (278, 4, 1, HEIGHT),  # rows a strip
+        (279, 4, 1, len(bits)),
+    )
+    entries = b"".join(struct.pack("<HHII", *tag) for tag in tags)
+    return struct.pack("<2sHI", b"II", 42, 8 + len(bits)) + bits + struct.pack("<H", len(tags)) + entries + bytes(4)
+
+
+FORMATS: Mapping[str, Callable[[NDArray[np.uint8]], bytes]] = {
+    "PNG": _png,
+    "BMP": _bmp24,
+    "BMP8": _bmp8,
+    "TIFF": _tiff,
+}
+"""The formats by the short forms of their words."""
