@@ -99,3 +99,39 @@ def test_home_can_be_defined(host: Host) -> None:
     host.wait(1.0)
     host.ask("1DH0")
     assert host.ask("1TP") == "0.0000"
+
+
+def test_what_follows_ws_waits_until_the_stage_stands(host: Host) -> None:
+    start = host.world.clock.now()
+    host.table.write(b"1MO;1VA50;1PA100;1WS500;1TP;TE?\r1TP\r")
+    reply = exchange(host.table, host.world.clock, b"", 10.0)
+    # 100 deg at 50 deg/s and 100 deg/s2 are 2.5 s; half a second beyond that, and the pause of the move's own control
+    assert host.world.clock.now() - start == pytest.approx(3.1, abs=0.25)
+    assert reply.split() == [b"100.0000", b"0"]
+    assert host.ask("TE?") == "100.0000"  # what came in the second message
+    assert host.ask("1DP?") == "0"
+
+
+def test_software_limits_refuse_a_move_and_stop_a_jog(host: Host) -> None:
+    host.ask("1MO;1SL-10;1SR20")
+    assert host.ask("1SL?;1SR?") == "-10.0000\r\n20.0000"
+    for command, number in (("1PA21", "106"), ("1PA-11", "107")):
+        host.ask(command)
+        assert host.ask("TE?") == number
+    host.ask("1VA50;1MV+")
+    for _ in range(50):
+        host.wait(0.02)
+        host.table.wake_at()
+    host.wait(2.0)
+    assert host.ask("TE?") == "106"
+    assert host.world.table.rate_deg_s() == 0.0
+    assert host.world.table.angle_deg() == pytest.approx(20.0 + 50.0**2 / 200.0, abs=1.5)
+
+
+def test_the_stage_knows_degrees_only(host: Host) -> None:
+    assert host.ask("1SN?") == "7"
+    host.ask("1SN7")
+    assert host.ask("TE?") == "0"
+    host.ask("1SN2")
+    assert host.ask("TE?") == "101"
+    assert host.ask("1VU?;1AU?") == "400.0000\r\n1000.0000"

@@ -148,7 +148,7 @@ def test_an_unknown_interlock_is_refused() -> None:
         ("zaber", b"/1 1 driver enable\n", b"@01 1 OK BUSY -- 0", b"@01 1 RJ IDLE FH DRIVERDISABLED"),
         ("atl", b"JOG1\r", b">", b"?\r\n>"),
         ("atl", b"SRV1\r", b">", b"?\r\n>"),
-        ("esp", b"TE?\r", b"0", b"29"),
+        ("esp", b"TE?\r", b"0", b"129"),
         ("esp", b"1MO?\r", b"1", b"0"),
         ("mn_as", mn("MNENB,1"), mn("ASENB,OK").strip(), b""),
     ],
@@ -163,7 +163,8 @@ def test_what_each_language_says_of_an_open_door(name: str, question: bytes, hea
 
 
 @pytest.mark.parametrize(
-    ("cause", "number"), [("drive_fault", 102), ("emergency_stop", 29), ("over_rate", 110), ("jam", 103)]
+    ("cause", "number"),
+    [("drive_fault", 102), ("emergency_stop", 4), ("interlock", 129), ("over_rate", 110), ("jam", 103)],
 )
 def test_an_esp_names_what_shut_it_down(cause: str, number: int) -> None:
     bench = Bench("esp", over_rate_trip_deg_s=100.0)

@@ -32,8 +32,11 @@ __all__ = ["EspDialect"]
 _ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
 _DEEPEST_QUEUE = 16
 _POLL_S = 0.05
-_INTERLOCK = 29
-_FAULTS: Mapping[int, str] = MappingProxyType({2: "amplifier fault", 3: "following error", 10: "overspeed"})
+_STOPPED: Mapping[int, str] = MappingProxyType({4: "emergency stop", 8: "cable interlock", 29: "interlock"})
+"""Errors of the whole controller that shut it down; two lists disagree whether 29 is one or belongs to an axis."""
+_FAULTS: Mapping[int, str] = MappingProxyType(
+    {2: "amplifier fault", 3: "following error", 10: "overspeed", 29: "interlock"}
+)
 """Last two digits of an axis' errors that shut it down; the hundreds are the axis."""
 
 
@@ -183,8 +186,9 @@ class EspDialect:
 
     def _note(self, number: int, words: str) -> None:
         axis, kind = divmod(number, 100)
-        if number == _INTERLOCK or (axis == self.axis and kind in _FAULTS):
-            text = f"{_FAULTS.get(kind, 'interlock')} ({number} {words})"
+        fault = _STOPPED.get(number) if number < 100 else _FAULTS.get(kind) if axis == self.axis else None
+        if fault is not None:
+            text = f"{fault} ({number} {words})"
             self._faults += [] if text in self._faults else [text]
         else:
             self._refused.append((number, words))

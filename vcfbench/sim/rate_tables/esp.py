@@ -1,11 +1,13 @@
 """A simulated Newport ESP300/301 motion controller with one rotary stage on axis 1.
 
 Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
-``;`` chains; replies end in CR LF. Unverified: 19200 Bd, the digits of numbers, the stage's limits.
+``;`` chains; replies end in CR LF. The words of errors are those of PyMeasure's list. Unverified: 19200 Bd, the digits
+of numbers, the stage's limits, which error an interlock reports, that a software limit stops a jog by its ramp.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from typing import TYPE_CHECKING
@@ -22,17 +24,24 @@ __all__ = ["EspTable", "TableErrors"]
 _TIMING = SerialTiming(baud=19200.0, processing_s=0.002)
 _COMMAND = re.compile(r"(\d*)([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
 _UNKNOWN, _RANGE, _AXIS = 6, 7, 37
-_INTERLOCK, _AXIS_RANGE, _NOT_ENABLED = 29, 101, 113
-_SHUT_DOWN = {"drive_fault": 102, "following_error": 103, "over_rate": 110}
+_EMERGENCY_STOP, _INTERLOCK = 4, 129
+_AXIS_RANGE, _ABOVE_LIMIT, _BELOW_LIMIT, _NOT_ENABLED = 101, 106, 107, 113
+_SHUT_DOWN = {"emergency_stop": _EMERGENCY_STOP, "drive_fault": 102, "following_error": 103, "over_rate": 110}
 """Errors of what shuts axis 1 down by itself; anything else is the interlock."""
+_DEGREE = 7
+"""Displacement unit of SN; the stage has no other."""
+_WAIT_POLL_S = 0.01
 _WORDS = {
     0: "NO ERROR DETECTED",
     _UNKNOWN: "COMMAND DOES NOT EXIST",
     _RANGE: "PARAMETER OUT OF RANGE",
     _AXIS: "AXIS NUMBER MISSING",
     9: "AXIS NUMBER OUT OF RANGE",
-    _INTERLOCK: "DIGITAL I/O INTERLOCK DETECTED",
+    _EMERGENCY_STOP: "EMERGENCY STOP ACTIVATED",
     _AXIS_RANGE: "PARAMETER OUT OF RANGE",
+    _ABOVE_LIMIT: "AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED",
+    _BELOW_LIMIT: "AXIS-1 NEGATIVE SOFTWARE LIMIT DETECTED",
+    _INTERLOCK: "AXIS-1 DIGITAL I/O INTERLOCK DETECTED",
     102: "AXIS-1 AMPLIFIER FAULT DETECTED",
     103: "AXIS-1 FOLLOWING ERROR THRESHOLD EXCEEDED",
     110: "AXIS-1 MAXIMUM VELOCITY EXCEEDED",
@@ -82,13 +91,63 @@ class EspTable(Interlocked, LineDevice):
             "TP": lambda _: f"{self._axis.position_deg() + 0.0:.4f}",
             "TV": lambda _: f"{self._axis.rate_deg_s() + 0.0:.4f}",
             "DH": self._define_home,
+            "DP": lambda _: f"{self._target_deg + 0.0:.4f}",
+            "SN": self._units,
+            "SL": lambda value: self._soft_limit(0, value),
+            "SR": lambda value: self._soft_limit(1, value),
+            "VU": lambda value: _told(value, _MAX_RATE_DEG_S),
+            "AU": lambda value: _told(value, _MAX_ACCELERATION_DEG_S2),
+            "WS": self._wait_for_stop,
         }
+        self._target_deg = 0.0
+        self._soft_deg = [-math.inf, math.inf]
+        self._waiting_s: float | None = None
+        self._resumes_s = 0.0
+        self._held: deque[bytes] = deque()
 
     def _advance(self) -> None:
         self._watch()
+        self._check_soft_limits()
+        if self._waiting_s is not None and not self._axis.moving():
+            self._resumes_s, self._waiting_s = self._clock.now() + self._waiting_s, None
+        while self._held and self._waiting_s is None and self._clock.now() >= self._resumes_s:
+            message = self._held.popleft()
+            self._send(self._answer(message), len(message))
 
     def _own_events_s(self) -> tuple[float, ...]:
-        return self._axis.own_events_s()
+        now = self._clock.now()
+        held = () if not self._held else (now + _WAIT_POLL_S,)
+        watched = (now + _WAIT_POLL_S,) if self._direction and any(map(math.isfinite, self._soft_deg)) else ()
+        return (*self._axis.own_events_s(), *held, *watched)
+
+    def _check_soft_limits(self) -> None:
+        """Stop a jog that comes to a software limit: it brakes there, and so runs over it a little."""
+        if not self._direction or not self._axis.enabled:
+            return
+        position, (low, high) = self._axis.position_deg(), self._soft_deg
+        if self._direction > 0 and position >= high:
+            self._stop()
+            self._errors.append(_ABOVE_LIMIT)
+        elif self._direction < 0 and position <= low:
+            self._stop()
+            self._errors.append(_BELOW_LIMIT)
+
+    def _wait_for_stop(self, value: str) -> None:
+        """Let what follows wait until the axis stands, and milliseconds beyond that."""
+        self._waiting_s = _number(value or "0", 60_000.0) / 1e3
+
+    def _units(self, value: str) -> str | None:
+        if value == "?":
+            return str(_DEGREE)
+        if _number(value, 11.0) != _DEGREE:
+            raise _Refused(_AXIS_RANGE)
+        return None
+
+    def _soft_limit(self, side: int, value: str) -> str | None:
+        if value == "?":
+            return f"{max(-1e9, min(1e9, self._soft_deg[side])):.4f}"
+        self._soft_deg[side] = _signed(value)
+        return None
 
     def _noticed(self, cause: str, /) -> None:
         self._direction = 0
@@ -96,7 +155,12 @@ class EspTable(Interlocked, LineDevice):
 
     def _answer(self, message: bytes) -> bytes | None:
         replies = []
-        for command in filter(None, (part.strip() for part in message.decode("latin-1").split(";"))):
+        commands = deque(filter(None, (part.strip() for part in message.decode("latin-1").split(";"))))
+        while commands:
+            if self._waiting_s is not None or self._clock.now() < self._resumes_s:
+                self._held.append(";".join(commands).encode("latin-1"))
+                break
+            command = commands.popleft()
             try:
                 reply = self._do(command)
             except _Refused as refused:
@@ -180,8 +244,11 @@ class EspTable(Interlocked, LineDevice):
             return f"{self._axis.position_deg() + 0.0:.4f}"
         if not self._axis.enabled:
             raise _Refused(_NOT_ENABLED)
-        self._direction = 0
-        self._axis.go_to(start_deg + _signed(value), self._velocity_deg_s)
+        target_deg = start_deg + _signed(value)
+        if not self._soft_deg[0] <= target_deg <= self._soft_deg[1]:
+            raise _Refused(_ABOVE_LIMIT if target_deg > self._soft_deg[1] else _BELOW_LIMIT)
+        self._direction, self._target_deg = 0, target_deg
+        self._axis.go_to(target_deg, self._velocity_deg_s)
         return None
 
     def _stop(self) -> None:
@@ -215,6 +282,13 @@ def _number(value: str, high: float) -> float:
     if not 0.0 <= number <= high:
         raise _Refused(_AXIS_RANGE)
     return number
+
+
+def _told(value: str, number: float) -> str:
+    """Return a limit of the stage, which cannot be changed."""
+    if value != "?":
+        raise _Refused(_AXIS_RANGE)
+    return f"{number:.4f}"
 
 
 def _positive(value: str) -> float:
