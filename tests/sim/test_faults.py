@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -266,3 +266,67 @@ def test_a_bench_knows_its_instruments() -> None:
         injector.add(Fault("kettle", "silent"))
     injector.play(parse_script(SCRIPT, "script"))
     injector.clear()
+
+
+def test_as_many_answers_are_spoilt_as_are_said() -> None:
+    device, _ = faulty(Fault("x", "silent", count=2))
+    assert [exchange(device) for _ in range(3)] == [b"", b"", b"+1.234E+00\n"]
+    assert device.wake_at() is None
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"kind": "overload", "count": 1}, "a count is of answers"),
+        ({"kind": "late", "count": 0}, "a count is of answers"),
+        ({"kind": "current_limit", "load_ohm": 0.0}, "a load has more than 0 ohm"),
+    ],
+)
+def test_a_field_that_makes_no_sense_is_told(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Fault("x", **fields)
+
+
+def test_a_half_open_link_takes_nothing_and_says_nothing() -> None:
+    device, clock = faulty(Fault("x", "half_open", duration_s=5.0))
+    assert exchange(device) == b""
+    clock.sleep_until(5.0)
+    assert device.read(100) == (b"", False)
+    assert exchange(device) == b"+1.234E+00\n"
+
+
+def test_a_supply_that_was_switched_off_is_as_switched_on() -> None:
+    bench, injector, clock = built()
+    for message in ("APPL P25V,10,0.1", "OUTP ON", "*SRE 32"):
+        ask(injector, clock, "power", message)
+    clock.sleep_until(2.0)
+    injector.add(Fault("power", "power_cycle", duration_s=3.0))
+    with pytest.raises(ConnectionResetError):
+        ask(injector, clock, "power", "OUTP?")
+    clock.sleep_until(6.0)
+    injector.devices["power"].wake_at()
+    assert bench.world.value_v("rail_positive") == pytest.approx(0.0, abs=1e-6)
+    on, mask, events = map(int, ask(injector, clock, "power", "OUTP?;*SRE?;*ESR?").split(";"))
+    assert (on, mask, events & 128) == (0, 0, 128)
+
+
+def test_another_instrument_stands_there() -> None:
+    _, injector, clock = built()
+    before = ask(injector, clock, "multimeter", "*IDN?")
+    injector.add(Fault("multimeter", "identity", identity="ACME,1,2,3", duration_s=10.0))
+    assert ask(injector, clock, "multimeter", "*IDN?") == "ACME,1,2,3"
+    clock.sleep_until(clock.now() + 10.0)
+    injector.devices["multimeter"].wake_at()
+    assert ask(injector, clock, "multimeter", "*IDN?") == before
+
+
+def test_readings_are_off_and_drift_but_an_overload_stays_one() -> None:
+    _, injector, clock = built()
+    ask(injector, clock, "multimeter", "CONF:VOLT:DC 10")
+    true_v = float(ask(injector, clock, "multimeter", "READ?"))
+    begun_s = clock.now()
+    injector.add(Fault("multimeter", "offset", offset=-2.0, drift_s=0.1))
+    clock.sleep_until(begun_s + 10.0)
+    assert float(ask(injector, clock, "multimeter", "READ?")) == pytest.approx(true_v - 2.0 + 1.0, abs=0.05)
+    injector.add(Fault("multimeter", "overload"))
+    assert ask(injector, clock, "multimeter", "READ?") == "+9.90000000E+37"
