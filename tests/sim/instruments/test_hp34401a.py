@@ -414,3 +414,19 @@ def test_specimens_stay_near_the_published_accuracy_and_repeat() -> None:
     assert max(abs(errors.gain_error) for errors in drawn) < 35e-6
     assert max(abs(errors.offset_v) for errors in drawn) < 50e-6
     assert drawn[3] == MeterErrors.drawn(np.random.default_rng(3))
+
+
+@pytest.mark.parametrize("language", ["L2", "L3"])
+def test_in_another_language_scpi_is_not_understood(language: str) -> None:
+    talk = bench().talk
+    talk.write(language)
+    assert talk.ask("*IDN?") is None
+    talk.write("*RST")
+    assert talk.ask("*IDN?") is None
+    talk.write("L1")
+    assert (talk.ask("*IDN?") or "").startswith("HEWLETT-PACKARD,34401A")
+    assert talk.errors() == []
+
+
+def test_rs232_has_scpi_only() -> None:
+    assert bench(interface="rs232").talk.refusals("L2") == [-113]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from vcfbench.sim.scpi import RS232, Boolean, Command, ScpiError, Text, boolean, enable, event, quoted
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vcfbench.sim.instruments.hp34401a import Hp34401A
 
 
@@ -78,10 +80,15 @@ def _preset_status(meter: Hp34401A) -> None:
     meter.questionable.enable = 0
 
 
-def _language(meter: Hp34401A) -> None:
-    """L1 is SCPI; L2 (HP3478A) and L3 (Fluke 8840) are accepted on GPIB only and not simulated."""
-    if meter.engine.interface is RS232:
-        raise ScpiError(-113)
+def _language(number: int) -> Callable[[Hp34401A], None]:
+    """L1 is SCPI; with RS-232 there is no other."""
+
+    def choose(meter: Hp34401A) -> None:
+        if meter.engine.interface is RS232:
+            raise ScpiError(-113)
+        meter.language = number
+
+    return choose
 
 
 COMMANDS = (
@@ -95,9 +102,9 @@ COMMANDS = (
     Command("SYSTem:REMote", do=_go_remote),
     Command("SYSTem:RWLock", do=_go_remote),
     Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
-    Command("L1", do=_language),
-    Command("L2", do=_language),
-    Command("L3", do=_language),
+    Command("L1", do=_language(1)),
+    Command("L2", do=_language(2)),
+    Command("L3", do=_language(3)),
     # status
     event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
     enable("STATus:QUEStionable:ENABle", lambda meter: meter.questionable),

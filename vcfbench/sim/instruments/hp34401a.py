@@ -8,6 +8,7 @@ measure, `dmm_setup` settings, `dmm_inputs` readings, `dmm_ac`, `dmm_counter`, `
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments import dmm_ohms
@@ -41,6 +42,8 @@ _INTERFACES = {"gpib": GPIB, "rs232": RS232}
 _DIALECT = Dialect(queue_depth=20, words={-350: "Too many errors"}, number_not_allowed=-104)
 _NR3 = real(8)
 _CALIBRATION_FILTER_HZ = 3.0
+_SCPI = 1
+_WAY_BACK = re.compile(rb"(?i)\bL1\b")
 
 
 class Hp34401A(ScpiInstrument):
@@ -80,6 +83,8 @@ class Hp34401A(ScpiInstrument):
         self.triggering = TriggerSystem(world.clock, self._begin_reading, self._finish_reading)
         self.calibration = CalibrationMemory()
         self.local = True
+        self.language = _SCPI
+        """1 is SCPI, 2 that of the HP 3478A, 3 of the Fluke 8840A; non-volatile. Only SCPI is simulated."""
         self.beeper = True
         self.beeps = 0
         self._streamed = bytearray()
@@ -125,9 +130,16 @@ class Hp34401A(ScpiInstrument):
             self._calibrating = False
             self.engine.report(ScpiError(705))
 
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes; in another language only the way back is understood (what else would be, is not simulated)."""
+        if self.language != _SCPI and _WAY_BACK.search(data):
+            self.language = _SCPI
+        elif self.language == _SCPI:
+            self.engine.write(data, end=end)
+
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return at most `limit` bytes that are ready; a READ? of more than fits sends while it measures."""
-        data, end = self.engine.read(limit)
+        data, end = self.engine.read(limit) if self.language == _SCPI else (b"", False)
         if data or end:
             return data, end
         self._streamed += b"".join(_NR3(value).encode() + b"," for value in self.triggering.take_streamed())
