@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from vcfbench.bench.overrides import overridden
 from vcfbench.errors import ConfigError
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.scpi import ScpiInstrument
     from vcfbench.sim.sources import Drive
     from vcfbench.sim.world import World
 
@@ -69,6 +70,8 @@ _MODELS = {
     "ruya": Model("rate_tables.ruya", "RuyaTable", "TableErrors"),
     "aaaa": Model("rate_tables.aaaa", "AaaaTable", "TableErrors"),
 }
+
+_WITH_RS232 = frozenset({"E3631A", "34401A"})
 
 _STREAMS = {
     "world": 0,
@@ -176,12 +179,20 @@ class SimulatedBench:
         return self.world.clock
 
     def visa_devices(self) -> dict[str, Device]:
-        """Return the devices on VISA by the resource names of the bench file."""
-        return {
-            getattr(self.description, role).resource: device
-            for role, device in self.devices.items()
-            if role != "rate_table"
-        }
+        """Return the devices on VISA by the resource names of the bench file; a serial one at the end of its line."""
+        parts = {role: getattr(self.description, role) for role in self.devices if role != "rate_table"}
+        return {part.resource: self._connected(self.devices[role], part) for role, part in parts.items()}
+
+    def _connected(self, device: Device, part: Any) -> Device:
+        """Return `device`, behind an RS-232 line set on its front panel as the bench file has it."""
+        if not _is_serial(part):
+            return device
+        from vcfbench.bench.description import SerialSettings  # noqa: PLC0415
+        from vcfbench.sim.serial_line import Frame, SerialLine  # noqa: PLC0415
+
+        told = SerialSettings() if part.serial is None else part.serial
+        frame = Frame(float(told.baud_rate), told.data_bits, told.parity, float(told.stop_bits))
+        return SerialLine(cast("ScpiInstrument", device), self.clock, frame)
 
     @contextmanager
     def registered(self) -> Iterator[str]:
@@ -218,6 +229,11 @@ def _simulation(description: BenchDescription) -> Simulation:
     return description.simulation
 
 
+def _is_serial(part: Any) -> bool:
+    """Tell whether an instrument that has RS-232 is on a serial port."""
+    return part.model in _WITH_RS232 and part.resource.upper().startswith("ASRL")
+
+
 def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Device]:
     wiring, roles = description.wiring, instrument_models(description)
     rails = {wiring.rails.positive: "positive", wiring.rails.negative: "negative"}
@@ -227,6 +243,9 @@ def _devices(description: BenchDescription, world: World, errors: Mapping[str, A
         "oscilloscope": {"channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()}},
         "rate_table": _table_settings(description),
     }
+    for role, told in settings.items():
+        if role != "rate_table" and _is_serial(getattr(description, role)):
+            told["interface"] = "rs232"
     seen = _as_seen(description, world)
     return {
         role: model.device_class()(seen.get(role, world), errors=errors[role], **settings.get(role, {}))

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import serial
 
+from vcfbench.sim.serial_line import Frame, Parity, SerialLine
+
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
@@ -26,6 +28,8 @@ class _Port:
     device: Device
     clock: Clock
 
+
+_PARITIES: dict[str, Parity] = {serial.PARITY_EVEN: "even", serial.PARITY_ODD: "odd"}
 
 # pyserial opens by name alone, so what a name means must live beside it
 _PORTS: dict[str, _Port] = {}
@@ -53,7 +57,11 @@ def _lookup(url: str) -> _Port:
 
 
 class SimulatedSerial(serial.SerialBase):
-    """A serial port whose other end is a simulated device. Baud rate and framing are accepted and have no effect."""
+    """A serial port whose other end is a simulated device.
+
+    Where that is a :class:`~vcfbench.sim.serial_line.SerialLine`, speed, framing, `dsrdtr`, DTR, DSR and breaks are
+    what they are on a real line; elsewhere they are accepted and have no effect.
+    """
 
     _port_behind: _Port
     _received: bytearray
@@ -67,6 +75,8 @@ class SimulatedSerial(serial.SerialBase):
         self._port_behind = _lookup(self.port)
         self._received = bytearray()
         self.is_open = True
+        self._reconfigure_port()
+        self._update_dtr_state()
 
     def close(self) -> None:
         """Close the port; what the device has not sent yet stays with it."""
@@ -98,12 +108,18 @@ class SimulatedSerial(serial.SerialBase):
 
     @property
     def out_waiting(self) -> int:
-        """Return 0: bytes leave at once."""
-        return 0
+        """Return the number of bytes that have not left yet."""
+        self._require_open()
+        return 0 if self._line is None else self._line.out_waiting
 
     def flush(self) -> None:
-        """Do nothing: bytes leave at once."""
-        self._require_open()
+        """Wait in bench time until all bytes have left; SerialException when a handshake holds them for good."""
+        clock, device = self._port_behind.clock, self._port_behind.device
+        while self.out_waiting:
+            wake_s = device.wake_at()
+            if wake_s is None:
+                raise serial.SerialException("the simulated device takes no bytes: its DTR is false")
+            clock.sleep_until(wake_s)
 
     def reset_input_buffer(self) -> None:
         """Throw away what has arrived by now."""
@@ -112,8 +128,10 @@ class SimulatedSerial(serial.SerialBase):
         self._received.clear()
 
     def reset_output_buffer(self) -> None:
-        """Do nothing: bytes leave at once."""
+        """Throw away what has not left yet."""
         self._require_open()
+        if self._line is not None:
+            self._line.drop_output()
 
     @property
     def cts(self) -> bool:
@@ -122,8 +140,9 @@ class SimulatedSerial(serial.SerialBase):
 
     @property
     def dsr(self) -> bool:
-        """Return True: the other end is powered."""
-        return True
+        """Return the DTR of the other end, True where it has none."""
+        self._require_open()
+        return True if self._line is None else self._line.dsr
 
     @property
     def ri(self) -> bool:
@@ -134,6 +153,12 @@ class SimulatedSerial(serial.SerialBase):
     def cd(self) -> bool:
         """Return True: there is a carrier while the port exists."""
         return True
+
+    @property
+    def _line(self) -> SerialLine | None:
+        """The line that knows the time and the pins, if there is one."""
+        device = self._port_behind.device
+        return device if isinstance(device, SerialLine) else None
 
     def _wait(self, deadline_s: float | None) -> bool:
         """Let time pass until the device may have more; False once the deadline has passed."""
@@ -162,13 +187,21 @@ class SimulatedSerial(serial.SerialBase):
             raise serial.PortNotOpenError
 
     def _reconfigure_port(self) -> None:
-        """Accept any line setting."""
+        """Take speed, framing and handshake."""
+        if self._line is not None:
+            parity = _PARITIES.get(self.parity, "none")
+            frame = Frame(float(self.baudrate), self.bytesize, parity, float(self.stopbits))
+            self._line.configure(frame, handshake=bool(self.dsrdtr))
 
     def _update_rts_state(self) -> None:
         """Accept RTS."""
 
     def _update_dtr_state(self) -> None:
-        """Accept DTR."""
+        """Take DTR."""
+        if self._line is not None:
+            self._line.dtr = self.dtr
 
     def _update_break_state(self) -> None:
-        """Accept a break."""
+        """Take a break as it begins."""
+        if self._line is not None and self.break_condition:
+            self._line.send_break()

@@ -22,7 +22,9 @@ from pyvisa.constants import EventType, InterfaceType, ResourceAttribute, Status
 from pyvisa.typing import VISAEventContext, VISARMSession, VISASession
 from pyvisa.util import LibraryPath
 
+from vcfbench.sim import visa_serial
 from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.serial_line import SerialLine
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -76,7 +78,7 @@ class _Bench:
 class _Session:
     """An open resource."""
 
-    __slots__ = ("attributes", "bench", "ended", "kind", "offset", "place", "rest", "stream", "timeout_s")
+    __slots__ = ("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "stream", "timeout_s")
 
     def __init__(self, bench: _Bench, place: _Place) -> None:
         self.bench = bench
@@ -101,6 +103,9 @@ class _Session:
         if self.kind[0] is InterfaceType.asrl:
             self.attributes[ResourceAttribute.asrl_end_in] = constants.SerialTermination.termination_char
         self._learn_names()
+        self.line = place.device if isinstance(place.device, SerialLine) else None
+        if self.line is not None:
+            visa_serial.configure(self.line, self.attributes)
 
     def _learn_names(self) -> None:
         parsed, known = self.place.parsed, self.attributes
@@ -421,6 +426,9 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         known = _known_attribute(opened, attribute)
         if attribute == ResourceAttribute.asrl_avalaible_number:
             return _available(opened), self._done(session)
+        pin = None if opened.line is None else visa_serial.pin(opened.line, attribute)
+        if pin is not None:
+            return pin, self._done(session)
         if attribute in opened.attributes:
             return opened.attributes[attribute], self._done(session)
         if known.default is attributes.NotAvailable:
@@ -438,6 +446,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         if attribute == ResourceAttribute.timeout_value:
             infinite = attribute_state == constants.VI_TMO_INFINITE
             opened.timeout_s = math.inf if infinite else attribute_state / 1e3
+        if opened.line is not None:
+            visa_serial.changed(opened.line, opened.attributes, attribute)
         return self._done(session)
 
     # --- events -------------------------------------------------------------------------------------------
