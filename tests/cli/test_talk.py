@@ -2,16 +2,23 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import subprocess
 import sys
+import threading
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
 from typer.testing import CliRunner
 
+from tests.drivers.servers import answering, serving
+from vcfbench.bench.file import template
 from vcfbench.cli.main import app
 
 if TYPE_CHECKING:
+    import socket
+    from collections.abc import Iterator
     from pathlib import Path
 
     from typer.testing import Result
@@ -79,26 +86,60 @@ def test_the_seed_is_the_benchs() -> None:
     assert first != other
 
 
+def test_the_last_answer_is_saved(tmp_path: Path) -> None:
+    block, line = tmp_path / "screen.bin", tmp_path / "line.txt"
+    lines = [":DIG", ":WAV:POIN 1000", ":WAV:DATA?", f".save {block}", "*OPC?", f".save {line}"]
+    done = talk("oscilloscope", *(word for each in lines for word in ("-c", each)))
+    assert done.exit_code == 0, done.stderr
+    assert block.stat().st_size == 1000
+    assert f"1000 bytes written to {block}" in done.stderr
+    assert line.read_bytes() == b"1"
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([".save x"], ".save x: no answer has come yet"),
+        (["*OPC?", ".save"], ".save: expected the name of a file"),
+        (["*OPC?", ".save nowhere/x"], ".save nowhere/x: No such file"),
+    ],
+)
+def test_what_cannot_be_saved_is_a_mistake_of_usage(lines: list[str], words: str) -> None:
+    done = talk("power", *(word for each in lines for word in ("-c", each)))
+    assert done.exit_code == 2
+    assert words in done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_ctrl_c_breaks_off_what_is_awaited_and_goes_on(tmp_path: Path) -> None:
+    asked = threading.Event()
+
+    def stalls(connection: socket.socket, line: str) -> bool:
+        del connection
+        if line == "READ?":
+            asked.set()
+        return line == "READ?"
+
+    with serving(answering(stalls)) as resource:
+        bench = tmp_path / "lab.toml"
+        bench.write_text(template().replace('"GPIB0::22::INSTR"', f'"{resource}"\ntimeout_s = 60.0'), "utf-8")
+        with at_terminal(tmp_path, "multimeter", "--bench", str(bench)) as (process, ours):
+            typed(ours, b"READ?\n", "multimeter> ")
+            assert asked.wait(20)
+            process.send_signal(signal.SIGINT)
+            text = typed(ours, b"*IDN?\n", "multimeter> ") + typed(ours, b"\x04", "multimeter> ")
+            assert process.wait(20) == 0
+    assert "broken off by a device clear" in text
+    assert "HEWLETT-PACKARD,34401A,0,10-5-2" in text
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 def test_a_person_at_a_terminal(tmp_path: Path) -> None:
     """Refusals do not end it, typed lines are kept for the next time, Ctrl-D leaves."""
-    import pty  # noqa: PLC0415
-
-    ours, theirs = pty.openpty()
-    with subprocess.Popen(
-        [sys.executable, "-c", "from vcfbench.cli.main import main; main()", "talk", "power"],
-        stdin=theirs,
-        stdout=theirs,
-        stderr=theirs,
-        env={**os.environ, "XDG_STATE_HOME": str(tmp_path), "TERM": "dumb"},
-    ) as process:
-        os.close(theirs)
-        try:
-            text = "".join(typed(ours, line) for line in (b"VOLT 30\n", b"SYST:BEEP 5\n", b"*IDN?\n", b"\x04"))
-            assert process.wait(20) == 0
-        finally:
-            process.kill()
-            os.close(ours)
+    with at_terminal(tmp_path, "power") as (process, ours):
+        lines = (b"VOLT 30\n", b"SYST:BEEP 5\n", b"*IDN?\n", b"\x04")
+        text = "".join(typed(ours, line, "power> ") for line in lines)
+        assert process.wait(20) == 0
     assert "power at GPIB0::5::INSTR: HEWLETT-PACKARD E3631A" in text
     assert "P6V 30 V: the output feeds no rail" in text
     assert "-108" in text
@@ -106,10 +147,31 @@ def test_a_person_at_a_terminal(tmp_path: Path) -> None:
     assert "*IDN?" in (tmp_path / "vcfbench" / "talk-history").read_text("utf-8")
 
 
-def typed(terminal: int, line: bytes) -> str:
+@contextmanager
+def at_terminal(state: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
+    """Run the console on a terminal of its own; yield the process and our side of it."""
+    import pty  # noqa: PLC0415
+
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(  # noqa: S603  # our own command
+        [sys.executable, "-c", "from vcfbench.cli.main import main; main()", "talk", *arguments],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**os.environ, "XDG_STATE_HOME": str(state), "TERM": "dumb"},
+    ) as process:
+        os.close(theirs)
+        try:
+            yield process, ours
+        finally:
+            process.kill()
+            os.close(ours)
+
+
+def typed(terminal: int, line: bytes, prompt: str) -> str:
     """Type a line once the prompt is there; return what has been shown up to it."""
     shown = b""
-    while not shown.endswith(b"power> "):
+    while not shown.endswith(prompt.encode()):
         assert select.select([terminal], [], [], 20)[0], shown
         shown += os.read(terminal, 4096)
     os.write(terminal, line)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,12 +10,13 @@ from vcfbench.bench.guard import guard_of
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import ROLES, filled_roles, require_still, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
-from vcfbench.bench.signals import StopSignals
+from vcfbench.bench.signals import BrokenOff, StopSignals
 from vcfbench.bench.station import station
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, NotSafe, TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
     from typing import Any
 
     from vcfbench.bench.description import BenchDescription
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
 
-__all__ = ["Console", "Said", "open_console", "summary"]
+__all__ = ["BrokenOff", "Console", "Said", "data_of", "open_console", "summary"]
 
 _SHOWN_BYTES = 16
 
@@ -135,6 +136,12 @@ class Console:
         """Do a device clear."""
         self._plain.clear()
 
+    def breakable(self) -> AbstractContextManager[None]:
+        """Let Ctrl-C break off (BrokenOff) what is asked meanwhile; at a table it still means: leave, and stop it."""
+        from vcfbench.drivers.plain import PlainSession  # noqa: PLC0415  # as above
+
+        return self._signals.breakable() if isinstance(self._plain, PlainSession) else nullcontext()
+
     def read_line(self, read: Callable[[], str]) -> str:
         """Wait for a person's line; a signal meanwhile ends the conversation (Aborted)."""
         typing = _Typing(read)
@@ -231,10 +238,19 @@ def _asks(message: str) -> bool:
     return "?" in bare or bare.strip().lstrip(":").upper().startswith("READ:")
 
 
+def data_of(answer: bytes) -> bytes:
+    """Return what an answer holds: of a block its data, else all of it."""
+    return answer[2 + int(answer[1:2]) :] if _is_block(answer) else answer
+
+
+def _is_block(answer: bytes) -> bool:
+    return answer[:1] == b"#" and answer[1:2] in b"123456789" and answer[1:2] != b""
+
+
 def summary(answer: bytes) -> str:
     """Return an answer as a person can read it: text as it is, a block by its size and its first bytes."""
-    if answer[:1] == b"#" and answer[1:2].isdigit() and answer[1:2] != b"0":
-        data = answer[2 + int(answer[1:2]) :]
+    if _is_block(answer):
+        data = data_of(answer)
         return f"block of {len(data)} bytes: {_hexadecimal(data)}"
     if answer.isascii() and answer.decode("ascii").isprintable():
         return answer.decode("ascii")

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import signal
 import threading
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Self
 
 from vcfbench.bench.safety import LeaveNow
 from vcfbench.errors import Aborted
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from types import FrameType, TracebackType
 
     from vcfbench.clock import Clock
 
-__all__ = ["ControlClock", "StopSignals"]
+__all__ = ["BrokenOff", "ControlClock", "StopSignals"]
 
 _WATCHED = (
     "SIGINT",
@@ -26,6 +28,13 @@ _WATCHED = (
     "SIGHUP",
     "SIGBREAK",
 )  # a closed terminal stops the bench as well; the last is Windows'
+
+
+class BrokenOff(BaseException):
+    """Raised by the keyboard into what a person waits for, and no longer wants; nothing else ends.
+
+    No error, so that nothing on the way takes it for one of the wire.
+    """
 
 
 class StopSignals:
@@ -41,6 +50,7 @@ class StopSignals:
         self._delivered = False
         self._unwinding = False
         self._closing = False
+        self._breakable = False
         self._previous: dict[signal.Signals, object] = {}
 
     def __enter__(self) -> Self:
@@ -72,6 +82,15 @@ class StopSignals:
         finally:
             self._at_safe_point = False
 
+    @contextmanager
+    def breakable(self) -> Iterator[None]:
+        """Let Ctrl-C break off what is done meanwhile (BrokenOff), instead of stopping the bench."""
+        self._breakable = True
+        try:
+            yield
+        finally:
+            self._breakable = False
+
     def unwind(self) -> None:
         """Say that the bench is being made safe: from now on signals only count."""
         self._unwinding = True
@@ -81,6 +100,9 @@ class StopSignals:
         self._unwinding = self._closing = True
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if self._breakable and number == signal.SIGINT and not self._unwinding:
+            self._breakable = False  # once: a second one is meant for the bench
+            raise BrokenOff
         self._count += 1
         self._name = signal.Signals(number).name
         if self._unwinding:

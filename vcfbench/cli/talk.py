@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -22,7 +22,8 @@ _HELP = """\
 Each line is sent as typed. What would leave the limits of the bench file is refused before it is sent.
 .wait SECONDS   let bench time pass
 .errors         read the error queue
-.clear          device clear: end what the instrument is doing
+.clear          device clear: end what the instrument is doing; Ctrl-C while an answer is awaited does the same
+.save FILE      write the last answer to a file, of a block its data
 .quit           leave; the instrument is made safe"""
 
 _UNGUARDED = "NOT guarded: nothing is compared with the limits of the bench file"
@@ -85,61 +86,106 @@ def _greet(console: Console) -> None:
 
 def _recite(console: Console, lines: Iterator[str]) -> None:
     """Say prepared lines; the first that is refused or fails ends it."""
+    conversation = _Conversation(console)
     with contextlib.suppress(_Stop):
         for line in lines:
-            refusal = _perform(console, line)
+            refusal = conversation.perform(line)
             if refusal is not None:
                 raise BenchError(refusal, instrument=console.role, resource=console.resource, command=line.strip())
 
 
 def _converse(console: Console) -> None:
     """Say what a person types; what is refused or fails is told, and the next line taken."""
+    from vcfbench.bench.console import BrokenOff  # noqa: PLC0415
+
+    conversation = _Conversation(console)
     with _history():
         while not console.closed:
             try:
-                refusal = _perform(console, console.read_line(lambda: input(f"{console.role}> ")))
+                line = console.read_line(lambda: input(f"{console.role}> "))
+                with console.breakable():
+                    refusal = conversation.perform(line)
                 if refusal is not None:
                     _remark(refusal)
             except (EOFError, _Stop):
                 return
+            except BrokenOff:
+                _break_off(console)
             except (LimitError, ConfigError, TransportError) as error:
                 _remark(str(error))
     raise BenchError("the connection is gone", instrument=console.role, resource=console.resource)
 
 
-def _perform(console: Console, line: str) -> str | None:
-    """Do what a line says; return what the instrument says against it."""
-    text = line.strip()
-    if not text or text.startswith("//"):
-        return None
-    if text.startswith("."):
-        _direct(console, text)
-        return None
-    from vcfbench.bench.console import summary  # noqa: PLC0415
-
-    said = console.say(text)
-    if said.answer is not None:
-        typer.echo(summary(said.answer))
-    elif said.refusal is None:
-        _remark("no error")
-    return said.refusal
-
-
-def _direct(console: Console, text: str) -> None:
-    """Do what the console itself is told."""
-    word, _, rest = text.partition(" ")
-    if word == ".wait":
-        console.wait(_seconds(rest))
-    elif word == ".errors":
-        _remark(console.errors() or "no error")
-    elif word == ".clear":
+def _break_off(console: Console) -> None:
+    """End what the instrument is doing, after a Ctrl-C."""
+    try:
         console.clear()
-    elif word == ".help":
-        _remark(_HELP)
-    elif word in {".quit", ".exit"}:
-        raise _Stop
+    except TransportError as error:
+        _remark(str(error))
     else:
-        raise ConfigError(f"{text!r}: there are .wait SECONDS, .errors, .clear, .help and .quit")
+        _remark("broken off by a device clear")
+
+
+class _Conversation:
+    """What is said to a console, line by line."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._answer: bytes | None = None
+
+    def perform(self, line: str) -> str | None:
+        """Do what a line says; return what the instrument says against it."""
+        text = line.strip()
+        if not text or text.startswith("//"):
+            return None
+        if text.startswith("."):
+            self._direct(text)
+            return None
+        return self._say(text)
+
+    def _say(self, text: str) -> str | None:
+        from vcfbench.bench.console import summary  # noqa: PLC0415
+
+        said = self._console.say(text)
+        if said.answer is not None:
+            self._answer = said.answer
+            typer.echo(summary(said.answer))
+        elif said.refusal is None:
+            _remark("no error")
+        return said.refusal
+
+    def _direct(self, text: str) -> None:
+        """Do what the console itself is told."""
+        word, _, rest = text.partition(" ")
+        match word:
+            case ".wait":
+                self._console.wait(_seconds(rest))
+            case ".errors":
+                _remark(self._console.errors() or "no error")
+            case ".clear":
+                self._console.clear()
+            case ".save":
+                self._save(rest.strip())
+            case ".help":
+                _remark(_HELP)
+            case ".quit" | ".exit":
+                raise _Stop
+            case _:
+                raise ConfigError(f"{text!r}: there are .wait SECONDS, .errors, .clear, .save FILE, .help and .quit")
+
+    def _save(self, name: str) -> None:
+        from vcfbench.bench.console import data_of  # noqa: PLC0415
+
+        if not name:
+            raise ConfigError(".save: expected the name of a file")
+        if self._answer is None:
+            raise ConfigError(f".save {name}: no answer has come yet")
+        data = data_of(self._answer)
+        try:
+            Path(name).write_bytes(data)
+        except (OSError, ValueError) as error:
+            raise ConfigError(f".save {name}: {getattr(error, 'strerror', None) or error}") from None
+        _remark(f"{len(data)} bytes written to {name}")
 
 
 def _seconds(text: str) -> float:
