@@ -29,7 +29,7 @@ _LONGEST_SEARCH_S = 0.05
 _BIAS_POINTS = 4000
 _BLOCK_POINTS = 1 << 16
 _DENSE_POINTS = 1024
-_LEAST_SAVING = 4
+_LEAST_SAVING, _MOST_SAVING = 4, 4096
 _PEAK_SAMPLES = 8
 """Samples behind each point of a peak detection at least, and at most altogether."""
 _PEAK_MOST = 1 << 22
@@ -183,10 +183,12 @@ class Record:
             return None
         first = self._real_s(channel, self.screen.times_s(points, start, 1))[0]
         step = self.screen.range_s / points / (1.0 + self._errors.time_base_error)
-        share = min(self._capture.finest_s(node) / step, count)
-        if share < _LEAST_SAVING or not self._capture.whole(first, first + (count - 1) * step):
+        share = int(min(self._capture.finest_s(node) / step, _MOST_SAVING))
+        # the cubics of both ends reach beyond them: what jumps there would show here
+        reach = 2 * share * step
+        if share < _LEAST_SAVING or not self._capture.whole(first - reach, first + count * step + reach):
             return None
-        return Coarse(float(first), step, count, int(share))
+        return Coarse(float(first), step, count, share)
 
     def _shown(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         return seen(self._capture, self.views[channel], self._real_s(channel, times_s))
