@@ -120,6 +120,11 @@ class EspTable(Interlocked, LineDevice):
         watched = (now + _WAIT_POLL_S,) if self._direction and any(map(math.isfinite, self._soft_deg)) else ()
         return (*self._axis.own_events_s(), *held, *watched)
 
+    @property
+    def answering(self) -> bool:
+        """Whether a reply is under way, waits to be read, or is held up by WS."""
+        return super().answering or bool(self._held)
+
     def _check_soft_limits(self) -> None:
         """Stop a jog that comes to a software limit: it brakes there, and so runs over it a little."""
         if not self._direction or not self._axis.enabled:
