@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import re
 import socket
+import sys
 import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -8,12 +10,15 @@ from typing import TYPE_CHECKING
 import pytest
 
 from vcfbench.bench import discovery
+from vcfbench.bench.check import check_bench
 from vcfbench.bench.discovery import Discovery, Found, SerialPort, discover, recognise, stanza
-from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.bench.file import embedded_text, parse_bench, template
 from vcfbench.errors import BenchError
+from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 SUPPLY = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
 GENERATOR = "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2"
@@ -70,6 +75,8 @@ def test_the_simulated_bench_is_recognised() -> None:
         ("HEWLETT-PACKARD,3458A,0,1", None),
         ("@01 0 OK IDLE -- 30222", "zaber"),
         ("@01 0 RJ IDLE -- BADCOMMAND", None),
+        ("ESP301 Version 3.0.1 6/1/99", "esp"),
+        ("ESPRESSO", None),
         ("", None),
     ],
 )
@@ -154,3 +161,48 @@ def test_the_stanza_is_a_piece_of_a_bench_file() -> None:
     assert "# another 33220A:" in piece
     assert "# not recognised: ACME,KETTLE,0,1" in piece
     assert '# serial_number = "MY49520121"' in piece
+
+
+@pytest.mark.parametrize(
+    ("found", "lines"),
+    [
+        (Found("/dev/ttyUSB0", METER, "34401A", baud_rate=9600), ['resource = "ASRL/dev/ttyUSB0::INSTR"']),
+        (
+            Found("COM3", METER, "34401A", baud_rate=19_200),
+            ['resource = "ASRL3::INSTR"', "serial.baud_rate = 19200"],
+        ),
+        (Found("socket://10.0.0.5:5025", METER, "34401A"), ['resource = "TCPIP0::10.0.0.5::5025::SOCKET"']),
+        (Found("TCPIP0::10.0.0.5::9878::SOCKET", TABLE, "acl"), ['resource = "socket://10.0.0.5:9878"']),
+        (
+            Found("/dev/ttyS0", TABLE, "acl", baud_rate=115_200),
+            ['resource = "/dev/ttyS0"', "baud_rate = 115200"],
+        ),
+        (Found("COM4", "ESP301 Version 3.0.1", "esp", baud_rate=19_200), ['resource = "COM4"']),
+    ],
+)
+def test_the_stanza_names_what_the_driver_opens(found: Found, lines: list[str]) -> None:
+    """Instruments are opened by VISA, tables by pyserial, however they were asked."""
+    told = stanza(Discovery("@py", (), (), (found,))).splitlines()
+    assert told[2 : 2 + len(lines)] == lines
+    assert sum("baud_rate" in line for line in told) == len(lines) - 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
+@pytest.mark.parametrize(
+    "wires", [("pty", "tcp", "pty", "tcp", "pty"), ("tcp", "vxi11", "tcp", "vxi11", "tcp")], ids=["pty", "tcp"]
+)
+def test_what_discover_prints_is_pasted_and_runs(
+    wires: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found on real wires, ports by their bare names; the template filled in so is a bench that can be opened."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(discovery, "_serial_ports", list)
+    roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
+    with serve_simulated("ideal") as served:
+        resources = [served.resource(role, wire) for role, wire in zip(roles, wires, strict=True)]
+        tries = [name.removeprefix("ASRL").removesuffix("::INSTR") if "pts" in name else name for name in resources]
+        told = stanza(discover("@py", tries))
+        rest = re.sub(r"(?ms)^\[(power|rate_source|multimeter|oscilloscope|rate_table)\].*?(?=^\[)", "", template())
+        checked = check_bench(parse_bench(f"{rest}\n{told}", "pasted"))
+    assert checked.failure() is None, checked
+    assert {each.role for each in checked.instruments} == set(roles)

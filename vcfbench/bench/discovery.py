@@ -5,26 +5,36 @@ Nothing is sent to a serial port unless that is asked for: what is on it is not 
 
 from __future__ import annotations
 
+import re
 import threading
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
+from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 _T = TypeVar("_T")
 
 __all__ = ["Discovery", "Found", "SerialPort", "discover", "recognise", "stanza"]
 
 _REAL = "@py"
+_SOCKET = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d+)::SOCKET", re.IGNORECASE)
 _GRACE_S = 2.0
 _LISTING_S = 10.0
-_BAUD_RATES = (9600, 115_200)
-"""As controllers and instruments are shipped: 9600 the older ones, 115200 Zaber's."""
+_BAUD_RATES = (9600, 115_200, 19_200)
+"""As controllers and instruments are shipped: 9600 the older ones, 115200 Zaber's, 19200 Newport's (unverified)."""
+
+_USUAL_BAUD: Mapping[str | None, int] = MappingProxyType({"zaber": 115_200, "esp": 19_200})
+"""What a bench file need not say; of all others 9600."""
+
+_QUESTIONS = (b"*IDN?\n", b"/get deviceid\n", b"VE?\r")
+"""Instruments and ACL tables, Zaber, Newport: each only reads, and whom it is not meant for refuses it."""
 
 _PLACES = (
     # model or dialect, beginning of maker and of model in *IDN?, roles in the order in which they are given out
@@ -41,13 +51,14 @@ class Found:
     """A resource and who answers there.
 
     `answer` is what it said, `model` the model or dialect that a bench file can name (None: not recognised), `problem`
-    why it said nothing.
+    why it said nothing, `baud_rate` at which speed of a serial port it was asked.
     """
 
     resource: str
     answer: str | None = None
     model: str | None = None
     problem: str | None = None
+    baud_rate: int | None = None
 
     @property
     def serial_number(self) -> str | None:
@@ -194,15 +205,15 @@ def _words(error: BaseException) -> str:
 
 
 def _ask_port(url: str, timeout_s: float) -> Found:
-    """Ask who is on a serial port: ``*IDN?`` for instruments and ACL tables, then the device id of a Zaber."""
+    """Ask who is on a serial port, or on what pyserial opens by a URL, which has no speed."""
     found = Found(url, problem="no answer")
-    for baud_rate in _BAUD_RATES:
-        for question in (b"*IDN?\n", b"/get deviceid\n"):
-            found = _found(url, lambda: _asked(url, baud_rate, question, timeout_s), timeout_s)  # noqa: B023  # run at once
-            if found.answer is not None:
-                return found
-            if found.problem is not None and "cannot be opened" in found.problem:
-                return found
+    speeds = _BAUD_RATES[:1] if "://" in url else _BAUD_RATES
+    for baud_rate, question in product(speeds, _QUESTIONS):
+        found = _found(url, lambda: _asked(url, baud_rate, question, timeout_s), timeout_s)  # noqa: B023  # run at once
+        if found.answer is not None:
+            return found if "://" in url else replace(found, baud_rate=baud_rate)
+        if found.problem is not None and "cannot be opened" in found.problem:
+            return found
     return found
 
 
@@ -235,6 +246,8 @@ def recognise(answer: str) -> str | None:
     """Return the model or dialect that a bench file can name for who answered so, None when there is none."""
     if answer.startswith("@") and " OK " in answer:
         return "zaber"
+    if answer.upper().startswith("ESP") and "VERSION" in answer.upper():
+        return "esp"
     fields = [field.strip().upper() for field in answer.split(",")]
     if len(fields) < 2:
         return None
@@ -249,7 +262,7 @@ def stanza(discovery: Discovery) -> str:
     lines: list[str] = []
     if discovery.library != _REAL and not _simulated(discovery.library):
         lines += [f"visa_library = {_quoted(discovery.library)}", ""]
-    wanted = {"zaber": ("rate_table",), **{model: roles for model, _, _, roles in _PLACES}}
+    wanted = {**dict.fromkeys(("zaber", "esp"), ("rate_table",)), **{model: roles for model, _, _, roles in _PLACES}}
     taken: set[str] = set()
     for found in discovery.answering():
         role = next((each for each in wanted.get(found.model or "", ()) if each not in taken), None)
@@ -259,15 +272,33 @@ def stanza(discovery: Discovery) -> str:
 
 
 def _entry(role: str, found: Found) -> Iterator[str]:
-    kind = "dialect" if role == "rate_table" else "model"
+    table = role == "rate_table"
     yield f"[{role}]  # {found.answer}"
-    yield f"{kind} = {_quoted(found.model or '')}"
-    yield f"resource = {_quoted(found.resource)}"
+    yield f"{'dialect' if table else 'model'} = {_quoted(found.model or '')}"
+    yield f"resource = {_quoted(_as_port(found.resource) if table else _as_visa(found.resource))}"
+    if found.baud_rate not in {None, _USUAL_BAUD.get(found.model, 9600)}:
+        yield f"{'baud_rate' if table else 'serial.baud_rate'} = {found.baud_rate}"
     if found.model == "zaber":
         yield "steps_per_deg = 0  # put the stage's microsteps per degree"
-    if found.serial_number is not None and kind == "model":
+    if found.serial_number is not None and not table:
         yield f"# serial_number = {_quoted(found.serial_number)}  # refuse any other specimen"
     yield ""
+
+
+def _as_visa(resource: str) -> str:
+    """Return the VISA name of what was asked as a serial port; PyVISA-py calls Windows' COM3 ASRL3."""
+    if "::" in resource:
+        return resource
+    host, colon, port = resource.removeprefix("socket://").rpartition(":")
+    if resource.startswith("socket://") and colon:
+        return f"TCPIP0::{host.strip('[]')}::{port}::SOCKET"
+    return f"ASRL{resource[3:] if resource.upper().startswith('COM') else resource}::INSTR"
+
+
+def _as_port(resource: str) -> str:
+    """Return how pyserial opens what was asked as a VISA resource, where that is known."""
+    socket = _SOCKET.fullmatch(resource)
+    return resource if socket is None else f"socket://{socket['host']}:{socket['port']}"
 
 
 def _spare(found: Found) -> Iterator[str]:

@@ -75,6 +75,7 @@ def _found_json(found: Found) -> dict[str, Any]:
         "answer": found.answer,
         "model": found.model,
         "problem": found.problem,
+        "baud_rate": found.baud_rate,
     }
 
 
