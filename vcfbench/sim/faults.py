@@ -30,6 +30,10 @@ overload        the multimeter's input is beyond every range
 offset          the multimeter reads `offset` too much (in the unit of the reading), and `drift_s` more every second
 current_limit   a short circuit (`load_ohm`) across the rails: the supply goes to its current limit
 interlock       the rate table's master interlock opens: the servo drops
+door            its door switch opens
+emergency_stop  its emergency stop is pressed
+drive_fault     its power amplifier fails
+jam             something holds its axis: a servo trips on following error, a stepping motor stalls
 ==============  ====================================================================================================
 
 :class:`FaultyDevice` stands around a `Device`, so that transports, drivers and procedures see what they would see of a
@@ -88,10 +92,13 @@ Kind = Literal[
     "offset",
     "current_limit",
     "interlock",
+    "door",
+    "emergency_stop",
+    "drive_fault",
+    "jam",
 ]
 
 _WHOLE = 1 << 25
-_MASTER_INTERLOCK = 9
 _POWER_ON = 128
 _AT_ONCE = frozenset({"disconnect", "error"})
 """Kinds that happen and are over."""
@@ -290,9 +297,14 @@ class _Shorted:
         return float(self._world.rail_current_a(rail, voltage_v)) + abs(voltage_v) / self._load_ohm
 
 
-def _open_interlock(device: Any, _fault: Fault) -> Callable[[], None]:
-    device.set_interlock(_MASTER_INTERLOCK, faulty=True)
-    return lambda: device.set_interlock(_MASTER_INTERLOCK, faulty=False)
+def _open_interlock(device: Any, fault: Fault) -> Callable[[], None]:
+    device.set_interlock(fault.kind, faulty=True)
+    return lambda: device.set_interlock(fault.kind, faulty=False)
+
+
+def _hold(device: Any, _fault: Fault) -> Callable[[], None]:
+    device.jam(held=True)
+    return lambda: device.jam(held=False)
 
 
 _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]] = {
@@ -302,7 +314,8 @@ _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]]
     "overload": ("inputs", _overdrive),
     "offset": ("inputs", _shift),
     "current_limit": ("outputs", _short),
-    "interlock": ("set_interlock", _open_interlock),
+    **{kind: ("set_interlock", _open_interlock) for kind in ("interlock", "door", "emergency_stop", "drive_fault")},
+    "jam": ("jam", _hold),
 }
 
 

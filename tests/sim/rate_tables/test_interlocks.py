@@ -10,6 +10,7 @@ import pytest
 from tests.sim.rate_tables.ideal import exchange
 from tests.sim.rate_tables.turning import RATE, START, aaaa, dd16, mn
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.faults import Fault, FaultInjector
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.rate_tables.aaaa import AaaaTable
 from vcfbench.sim.rate_tables.acl import AclTable
@@ -288,3 +289,20 @@ def test_what_can_be_thrown_and_seen_from_outside_the_wire() -> None:
     assert offered["rate_table.shut_down_by"].read() == ["door"]
     with pytest.raises(ValueError, match="true or false"):
         write("open")
+
+
+@pytest.mark.parametrize("kind", ["interlock", "door", "emergency_stop", "drive_fault", "jam"])
+@pytest.mark.parametrize("name", TWINS)
+def test_a_fault_script_throws_them_too(name: str, kind: Any) -> None:
+    bench = Bench(name)
+    injector = FaultInjector({"rate_table": bench.table}, bench.clock)
+    bench.start()
+    begun_s = bench.clock.now()
+    injector.add(Fault("rate_table", kind, at_s=begun_s + 1.0, duration_s=1.0))
+    bench.table = injector.devices["rate_table"]
+    bench.wait(0.9)
+    assert bench.rate_deg_s == pytest.approx(RATE, rel=1e-3)
+    bench.wait(0.5)
+    assert bench.rate_deg_s < 0.9 * RATE
+    bench.wait(3.0)
+    assert bench.rate_deg_s == pytest.approx(0.0, abs=1e-6)  # that the cause has gone does not set it turning again
