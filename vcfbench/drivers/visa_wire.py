@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["SerialParameters", "SocketWire", "VisaWire", "open_wire"]
 
 _CHUNK = 65_536
+_BIG_CHUNK = 1 << 20
+"""What VISA is asked for after a full chunk: a waveform is under way. Such a buffer costs more than a short answer."""
 _SLACK_S = 0.010
 """A VISA time-out this much longer than what is left of a deadline is good enough: setting one costs more."""
 
@@ -244,6 +246,7 @@ class VisaWire:
         self._viread = opened.visalib.read
         self._viwrite = opened.visalib.write
         self._timeout_s = -1.0
+        self._chunk = _CHUNK
         self._knows_end = interface not in ("asrl", "socket")
         # A full chunk is no reason for a warning: `receive` is called until the message has ended.
         self._quiet = opened.ignore_warning(StatusCode.success_max_count_read, StatusCode.success_device_not_present)
@@ -263,9 +266,10 @@ class VisaWire:
         """Read one chunk."""
         try:
             self._grant(deadline)
-            data, status = self._viread(self._session, _CHUNK)
+            data, status = self._viread(self._session, self._chunk)
         except Exception as error:  # as above: bare OSError, RPCError, EOFError, struct.error were seen
             raise _failure(error, "no answer") from error
+        self._chunk = _CHUNK if len(data) < _CHUNK else _BIG_CHUNK
         return bytes(data), self._knows_end and status != StatusCode.success_max_count_read
 
     def pending(self) -> bytes:

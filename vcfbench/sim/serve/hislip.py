@@ -15,7 +15,7 @@ from vcfbench.sim.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from vcfbench.sim.serve.loop import Loop, Timer
 
@@ -24,6 +24,10 @@ __all__ = ["HislipServer"]
 _HEADER = struct.Struct("!2sBBIQ")
 _PROLOGUE = b"HS"
 _MAX_PAYLOAD = 1 << 20
+"""Of a message to the instrument, and of one from it until the client says what it takes."""
+_LARGEST_PAYLOAD = 1 << 28
+_COPIED = 1 << 16
+"""Answers up to here are put together with their header; longer ones are sent from where they are."""
 _VERSION = 0x0100
 _VENDOR = int.from_bytes(b"VB", "big")
 _FIRST_ID = 0xFFFF_FF00
@@ -205,12 +209,19 @@ class _Session(Client):
 
     def deliver(self, data: bytes, *, end: bool) -> None:
         """Send a response, in as many messages as the client's limit asks for."""
+        if len(data) <= min(self._max_payload, _COPIED):
+            self._sync.post(_DATA_END if end else _DATA, 0, self._message_id(), data)
+        else:
+            self._sync.send_parts(self._messages(data, end=end))
+        self._unread = True
+
+    def _messages(self, data: bytes, *, end: bool) -> Iterator[bytes | memoryview]:
         view, size = memoryview(data), self._max_payload
         for start in range(0, len(data), size):
             part = view[start : start + size]
-            last = end and start + size >= len(data)
-            self._sync.post(_DATA_END if last else _DATA, 0, self._message_id(), part)
-        self._unread = True
+            kind = _DATA_END if end and start + size >= len(data) else _DATA
+            yield _HEADER.pack(_PROLOGUE, kind, 0, self._message_id(), len(part))
+            yield part
 
     def _message_id(self) -> int:
         return next(self._ids) & _ID_MASK if self._overlapped else self.tag or 0
@@ -246,7 +257,7 @@ class _Session(Client):
     def _limit(self, channel: _Channel, message: _Message) -> None:
         if len(message.payload) == 8:
             (size,) = struct.unpack("!Q", message.payload)
-            self._max_payload = max(1, min(size - _HEADER.size, _MAX_PAYLOAD))
+            self._max_payload = max(1, min(size - _HEADER.size, _LARGEST_PAYLOAD))
         channel.post(_MAX_SIZE_RESPONSE, 0, 0, struct.pack("!Q", _MAX_PAYLOAD + _HEADER.size))
 
     def _status(self, channel: _Channel, message: _Message) -> None:
