@@ -80,6 +80,8 @@ class Bench:
             parts += data
             if end or (data and parts.endswith(b"\n")):
                 return parts.decode("latin-1").removesuffix("\n")
+            if data:
+                continue  # a long answer comes in parts
             wake = self.device.wake_at()
             if wake is None or wake > deadline:
                 self.clock.sleep_until(deadline)
