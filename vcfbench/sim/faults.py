@@ -314,7 +314,7 @@ _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]]
     "overload": ("inputs", _overdrive),
     "offset": ("inputs", _shift),
     "current_limit": ("outputs", _short),
-    **{kind: ("set_interlock", _open_interlock) for kind in ("interlock", "door", "emergency_stop", "drive_fault")},
+    **dict.fromkeys(("interlock", "door", "emergency_stop", "drive_fault"), ("set_interlock", _open_interlock)),
     "jam": ("jam", _hold),
 }
 
