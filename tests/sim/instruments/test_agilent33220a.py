@@ -3,64 +3,15 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.clock import VirtualClock
-from vcfbench.sim.instruments.agilent33220a import TABLE, Agilent33220A, GeneratorErrors, OutputRange
+from tests.sim.instruments.generator import Socket
+from vcfbench.sim.instruments.agilent33220a import TABLE, GeneratorErrors, OutputRange
 from vcfbench.sim.sources import Drive
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-
-class Socket:
-    """A world that remembers the drive, and a host that reads as a transport does."""
-
-    def __init__(self, errors: GeneratorErrors | None = None) -> None:
-        self.clock = VirtualClock()
-        self.drives: list[Drive | None] = []
-        self.generator = Agilent33220A(self, errors or GeneratorErrors.none())
-
-    def drive_v_vc(self, source: Drive | None) -> None:
-        self.drives.append(source)
-
-    @property
-    def drive(self) -> Drive:
-        drive = self.drives[-1]
-        assert drive is not None
-        return drive
-
-    def send(self, text: str | bytes) -> None:
-        self.generator.write((text.encode() if isinstance(text, str) else text) + b"\n")
-        self._settle()
-
-    def ask(self, text: str) -> str:
-        self.generator.write(text.encode() + b"\n")
-        while not (reply := self.generator.read(1 << 20)[0]):
-            wake = self.generator.wake_at()
-            assert wake is not None, f"no answer to {text!r}: {self.generator.engine.errors.pop()}"
-            self.clock.sleep_until(wake)
-        return reply.decode("latin-1").removesuffix("\n")
-
-    def _settle(self) -> None:
-        while self.generator.engine._pending is not None:
-            wake = self.generator.wake_at()
-            if wake is None or self.generator.engine._pending is None:
-                return
-            self.clock.sleep_until(wake)
-
-    def errors(self) -> list[str]:
-        found = []
-        while (text := self.ask("SYST:ERR?")) != '+0,"No error"':
-            found.append(text)
-        return found
 
 
 @pytest.fixture
@@ -154,7 +105,7 @@ def test_reset_brings_them_back(box: Socket) -> None:
 def test_the_generator_starts_with_the_relay_open(box: Socket) -> None:
     assert box.drives == [None]
     box.send("OUTP ON")
-    assert box.drive == Drive(0.0, pytest.approx(0.1), 1000.0, 0.0)
+    assert box.drive == Drive(0.0, pytest.approx(0.1), 1000.0, 0.0)  # type: ignore[arg-type]
     box.send("OUTP OFF")
     assert box.drives[-1] is None
 
@@ -333,30 +284,6 @@ def test_the_error_queue_is_twenty_deep(box: Socket) -> None:
     assert errors[-1] == '-350,"Queue overflow"'
 
 
-def test_a_triggered_burst_runs_its_cycles_and_wai_waits_for_it(box: Socket) -> None:
-    box.send("OUTP:LOAD INF;:VOLT 2;:FREQ 100;:BURS:NCYC 50;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON")
-    assert box.drive.amplitude_v == 0.0
-    start = box.clock.now()
-    box.generator.write(b"*TRG;*WAI\n")
-    assert box.drive.amplitude_v == pytest.approx(1.0)
-    assert box.ask("*OPC?") == "1"
-    assert box.clock.now() - start == pytest.approx(0.5)
-    assert box.drive.amplitude_v == 0.0
-
-
-def test_a_burst_starts_after_the_trigger_delay(box: Socket) -> None:
-    box.send("FREQ 100;:BURS:NCYC 10;:TRIG:SOUR BUS;DEL 0.2;:BURS:STAT ON;:OUTP ON")
-    start = box.clock.now()
-    box.generator.write(b"*TRG\n")
-    assert box.drive.amplitude_v == 0.0
-    instants = []
-    while (wake := box.generator.wake_at()) is not None:
-        box.clock.sleep_until(wake)
-        box.generator.service()
-        instants.append((box.clock.now() - start, box.drive.amplitude_v))
-    assert instants == [pytest.approx((0.2, 0.1)), pytest.approx((0.3, 0.0))]
-
-
 def test_an_infinite_burst_changes_the_trigger_source(box: Socket) -> None:
     box.send("BURS:NCYC INF")
     assert box.ask("BURS:NCYC?") == "+9.9000000000000E+37"
@@ -371,8 +298,7 @@ def test_arbitrary_waveforms_come_and_go(box: Socket) -> None:
     assert box.ask("DATA:NVOL:CAT?") == '"TRI_1"'
     assert box.ask("DATA:ATTR:POIN? TRI_1") == "+8"
     assert box.ask("DATA:ATTR:AVER? TRI_1") == nr3(0)
-    spectrum = np.fft.rfft([-1, -0.5, 0, 0.5, 1, 0.5, 0, -0.5]) / 4
-    assert box.drive.amplitude_v == pytest.approx(abs(spectrum[1]), rel=1e-12)
+    np.testing.assert_allclose(box.volts((np.arange(8) + 0.5) / 8000), [-1, -0.5, 0, 0.5, 1, 0.5, 0, -0.5])
     box.send("DATA:DEL TRI_1")
     assert box.errors() == ['+787,"Not able to delete the currently selected active arb waveform"']
 
@@ -420,67 +346,6 @@ def test_a_change_of_frequency_keeps_the_phase(box: Socket) -> None:
     after = box.drive
     phases = [2 * math.pi * each.frequency_hz * at + each.phase_rad for each in (before, after)]
     assert math.remainder(phases[1] - phases[0], 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("setup", ["FUNC SQU;:FUNC:SQU:DCYC 30", "FUNC RAMP;:FUNC:RAMP:SYMM 25", "FUNC RAMP"])
-def test_mean_and_fundamental_of_other_waveforms(box: Socket, setup: str) -> None:
-    box.send(f"OUTP:LOAD INF;:VOLT 2;:OUTP ON;:{setup}")
-    place = np.arange(4096) / 4096 + 0.5 / 4096
-    duty, rise = (0.3, 0.25 if "SYMM" in setup else 1.0)
-    square = np.where(place < duty, 1.0, -1.0)
-    ramp = np.interp(place, [0, rise, 1.0 + 1e-12], [-1.0, 1.0, -1.0])
-    wave = square if "SQU" in setup else ramp
-    assert box.drive.dc_v == pytest.approx(wave.mean(), abs=1e-3)
-    assert box.drive.amplitude_v == pytest.approx(2 * abs(np.fft.rfft(wave)[1]) / 4096, rel=1e-3)
-
-
-def put_out(drive: Drive, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    sines = (
-        each.amplitude_v * np.sin(2 * np.pi * each.frequency_hz * times_s + each.phase_rad)
-        for each in (drive, *drive.overtones)
-    )
-    return np.asarray(drive.dc_v + sum(sines))
-
-
-@pytest.mark.parametrize(
-    ("setup", "wanted"),
-    [
-        ("FUNC SQU;:FUNC:SQU:DCYC 30", lambda x: np.where(x % 1 < 0.3, 1.0, -1.0)),
-        ("FUNC PULS;:FUNC:PULS:WIDT 40E-3", lambda x: np.where(x % 1 < 0.4, 1.0, -1.0)),
-        ("FUNC RAMP;:FUNC:RAMP:SYMM 25", lambda x: np.interp((x + 0.25) % 1, [0, 0.25, 1], [-1.0, 1.0, -1.0])),
-        ("FUNC RAMP;:FUNC:RAMP:SYMM 50", lambda x: 2 / np.pi * np.arcsin(np.sin(2 * np.pi * x))),
-        ("FUNC RAMP", lambda x: 2 * ((x + 0.25) % 1) - 1),
-    ],
-)
-def test_every_waveform_comes_out_up_to_its_harmonics(
-    box: Socket, setup: str, wanted: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> None:
-    box.send(f"OUTP:LOAD INF;:VOLT 2;:VOLT:OFFS 0.5;:FREQ 10;:{setup};:OUTP ON;:PHAS 90")
-    assert box.errors() == []
-    times = np.arange(4096) / 40960 + 1e-6
-    error = put_out(box.drive, times) - 0.5 - wanted(10 * times + 0.25)
-    assert float(np.sqrt(np.mean(error**2))) < 0.09  # what lies above the 64th harmonic
-    assert float(np.mean(np.abs(error) < 0.03)) > 0.85
-
-
-def test_an_arbitrary_waveform_comes_out(box: Socket) -> None:
-    place = np.arange(16) / 16
-    points = 0.6 * np.cos(2 * np.pi * place) + 0.3 * np.sin(6 * np.pi * place)
-    box.send("DATA VOLATILE," + ",".join(f"{each:.6f}" for each in points))
-    box.send("OUTP:LOAD INF;:VOLT 4;:FREQ 10;:FUNC:USER VOLATILE;:FUNC USER;:OUTP ON")
-    assert box.errors() == []
-    np.testing.assert_allclose(put_out(box.drive, place / 10), 2 * points, atol=1e-5)
-
-
-def test_am_is_a_carrier_at_half_amplitude_with_its_sidebands(box: Socket) -> None:
-    box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,0.1;:AM:DEPT 60;INT:FREQ 50;:AM:STAT ON")
-    times = np.arange(2000) * 2.5e-5
-    wanted = 0.1 + 0.5 * (1 + 0.6 * np.sin(2 * np.pi * 50 * times)) * np.sin(2 * np.pi * 1000 * times)
-    np.testing.assert_allclose(put_out(box.drive, times), wanted, atol=1e-9)
-    box.send("AM:SOUR EXT")
-    assert box.drive.overtones == ()
-    box.send("AM:STAT OFF")
-    assert box.drive == Drive(0.1, pytest.approx(1.0), 1000.0, 0.0)  # type: ignore[arg-type]
 
 
 STEPPED = replace(
@@ -542,25 +407,3 @@ def test_every_query_answers_in_every_spelling_without_an_error(pattern: str) ->
     replies = {box.ask(f"{header}?") for header in spellings(pattern)}
     assert box.errors() == []
     assert len(replies) == 1 or pattern in CLEARING
-
-
-def test_the_internal_timer_gates_bursts(box: Socket) -> None:
-    box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,0.1;:BURS:NCYC 3;INT:PER 10E-3;:BURS:STAT ON")
-    assert box.errors() == []
-    start = math.ceil(box.clock.now() / 10e-3) * 10e-3
-    on = []
-    for place in np.arange(0.5e-3, 20e-3, 1e-3):
-        while (wake := box.generator.wake_at()) is not None and wake < start + place:
-            box.clock.sleep_until(wake)
-        box.clock.sleep_until(start + place)
-        box.generator.wake_at()
-        on.append(box.drive.amplitude_v > 0)
-        assert box.drive.dc_v == 0.1
-    assert on == ([True] * 3 + [False] * 7) * 2
-
-
-def test_a_gated_burst_follows_its_open_gate(box: Socket) -> None:
-    box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,0.1;:BURS:MODE GAT;STAT ON")
-    assert box.drive == Drive(0.1)
-    box.send("BURS:GATE:POL INV")
-    assert box.drive.amplitude_v == 1.0

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vcfbench.sim.gyro.modes import butterworth_poles, butterworth_residues
-from vcfbench.sim.gyro.signals import ExponentialSum
+from vcfbench.sim.gyro.signals import FEW_TERMS, ExponentialSum
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,8 +84,8 @@ class Response:
         """Return the eigenmodes' coordinates at `time_s`."""
         moved = np.exp(self.exponents * time_s)
         modal = self.free * np.exp(self.chain.eigenmodes * time_s) + self.constant + self.slope * time_s
-        modal += self.forced @ moved
-        turned = self.turned_constant + self.turned_slope * time_s + self.turned_forced @ moved
+        modal += _moved(self.forced, moved)
+        turned = self.turned_constant + self.turned_slope * time_s + _moved(self.turned_forced, moved)
         modal[4:] += turned * cmath.exp(2j * self.chain.drive_rad_s * time_s)
         return np.asarray(modal)
 
@@ -95,7 +95,7 @@ class Response:
         return ExponentialSum(
             complex(weights @ self.constant),
             complex(weights @ self.slope),
-            np.concatenate((weights * self.free, weights @ self.forced)),
+            np.concatenate((weights * self.free, _weighed(weights, self.forced))),
             np.concatenate((self.chain.eigenmodes, self.exponents)),
         )
 
@@ -110,9 +110,9 @@ class Response:
             np.concatenate(
                 (
                     weights * self.free,
-                    weights @ self.forced,
+                    _weighed(weights, self.forced),
                     turned * self.free[:4],
-                    turned @ self.forced[:4] + self.turned_forced.sum(axis=0),
+                    _weighed(turned, self.forced[:4]) + self.turned_forced.sum(axis=0),
                     [still],
                 )
             ),
@@ -191,6 +191,17 @@ class Chain:
         return Response(
             self, turn, free, constant, slope, forced, exponents, turned_constant, turned_slope, turned_forced
         )
+
+
+def _moved(forced: NDArray[np.complex128], moved: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the sum of the forced motions; of many it is not left to a library that spreads it over threads."""
+    return np.asarray(forced @ moved if len(moved) <= FEW_TERMS else (forced * moved).sum(axis=1))
+
+
+def _weighed(weights: NDArray[np.complex128], forced: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return what the forced motions show, one figure a term; see :func:`_moved`."""
+    few = forced.shape[1] <= FEW_TERMS
+    return np.asarray(weights @ forced if few else (weights[:, None] * forced).sum(axis=0))
 
 
 def _spread(rate: NDArray[np.complex128], virtual: NDArray[np.complex128], forcing: Forcing) -> NDArray[np.complex128]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["ExponentialSum", "real_terms"]
 
 BLOCK = 1 << 20
+FEW_TERMS = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +41,15 @@ class ExponentialSum:
         """Return the exponentials' sum, in blocks where times and exponents are many."""
         block = max(1, BLOCK // max(len(self.exponents), 1))
         if times_s.ndim != 1 or len(times_s) <= block:
-            return np.asarray(np.exp(np.multiply.outer(times_s, self.exponents)) @ self.amplitudes)
+            return self._summed(times_s)
         parts = (times_s[start : start + block] for start in range(0, len(times_s), block))
-        return np.concatenate([np.exp(np.multiply.outer(part, self.exponents)) @ self.amplitudes for part in parts])
+        return np.concatenate([self._summed(part) for part in parts])
+
+    def _summed(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        turned = np.exp(np.multiply.outer(times_s, self.exponents))
+        # of many, the product is not left to a library that spreads it over threads
+        many = turned.shape[-1] > FEW_TERMS
+        return np.asarray((turned * self.amplitudes).sum(axis=-1) if many else turned @ self.amplitudes)
 
     def value(self, time_s: float) -> complex:
         """Return the signal at one time."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,26 +27,6 @@ class Run(NamedTuple):
     cycles: float
     """Phase where it was asked for."""
     until_s: float
-
-
-class Phase(Protocol):
-    """Phase by time."""
-
-    cycles: float
-    """Phase at bench time 0, or at the start of a burst."""
-
-    @property
-    def slowest_hz(self) -> float:
-        """A frequency that it never goes below."""
-        ...
-
-    def at(self, times_s: Values) -> Values:
-        """Return the phase in cycles at bench times."""
-        ...
-
-    def run(self, time_s: float) -> Run | None:
-        """Return the stretch of constant frequency that begins or goes on at `time_s`, None while it changes."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,12 +221,18 @@ class Bursts:
         return Run(0.0, self.cycles, start + self.period_s)
 
 
+Phase = Steady | Deviated | Shifted | Keyed | Swept | Bursts
+"""Phase by time: `at` in cycles at bench times, `run` the stretch of constant frequency that goes on or begins then,
+None while it changes, `slowest_hz` what the frequency never goes below, `cycles` the phase at bench time 0 or where a
+burst or sweep begins."""
+
+
 def continued(phase: Phase, before: Phase | None, now_s: float) -> Phase:
     """Return `phase` with the turn that lets it go on from where `before` is; the same one goes on as it was."""
     if before is None:
         return phase
-    if replace(before, cycles=phase.cycles) == phase:  # type: ignore[type-var]
+    if replace(before, cycles=phase.cycles) == phase:
         return before
     now = np.array([now_s])
     gap = float((before.at(now) - phase.at(now))[0])
-    return replace(phase, cycles=math.remainder(phase.cycles + gap, 1.0))  # type: ignore[type-var]
+    return replace(phase, cycles=math.remainder(phase.cycles + gap, 1.0))

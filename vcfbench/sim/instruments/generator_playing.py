@@ -5,8 +5,7 @@ stretches of the phase, so that neither a fast carrier nor its edges are sampled
 
 - a level or straight line up to the next corner, where corners are seldom,
 - the lines of its spectrum, while the frequency stays,
-- else 1/32 s as a sum of cosines, from means over `BINS` equal parts. Such a sum falls as 1/n^2, so its 8 kHz leave
-  ripples of 1e-3 of the change within the piece at its ends, all above 8 kHz.
+- else 1/64 s as a sum of cosines, from means over `BINS` equal parts.
 """
 
 from __future__ import annotations
@@ -29,16 +28,18 @@ if TYPE_CHECKING:
 
 __all__ = ["BINS", "PIECE_S", "Envelope", "Playing", "WidthSwing", "bent", "cosines"]
 
-PIECE_S = 1 / 32
-BINS = 8192
+PIECE_S = 1 / 64
+BINS = 4096
 HIGHEST_PEAK_V = 10.0
 """Where the output amplifier ends, open circuit; only more than 100 % of AM gets there."""
-_SELDOM_HZ = 64.0
-"""Corners that come more often than this are not taken one by one."""
+_SELDOM_HZ, _OFTEN_HZ = 64.0, 512.0
+"""Corners that come less often than the first are taken one by one; up to the second where there are too many lines."""
 _LINES_HZ = 16.0
-"""From where on a waveform's lines up to 8 kHz are few enough."""
-_FAST_HZ = 20e3
-"""From where on nothing of a waveform but its mean is below 8 kHz, were it modulated by 10 kHz."""
+"""From where on a waveform's lines are few enough."""
+_MOST_LINES, _HIGHEST_LINE_HZ = 1000, 64e3
+"""Lines cost little, and what is missing of the sum where it begins is felt as a kick: it is a hundredth then."""
+_FAST_HZ = 64e3
+"""From where on nothing but its mean counts of a waveform: the next line, were it modulated by 20 kHz, is at 44 kHz."""
 _SHORTEST_S = 1e-9
 _BENDS = 16
 _FORGOTTEN = 1e-13
@@ -55,6 +56,11 @@ class Envelope:
     def values(self, times_s: Values) -> Values:
         """Return the factor at bench times."""
         return np.minimum((1 + self.depth * self.rhythm.values(times_s)) / 2, self.most)
+
+    def means(self, edges_s: Values) -> Values:
+        """Return its mean between each two of the edges."""
+        swung = np.diff(self.rhythm.integral_s(edges_s)) / np.diff(edges_s)
+        return np.minimum((1 + self.depth * swung) / 2, self.most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +121,10 @@ class Playing:
         if run.hz >= _FAST_HZ:
             return Piece(start_s, run.until_s, self._cycle_mean(bend))
         corners = self.waveform.corners
-        if corners is not None and len(corners) * run.hz < _SELDOM_HZ:
-            return self._straight(start_s, run, corners, bend)
-        if run.hz >= _LINES_HZ or corners is None:
+        often_hz = math.inf if corners is None else len(corners) * run.hz
+        if (run.hz >= _LINES_HZ and often_hz > _SELDOM_HZ) or corners is None:
             return self._lines(start_s, run, bend)
-        return None
+        return self._straight(start_s, run, corners, bend) if often_hz < _OFTEN_HZ else None
 
     def _straight(self, start_s: float, run: Run, corners: tuple[float, ...], bend: Bend) -> Piece:
         """Return what it is up to the next corner: a chord, and what the input bends it by as sines."""
@@ -140,8 +145,7 @@ class Playing:
         edges = np.arange(BINS + 1) / BINS
         means = [np.diff(self.waveform.integral(power, edges)) * BINS for power in POWERS]
         made = self._mixed(means, bend, 1.0)
-        highest = int(HIGHEST_HZ / run.hz)
-        order = np.arange(1, min(highest, BINS // 4) + 1)
+        order = np.arange(1, min(int(_HIGHEST_LINE_HZ / run.hz), _MOST_LINES) + 1)
         spectrum = 2 * np.fft.rfft(made)[order] / BINS / np.sinc(order / BINS)
         spectrum *= np.exp(2j * math.pi * order * (run.cycles % 1.0 - 0.5 / BINS))
         least = _FORGOTTEN * max(float(np.abs(made).max()), 1e-300)
@@ -169,7 +173,7 @@ class Playing:
     def _bin_means(self, edges_s: Values, bend: Bend) -> Values:
         """Return the mean of the bent volts between each two of `edges_s`."""
         middles = (edges_s[1:] + edges_s[:-1]) / 2
-        envelope = 1.0 if self.envelope is None else self.envelope.values(middles)
+        envelope = 1.0 if self.envelope is None else self.envelope.means(edges_s)
         duty = None if self.width is None else self.width.values(middles)
         cycles = self.phase.at(edges_s)
         return self._mixed(self._power_means(cycles, edges_s[1] - edges_s[0], duty), bend, envelope)

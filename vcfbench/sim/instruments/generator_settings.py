@@ -1,0 +1,162 @@
+"""What a 33220A is set to: the *RST state, ranges of functions, imperfections of one specimen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.scpi import ScpiError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = [
+    "FREQUENCY_HZ",
+    "FUNCTIONS",
+    "MAX_PEAK_V",
+    "MIN_VPP",
+    "RESET",
+    "SOURCE_OHM",
+    "GeneratorErrors",
+    "OutputRange",
+    "Settings",
+    "conflict",
+]
+
+Settings = dict[str, Any]
+
+SOURCE_OHM = 50.0
+MAX_PEAK_V = 10.0
+"""Largest peak voltage into an open circuit; half of it into 50 ohm."""
+MIN_VPP = 0.02
+"""Smallest amplitude into an open circuit, Vpp; half of it into 50 ohm."""
+
+FUNCTIONS = {
+    "SIN": "SINusoid",
+    "SQU": "SQUare",
+    "RAMP": "RAMP",
+    "PULS": "PULSe",
+    "NOIS": "NOISe",
+    "DC": "DC",
+    "USER": "USER",
+}
+FREQUENCY_HZ = {
+    "SIN": (1e-6, 20e6),
+    "SQU": (1e-6, 20e6),
+    "RAMP": (1e-6, 200e3),
+    "PULS": (500e-6, 5e6),
+    "USER": (1e-6, 6e6),
+    "NOIS": (1e-6, 20e6),
+    "DC": (1e-6, 20e6),
+}
+
+RESET: Settings = {
+    "func": "SIN",
+    "freq": 1000.0,
+    "vpp": 0.2,  # open-circuit: 100 mVpp into the 50 ohm of *RST
+    "offset": 0.0,
+    "unit": "VPP",
+    "load": 50.0,
+    "output": False,
+    "polarity": "NORM",
+    "sync": True,
+    "range_auto": True,
+    "range": 0,
+    "duty": 50.0,
+    "symmetry": 100.0,
+    "width": 1e-4,
+    "hold": "WIDT",
+    "edge": 5e-9,
+    "user": "EXP_RISE",
+    "angle": "DEG",
+    "phase": 0.0,
+    "mode": "",
+    "AM:depth": 100.0,
+    "AM:func": "SIN",
+    "AM:freq": 100.0,
+    "AM:source": "INT",
+    "FM:dev": 100.0,
+    "FM:func": "SIN",
+    "FM:freq": 10.0,
+    "FM:source": "INT",
+    "PM:dev": 180.0,
+    "PM:func": "SIN",
+    "PM:freq": 10.0,
+    "PM:source": "INT",
+    "PWM:dev": 1e-5,
+    "PWM:func": "SIN",
+    "PWM:freq": 10.0,
+    "PWM:source": "INT",
+    "FSK:freq": 100.0,
+    "FSK:rate": 10.0,
+    "FSK:source": "INT",
+    "start": 100.0,
+    "stop": 1000.0,
+    "spacing": "LIN",
+    "sweep_s": 1.0,
+    "marker": 500.0,
+    "marker_on": False,
+    "burst_mode": "TRIG",
+    "cycles": 1.0,
+    "burst_period": 1e-2,
+    "burst_phase": 0.0,
+    "gate": "NORM",
+    "trigger": "IMM",
+    "slope": "POS",
+    "delay": 0.0,
+    "trigger_out": False,
+    "trigger_out_slope": "POS",
+    "order": "NORM",
+    "unlock_error": False,
+}
+"""The state after *RST: the record of a 33250A, and for PM, PWM and what it does not have general knowledge."""
+
+
+def conflict(words: str) -> ScpiError:
+    """Return -221 with its words."""
+    return ScpiError(-221, f"Settings conflict; {words}")
+
+
+@dataclass(frozen=True, slots=True)
+class OutputRange:
+    """One attenuator range of the direct-voltage path, open-circuit volts."""
+
+    upper_v: float
+    """Largest peak voltage of the range, V (the breaks of the 33220A are unverified)."""
+    gain_error: float
+    """Relative gain error of the range."""
+    offset_error_v: float
+    """Voltage that the range adds, V."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratorErrors:
+    """Imperfections of one specimen; each is off at zero."""
+
+    ranges: tuple[OutputRange, ...]
+    """Ranges of the direct-voltage path, smallest first."""
+    amplitude_error: float
+    """Relative error of the alternating amplitude (data sheet, unverified: 1 % at 1 kHz)."""
+    frequency_error: float
+    """Relative error of the time base (data sheet, unverified: 20 ppm a year)."""
+    dac_bits: int
+    """Bits of the converter over -upper_v...upper_v of the range: 14; 0 for a continuous output."""
+    setting_digits: int
+    """Digits to which amplitude, offset and levels are set: 4; 0 for as many as sent."""
+
+    @classmethod
+    def none(cls) -> GeneratorErrors:
+        """Return a generator that puts out what it was told."""
+        return cls(tuple(OutputRange(upper, 0.0, 0.0) for upper in _RANGES_V), 0.0, 0.0, 0, 0)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> GeneratorErrors:
+        """Return a specimen drawn uniformly within the data sheet: 2 % and 2 mV into 50 ohm, hence 4 mV open."""
+        ranges = tuple(
+            OutputRange(upper, float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.004, 0.004)))
+            for upper in _RANGES_V
+        )
+        return cls(ranges, float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-2e-5, 2e-5)), 14, 4)
+
+
+_RANGES_V = (0.32, 1.0, 3.2, 10.0)
