@@ -8,7 +8,7 @@ import re
 import signal
 from dataclasses import replace
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.sim.serve import BenchServer, Offer, ServerSettings
+    from vcfbench.sim.serve import BenchServer, Offer, Rs232, ServerSettings
 
 __all__ = ["ctl", "register", "serve"]
 
@@ -65,6 +65,14 @@ def serve(
             "--offer", metavar="ROLE:KIND,...", help="Further interfaces: tcp, vxi11, hislip, pty. May be repeated."
         ),
     ] = None,
+    rs232: Annotated[
+        str,
+        typer.Option(
+            "--rs232",
+            metavar="KIND",
+            help="Serial lines: ideal; real (9600 Bd, small buffers, handshake); three-wire (no handshake).",
+        ),
+    ] = "ideal",
     port_mapper: Annotated[
         int | None,
         typer.Option("--port-mapper", metavar="PORT", help="Also run a port mapper for VXI-11 clients (111)."),
@@ -93,6 +101,7 @@ def serve(
         control_port=control_port,
         offers=dict(map(_offer, offer or [])),
         port_mapper=port_mapper,
+        rs232=_rs232(rs232),
     )
     clock = ServedClock(_speed(speed))
     try:
@@ -189,6 +198,14 @@ def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
     except (OSError, ValueError) as error:
         raise ConfigError(f"--faults {error}") from error
     return ServerSettings(host, base, faults=planned)
+
+
+def _rs232(kind: str) -> Rs232:
+    from vcfbench.sim.serve import Rs232  # noqa: PLC0415
+
+    if kind not in get_args(Rs232):
+        raise ConfigError(f"--rs232 {kind}: expected {', '.join(get_args(Rs232))}")
+    return cast("Rs232", kind)
 
 
 def _offer(text: str) -> tuple[str, frozenset[Offer]]:

@@ -15,15 +15,14 @@ import bisect
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from vcfbench.sim.scpi import ScpiError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
-    from vcfbench.sim.scpi import ScpiInstrument
 
-__all__ = ["BUFFER", "MARGIN", "Frame", "Heard", "Parity", "SerialLine", "heard"]
+__all__ = ["BUFFER", "MARGIN", "Far", "Frame", "Heard", "Parity", "SerialLine", "heard"]
 
 Parity = Literal["none", "even", "odd"]
 
@@ -152,6 +151,39 @@ class _Traffic:
         self.next_s = math.inf
 
 
+class _Engine(Protocol):
+    """The message exchange of an instrument."""
+
+    @property
+    def busy(self) -> bool: ...
+    def report(self, error: ScpiError) -> None: ...
+
+
+class Far(Protocol):
+    """What is at the far end: every simulated SCPI instrument."""
+
+    @property
+    def engine(self) -> _Engine:
+        """Its message exchange."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Take a message, or a part of one."""
+        ...
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return an answer that is ready."""
+        ...
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        ...
+
+    def clear(self) -> None:
+        """Device clear."""
+        ...
+
+
 class SerialLine:
     """A :class:`~vcfbench.sim.device.Device`: an instrument at the end of its serial line, seen from the controller.
 
@@ -161,7 +193,7 @@ class SerialLine:
         frame: what is set on the instrument's front panel; the controller's is the same until it is configured.
     """
 
-    def __init__(self, instrument: ScpiInstrument, clock: Clock, frame: Frame | None = None) -> None:
+    def __init__(self, instrument: Far, clock: Clock, frame: Frame | None = None) -> None:
         self.instrument = instrument
         self.frame = Frame() if frame is None else frame
         self._clock = clock
@@ -201,6 +233,16 @@ class SerialLine:
         return self._takes
 
     @property
+    def next_s(self) -> float:
+        """When the next character arrives at either end, inf while none is on its way."""
+        return min(self._to_instrument.next_s, self._to_controller.next_s)
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything waits to be sent, to arrive, or to be taken by the parser."""
+        return bool(self._to_instrument or self._to_controller or self._buffer)
+
+    @property
     def out_waiting(self) -> int:
         """Characters that the controller has not sent yet."""
         self._advance()
@@ -237,10 +279,8 @@ class SerialLine:
     def wake_at(self) -> float | None:
         """Return when the next character arrives at either end, or the instrument goes on."""
         self._advance()
-        instants = [self._to_instrument.next_s, self._to_controller.next_s]
         own = self.instrument.wake_at()
-        instants += [] if own is None or own <= self._clock.now() else [own]
-        soonest = min(instants)
+        soonest = self.next_s if own is None or own <= self._clock.now() else min(self.next_s, own)
         return None if math.isinf(soonest) else soonest
 
     def clear(self) -> None:
@@ -267,7 +307,7 @@ class SerialLine:
         """Let everything arrive that has by now."""
         now = self._clock.now()
         self._parse(now)
-        while (instant := min(self._to_instrument.next_s, self._to_controller.next_s)) <= now:
+        while (instant := self.next_s) <= now:
             if self._to_controller.next_s == instant:
                 self._arrived.append(self._to_controller.take().byte)
             else:

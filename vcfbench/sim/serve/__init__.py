@@ -12,7 +12,7 @@ One thread serves everything. The caller builds the bench on a :class:`ServedClo
 from vcfbench.sim.serve.adjust import Adjustable, Adjustment
 from vcfbench.sim.serve.clock import MAX_SPEED, ServedClock
 from vcfbench.sim.serve.remote import Control, ControlError, RemoteClock
-from vcfbench.sim.serve.server import BenchServer, Offer, ServedBench, ServerSettings, Wires
+from vcfbench.sim.serve.server import BenchServer, Offer, Rs232, ServedBench, ServerSettings, Wires
 
 __all__ = [
     "MAX_SPEED",
@@ -23,6 +23,7 @@ __all__ = [
     "ControlError",
     "Offer",
     "RemoteClock",
+    "Rs232",
     "ServedBench",
     "ServedClock",
     "ServerSettings",

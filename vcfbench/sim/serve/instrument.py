@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
 from vcfbench.sim.rate_tables.line import LineDevice
 from vcfbench.sim.rate_tables.stream import FrameDevice
@@ -148,6 +148,24 @@ class Client:
         self.instrument.forget(self)
 
 
+class Line(Protocol):
+    """A wire on which something is on its way for a while."""
+
+    @property
+    def next_s(self) -> float:
+        """When something arrives next, inf for never."""
+        ...
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything waits to be sent, to arrive, or to be taken."""
+        ...
+
+    def go_on(self) -> None:
+        """Let arrive what has by now."""
+        ...
+
+
 class _Nobody(Client):
     """Takes the answer to a question whose asker has left."""
 
@@ -181,6 +199,8 @@ class Instrument:
         self.late: deque[tuple[float, Client, bytes, bool]] = deque()
         """Answers on their way, and the bench times at which they arrive."""
         self.passage: Passage | None = None
+        self.lines: list[Line] = []
+        """Serial lines whose characters take time."""
         self.watches_service = False
         self._requested = False
         self._passed = 0
@@ -313,6 +333,8 @@ class Instrument:
         if self.holder is not None and not self.holder.pushes:
             self.holder.refill()
         self.turn()
+        for line in self.lines:
+            line.go_on()
         self.touched()
 
     def clear(self, client: Client) -> None:
@@ -390,7 +412,9 @@ class Instrument:
     @property
     def awaited(self) -> bool:
         """Whether somebody waits for the device to go on."""
-        return bool(self.waiting) or bool(self.late) or (self.holder is not None and self.holder.awaits)
+        if self.waiting or self.late or any(line.under_way for line in self.lines):
+            return True
+        return self.holder is not None and self.holder.awaits
 
     @property
     def listened_to(self) -> bool:
@@ -403,6 +427,9 @@ class Instrument:
         if self.late:
             arrives_s = self.late[0][0]
             wake = arrives_s if wake is None or wake <= self.clock.now() else min(wake, arrives_s)
+        for line in self.lines:
+            if line.next_s < _NOTHING:
+                wake = line.next_s if wake is None or wake <= self.clock.now() else min(wake, line.next_s)
         if wake is None or wake <= self.clock.now():
             self.due_s = _NOTHING
         else:
@@ -514,7 +541,7 @@ def _shortest(device: Device) -> tuple[Callable[..., None], Callable[[int], tupl
 def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
     """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
     if isinstance(device, ScpiInstrument):
-        return _scpi_size, _newline_size
+        return _scpi_size if device.engine.dialect.takes_blocks else _newline_size, _newline_size
     if isinstance(device, FrameDevice):
         return device.message_size, device.message_size
     return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)

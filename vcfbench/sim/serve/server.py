@@ -19,6 +19,7 @@ from vcfbench.sim.serve.instrument import Instrument, Passage
 from vcfbench.sim.serve.loop import Loop
 from vcfbench.sim.serve.mishaps import Mishaps, require_roles
 from vcfbench.sim.serve.raw import Pty, Stream, TcpStream, has_ptys
+from vcfbench.sim.serve.serial_pty import SerialPty
 from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
 from vcfbench.sim.serve.wire import Listener
 
@@ -32,9 +33,10 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.clock import ServedClock
     from vcfbench.sim.world import World
 
-__all__ = ["DEFAULT_OFFERS", "BenchServer", "Offer", "ServedBench", "ServerSettings", "Wires"]
+__all__ = ["DEFAULT_OFFERS", "BenchServer", "Offer", "Rs232", "ServedBench", "ServerSettings", "Wires"]
 
 Offer = Literal["tcp", "vxi11", "hislip", "pty"]
+Rs232 = Literal["ideal", "real", "three-wire"]
 
 DEFAULT_OFFERS: dict[str, frozenset[Offer]] = {
     "33220A": frozenset({"tcp", "vxi11"}),
@@ -68,6 +70,9 @@ class ServerSettings:
         offers: further interfaces by role, beside those of the real box.
         port_mapper: port of a port mapper for VXI-11 (111 is what clients expect), None for none.
         faults: what goes wrong, and when.
+        rs232: serial lines of SCPI instruments: "ideal" ones take no time and lose nothing; "real" ones have 9600 Bd,
+            the instrument's small buffer and a handshake, and it is switched on in local; "three-wire" ones lack the
+            handshake.
     """
 
     host: str = "127.0.0.1"
@@ -76,6 +81,7 @@ class ServerSettings:
     offers: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
     port_mapper: int | None = None
     faults: FaultScript = field(default_factory=lambda: FaultScript(()))
+    rs232: Rs232 = "ideal"
 
 
 @dataclass(slots=True)
@@ -222,15 +228,21 @@ class BenchServer:
             self._keep(role, hislip, hislip.listener)
             wires.hislip = f"TCPIP0::{host}::hislip0,{hislip.port}::INSTR"
         if "pty" in offers:
-            pty = Pty(self.loop, instrument)
+            pty = self._pty(instrument)
             wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
             self._leave_in_remote(role)
         return wires
 
+    def _pty(self, instrument: Instrument) -> Pty:
+        rs232 = self.settings.rs232
+        if rs232 == "ideal" or instrument.engine is None:
+            return Pty(self.loop, instrument)
+        return SerialPty(self.loop, instrument, handshake=rs232 == "real")
+
     def _leave_in_remote(self, role: str) -> None:
         """Leave it as a program did that sent SYSTem:REMote: many drivers rely on somebody having done so."""
         device = self.instruments[role].device
-        if "pty" in self.offered(role) and isinstance(device, _FrontPanel):
+        if self.settings.rs232 == "ideal" and "pty" in self.offered(role) and isinstance(device, _FrontPanel):
             device.local = False
 
     def _keep(self, role: str, server: Vxi11Server | HislipServer, listener: Listener) -> None:

@@ -1,0 +1,128 @@
+"""A pseudo-terminal behind which RS-232 is what it is: time, a small buffer, a handshake, a speed to agree on.
+
+A pseudo-terminal has no pins and no parity. Its speed can be seen; it is the client's. The handshake is what such a
+terminal has: it is not read while the instrument's DTR is false, so that the client's writing comes to a halt.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.serial_line import Frame, SerialLine
+from vcfbench.sim.serve.raw import Pty
+
+if TYPE_CHECKING:
+    from vcfbench.sim.scpi import ScpiError
+    from vcfbench.sim.serve.instrument import Instrument
+    from vcfbench.sim.serve.loop import Loop
+
+__all__ = ["SerialPty"]
+
+_USUAL_BAUD = 9600
+_BAUDS = (300, 600, 1200, 2400, 4800, _USUAL_BAUD, 19200, 38400, 57600, 115200)
+"""Speeds that the instruments have, and those of clients that are wrong."""
+_CHUNK = 1 << 16
+
+
+class SerialPty(Pty):
+    """A terminal with a real serial line behind it.
+
+    Args:
+        handshake: whether the cable has the pins for it; without, what does not fit into the instrument is lost.
+    """
+
+    def __init__(self, loop: Loop, instrument: Instrument, *, handshake: bool) -> None:
+        super().__init__(loop, instrument)
+        self._handshake = handshake
+        self._answers = bytearray()
+        self._inside = False
+        self._line = SerialLine(_Far(self), instrument.clock)
+        instrument.lines.append(self)
+
+    @property
+    def next_s(self) -> float:
+        """The bench time at which the next character arrives, inf while none is on its way."""
+        return self._line.next_s
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything waits to be sent, to arrive, or to be taken."""
+        return self._line.under_way
+
+    def go_on(self) -> None:
+        """Let arrive what has by now, at either end."""
+        self._exchange(b"")
+
+    def deliver(self, data: bytes, *, end: bool) -> None:
+        """Take an answer, which the line will carry."""
+        del end
+        self._answers += data
+        self.go_on()
+
+    def relieved(self) -> None:
+        """Do nothing: the line knows whether more can be taken."""
+
+    def take_answers(self) -> bytes:
+        """Return what the instrument has said."""
+        answers = bytes(self._answers)
+        self._answers.clear()
+        return answers
+
+    def _received(self, data: bytes) -> None:
+        self._line.configure(self._frame(), handshake=self._handshake)
+        self._exchange(data)
+
+    def _exchange(self, data: bytes) -> None:
+        if self._inside:
+            return
+        self._inside = True
+        if data:
+            self._line.write(data)
+        arrived, _ = self._line.read(_CHUNK)
+        waiting = self._line.out_waiting
+        self._inside = False
+        if arrived:
+            super().deliver(arrived, end=False)
+        self._held_back = self._handshake and waiting > 0
+        self._watch()
+        self.instrument.touched()
+
+    def _frame(self) -> Frame:
+        """Return what the client has set, as far as a pseudo-terminal shows it."""
+        import termios  # noqa: PLC0415  (there is none on Windows)
+
+        settings = termios.tcgetattr(self._slave)
+        speed = next((baud for baud in _BAUDS if getattr(termios, f"B{baud}", None) == settings[5]), _USUAL_BAUD)
+        return Frame(float(speed), stop_bits=2.0 if settings[2] & termios.CSTOPB else 1.0)
+
+
+class _Far:
+    """The instrument at the far end, which other connections may share."""
+
+    def __init__(self, pty: SerialPty) -> None:
+        self._pty = pty
+
+    @property
+    def engine(self) -> _Far:
+        return self
+
+    @property
+    def busy(self) -> bool:
+        instrument = self._pty.instrument
+        return bool(self._pty.backlog) or instrument.busy or instrument.holder is not None
+
+    def report(self, error: ScpiError) -> None:
+        self._pty.instrument.complain(error.number)
+
+    def write(self, data: bytes) -> None:
+        self._pty.take(data)
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        del limit
+        return self._pty.take_answers(), False
+
+    def wake_at(self) -> float | None:
+        return None  # the server looks in on the instrument by itself
+
+    def clear(self) -> None:
+        self._pty.instrument.clear(self._pty)
