@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -43,6 +44,28 @@ def test_an_unread_answer_fails() -> None:
         expected_exchange(OPEN, [("A?", "1")]) as session,
     ):
         session.send("A?")
+
+
+def test_a_line_more_than_was_asked_for_is_unread() -> None:
+    with (
+        pytest.raises(AssertionError, match=r"unread: b'2\\n' was answered and not read"),
+        expected_exchange(OPEN, [("A?", "1\n2")]) as session,
+    ):
+        assert session.query("A?") == "1"
+
+
+def test_a_driver_that_swallows_the_complaint_does_not_get_away_with_it() -> None:
+    with (
+        pytest.raises(AssertionError, match=r"unexpected: b'B\?\\n' was sent after .* \(message 2\)"),
+        expected_exchange(OPEN, [("A?", "1")]) as session,
+    ):
+        _asks_and_ignores(session)
+
+
+def _asks_and_ignores(session: Session) -> None:
+    session.query("A?")
+    with suppress(Exception):
+        session.query("B?")
 
 
 def test_silence_takes_the_time_out() -> None:

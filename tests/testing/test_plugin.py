@@ -153,10 +153,16 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
         "3": "the mark is vcfbench(bench=None",
         'bench="none.toml"': "none.toml: expected a bench file, there is no such file",
         'parameters="mine"': "expected paper or ideal, came 'mine'",
+        'seed="x"': "seed: expected a whole number, came 'x'",
+        'speed="x"': "--speed x: expected a number",
+        'faults="none.toml"': "none.toml",
+        "faults=\"[[fault]]\\ninstrument = 'kettle'\\nkind = 'silent'\"": "the bench has no 'kettle'",
+        'overrides={"supply": {"dead_v": 99.0}}': "simulation.override: expected supply.dead_v at most brown_out_v",
     }
     tests = "".join(
         f"@pytest.mark.vcfbench({mark})\ndef test_{number}(simulated_bench): ...\n" for number, mark in enumerate(wrong)
     )
     done = run(project(tmp_path, f"import pytest\n{tests}"), "-q")
-    assert outcomes(done) == "4 errors"
+    assert outcomes(done) == f"{len(wrong)} errors"
+    assert "plugin.py" not in done.stdout  # where it was seen helps nobody
     assert [words for words in wrong.values() if words not in done.stdout] == []

@@ -8,9 +8,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from vcfbench.clock import VirtualClock
 from vcfbench.drivers.rate_table.line import TableLine
@@ -37,7 +38,8 @@ def _bytes(message: Message) -> bytes:
 class ScriptedWire:
     """A wire that answers as told and complains about every message that was not foretold.
 
-    It fits under sessions and under lines of rate tables. Time-outs take the clock's time.
+    It fits under sessions and under lines of rate tables. Time-outs take the clock's time. A complaint is kept, for
+    drivers that swallow it.
     """
 
     def __init__(self, exchanges: Sequence[Exchange], *, clock: Clock, interface: Interface = "gpib") -> None:
@@ -46,27 +48,36 @@ class ScriptedWire:
         self.closed = False
         self._clock = clock
         self._left = list(exchanges)
-        self._answers = b""
+        self._sent = 0
+        self._answers: deque[bytes] = deque()
+        self._complaint: AssertionError | None = None
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Compare `data` with what comes next."""
+        __tracebackhide__ = True  # whoever reads the failure wants to see who sent it
         del deadline
         if self.closed:
             raise LinkLost("the connection is closed")
+        self._sent += 1
         if not self._left:
-            raise AssertionError(f"unexpected: {data!r} was sent after the last of the expected messages")
+            self._complain(f"{data!r} was sent after the last of the expected messages")
         expected, answer = self._left.pop(0)
         if data != _bytes(expected):
-            raise AssertionError(f"unexpected: {data!r} was sent where {_bytes(expected)!r} was expected")
-        self._answers += b"" if answer is None else _bytes(answer)
+            self._complain(f"{data!r} was sent where {_bytes(expected)!r} was expected")
+        if answer is not None:
+            self._answers += _bytes(answer).splitlines(keepends=True) if isinstance(answer, str) else [answer]
+
+    def _complain(self, what: str) -> NoReturn:
+        __tracebackhide__ = True
+        self._complaint = self._complaint or AssertionError(f"unexpected: {what} (message {self._sent})")
+        raise self._complaint
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Return what has been answered, or wait for the deadline in vain."""
         if not self._answers:
             self._clock.sleep_until(deadline.expires_s)
             raise DeadlineExceeded("no answer")
-        data, self._answers = self._answers, b""
-        return data, True
+        return self._answers.popleft(), True
 
     def pending(self) -> bytes:
         """Return nothing: a scripted instrument does not speak unasked."""
@@ -76,19 +87,22 @@ class ScriptedWire:
         """Count a device clear and forget what has been answered."""
         del deadline
         self.clears += 1
-        self._answers = b""
+        self._answers.clear()
 
     def close(self) -> None:
         """Note that the connection was given back."""
         self.closed = True
 
     def require_done(self) -> None:
-        """Raise AssertionError when a message has not been sent or an answer has not been read."""
+        """Raise AssertionError when a message was unexpected, has not been sent, or an answer has not been read."""
+        __tracebackhide__ = True
+        if self._complaint is not None:
+            raise self._complaint
         if self._left:
             missing = ", ".join(repr(_bytes(sent)) for sent, _ in self._left)
             raise AssertionError(f"missing: {missing} never came")
         if self._answers:
-            raise AssertionError(f"unread: {self._answers!r} was answered and not read")
+            raise AssertionError(f"unread: {b''.join(self._answers)!r} was answered and not read")
 
 
 Opener = Callable[[ScriptedWire, VirtualClock], _T]
@@ -101,8 +115,10 @@ def expected_exchange(
     """Open a driver on a wire that expects exactly `exchanges`.
 
     Raises:
-        AssertionError: a message was sent that was not expected; at the end, one is missing, or an answer is unread.
+        AssertionError: a message was sent that was not expected (at once, and at the end if the driver swallowed that);
+            at the end, one is missing, or an answer is unread.
     """
+    __tracebackhide__ = True
     clock = VirtualClock()
     wire = ScriptedWire(exchanges, clock=clock, interface=interface)
     yield opener(wire, clock)

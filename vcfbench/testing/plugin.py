@@ -16,6 +16,7 @@ The mark `vcfbench` says which bench, for the test, class or module that carries
 
 from __future__ import annotations
 
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -90,10 +91,13 @@ def _vcfbench_lab(request: pytest.FixtureRequest) -> Iterator[SimulatedLab]:
     """Open the bench that the mark and the ini options ask for; faults are ended before it is left."""
     from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
 
-    asked = _asked(request)
-    with open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"]) as lab:
-        if asked["faults"] is not None:
-            lab.play(_script(request, asked["faults"]))
+    with ExitStack() as stack:
+        with _mistakes_told():
+            asked = _asked(request)
+            opened = open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
+            lab = stack.enter_context(opened)
+            if asked["faults"] is not None:
+                lab.play(_script(request, asked["faults"]))
         try:
             yield lab
         finally:
@@ -128,8 +132,9 @@ def open_simulated_bench(request: pytest.FixtureRequest) -> Callable[..., Abstra
     from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
 
     def open_one(**changes: Any) -> AbstractContextManager[SimulatedLab]:
-        asked = {**_asked(request), **changes}
-        return open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
+        with _mistakes_told():
+            asked = {**_asked(request), **changes}
+            return open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
 
     return open_one
 
@@ -139,10 +144,13 @@ def served_bench(request: pytest.FixtureRequest) -> Iterator[ServedLab]:
     """Serve the bench on sockets of this computer; it has ready resource strings for any program."""
     from vcfbench.testing.benches import serve_simulated  # noqa: PLC0415  # heavy, and only now needed
 
-    asked = _asked(request)
-    faults = None if asked["faults"] is None else _script(request, asked["faults"])
-    described = _described(request, asked)
-    with serve_simulated(described, seed=asked["seed"], speed=asked["speed"], faults=faults) as lab:
+    with ExitStack() as stack:
+        with _mistakes_told():
+            asked = _asked(request)
+            faults = None if asked["faults"] is None else _script(request, asked["faults"])
+            described = _described(request, asked)
+            served = serve_simulated(described, seed=asked["seed"], speed=asked["speed"], faults=faults)
+            lab = stack.enter_context(served)
         yield lab
 
 
@@ -154,6 +162,17 @@ def expected_exchange() -> Callable[..., AbstractContextManager[Any]]:
     return exchange
 
 
+@contextmanager
+def _mistakes_told() -> Iterator[None]:
+    """Say in one sentence what is wrong with what a test asks for; where in this plugin that was seen helps nobody."""
+    from vcfbench.errors import ConfigError  # noqa: PLC0415  # nothing of the package before it is needed
+
+    try:
+        yield
+    except (ConfigError, ValueError, FileNotFoundError) as error:
+        pytest.fail(f"vcfbench: {error}", pytrace=False)
+
+
 def _asked(request: pytest.FixtureRequest) -> dict[str, Any]:
     """Return what is asked for: the nearest mark that says it, else the ini options."""
     config, asked = request.config, dict[str, Any].fromkeys(_SETTINGS)
@@ -162,23 +181,22 @@ def _asked(request: pytest.FixtureRequest) -> dict[str, Any]:
     asked["overrides"] = "\n".join(config.getini("vcfbench_overrides")) or None
     for mark in reversed(list(request.node.iter_markers("vcfbench"))):
         if mark.args or not set(mark.kwargs) <= set(_SETTINGS):
-            raise pytest.UsageError(f"the mark is {_MARK}")
+            raise ValueError(f"the mark is {_MARK}")
         asked.update(mark.kwargs)
-    asked["seed"] = None if asked["seed"] is None else int(asked["seed"])
+    try:
+        asked["seed"] = None if asked["seed"] is None else int(asked["seed"])
+    except ValueError:
+        raise ValueError(f"seed: expected a whole number, came {asked['seed']!r}") from None
     return asked
 
 
 def _described(request: pytest.FixtureRequest, asked: dict[str, Any]) -> BenchDescription:
-    from vcfbench.errors import ConfigError  # noqa: PLC0415  # nothing of the package before it is needed
     from vcfbench.testing.benches import simulated  # noqa: PLC0415  # heavy, and only now needed
 
     bench = asked["bench"]
     if isinstance(bench, str) and (found := request.config.rootpath / bench).is_file():
         bench = found
-    try:
-        return simulated(bench, parameters=asked["parameters"], errors=asked["errors"], overrides=asked["overrides"])
-    except ConfigError as error:
-        raise pytest.UsageError(f"vcfbench: {error}") from None
+    return simulated(bench, parameters=asked["parameters"], errors=asked["errors"], overrides=asked["overrides"])
 
 
 def _script(request: pytest.FixtureRequest, faults: Any) -> Any:
