@@ -61,6 +61,15 @@ def test_default_setup_to_the_character(query: str, reply: str) -> None:
     assert Bench().ask(query) == reply
 
 
+def test_exponents_of_two_digits_are_a_matter_of_firmware() -> None:
+    bench = Bench(errors_with(exponent_digits=2))
+    bench.send(":TIM:RANG 200E-9;:CHAN3:RANG 8;OFFS 0.0125;:TRIG:SOUR CHAN3;:WAV:SOUR CHAN3;:DIG CHAN3")
+    scaling = "+2.00000000E-10,-1.00000000E-07,+0,+3.12500000E-02,+1.25000000E-02,+128"
+    assert bench.ask(":WAV:PRE?") == f"+0,+0,+1000,+1,{scaling}"
+    assert bench.ask(":TIM:SCAL?;:MEAS:FREQ? CHAN3") == "+2.00000000E-08;+9.90000000E+37"
+    assert bench.ask(":WAV:FORM ASC;POIN 100;DATA?").split(",")[1] == "+2.50049E-01"
+
+
 def test_reset_brings_it_back(bench: Bench) -> None:
     bench.send(":STOP;:TRIG:SWE NORM;:WAV:FORM WORD;:CHAN3:DISP ON;*RST")
     assert {query: bench.ask(query) for query in POWER_ON if query != ":TER?"} == {

@@ -100,12 +100,12 @@ class Dso7104B(ScpiInstrument):
         self.state: dict[str, Any] = default_setup()
         self.inputs = Terminations(world, self._nodes, self._trip)
         self._stored: dict[int, dict[str, Any]] = {}
-        self.operation = Register()
-        self.triggered = Register()
+        self.operation: Register = Register()
+        self.triggered: Register = Register()
         self.triggered.enable = 1
-        self.overload = Register(self.operation, _OVERLOAD)
-        self.mask_test = Register(self.operation, _MASK_TEST)
-        self.hardware = Register(self.operation, _HARDWARE)
+        self.overload: Register = Register(self.operation, _OVERLOAD)
+        self.mask_test: Register = Register(self.operation, _MASK_TEST)
+        self.hardware: Register = Register(self.operation, _HARDWARE)
         self.message = ""
         self.installed: list[Installed] = []
         self.analysed = False

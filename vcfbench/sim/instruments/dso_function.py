@@ -51,7 +51,7 @@ class MathTrace:
 
     def places(self) -> NDArray[np.float64]:
         """Return the abscissae."""
-        return self.first + self.step * np.arange(len(self.values))
+        return self.first + self.step * np.arange(len(self.values), dtype=np.float64)
 
 
 def math_trace(state: Mapping[str, Any], record: Record, points: int) -> MathTrace:

@@ -13,20 +13,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.dso_commands import CHANNEL, clipped, number, setting
+from vcfbench.sim.instruments.dso_conditions import Burst, Condition, Duration, Edge, Never, Pattern, Pulse, Video
 from vcfbench.sim.instruments.dso_inputs import EXTERNAL, LINE
-from vcfbench.sim.instruments.dso_trigger import (
-    Burst,
-    Comparator,
-    Condition,
-    Duration,
-    Edge,
-    Never,
-    Pattern,
-    Pulse,
-    Tips,
-    Trigger,
-    Video,
-)
+from vcfbench.sim.instruments.dso_trigger import Comparator, Tips, Trigger
 from vcfbench.sim.scpi import (
     Boolean,
     Choice,
