@@ -273,8 +273,9 @@ class Instrument:
     def execute(self, client: Client, message: bytes, tag: Any = None, *, asks: bool) -> None:
         """Hand `message` to the device, and the answer to `client` if it is there at once."""
         client.tag = tag
-        if self.engine is not None:
-            self.engine.interface = client.interface
+        worker = self.engine
+        if worker is not None:
+            worker.interface = client.interface
         self._write(message, end=True)
         if not asks:
             if self.busy:
@@ -285,7 +286,7 @@ class Instrument:
             data, end = self._read(WHOLE_RESPONSE)
             if data:
                 self._hand_out(client, data, end=end)
-            if not end or self.busy:
+            if not end or (self.busy if worker is None else worker.busy):
                 self.holder = client
                 self._drain()
         self.touched()
@@ -424,24 +425,27 @@ class Instrument:
     def touched(self) -> None:
         """Note when the device next does something by itself."""
         wake = self._wake_at()
-        if self.late:
-            arrives_s = self.late[0][0]
-            wake = arrives_s if wake is None or wake <= self.clock.now() else min(wake, arrives_s)
-        for line in self.lines:
-            if line.next_s < _NOTHING:
-                wake = line.next_s if wake is None or wake <= self.clock.now() else min(wake, line.next_s)
+        if self.late or self.lines:
+            wake = self._next_arrival(wake)
         if wake is None or wake <= self.clock.now():
             self.due_s = _NOTHING
         else:
             self.due_s = wake
             if self.passage is not None and wake < self.passage.next_due_s:
                 self.passage.next_due_s = wake
-        if self.watches_service and self.engine is not None:
+        if self.watches_service:
             self._watch_service()
 
+    def _next_arrival(self, wake: float | None) -> float | None:
+        """Return `wake`, or when something that is on its way arrives if that comes first."""
+        arrivals = [line.next_s for line in self.lines if line.next_s < _NOTHING]
+        arrivals += [arrives_s for arrives_s, *_ in self.late][:1]
+        if wake is not None and wake > self.clock.now():
+            arrivals.append(wake)
+        return min(arrivals, default=wake)
+
     def _watch_service(self) -> None:
-        assert self.engine is not None  # noqa: S101  (for the type checker)
-        requested = self.engine.requests_service()
+        requested = self.engine is not None and self.engine.requests_service()
         if requested and not self._requested:
             for client in tuple(self.clients):
                 client.service_requested()
