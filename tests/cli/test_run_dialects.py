@@ -93,3 +93,10 @@ def test_the_documentation_names_every_dialect_and_key() -> None:
     missing = {key for key in keys if not any(form in text for form in (f"`{key}`", f"[{key}]", f"{key} = "))}
     assert missing == set()
     assert all(f"`{name}`" in text for name in (*DIALECTS, *profile.COMMANDS))
+
+
+def test_the_record_keeps_the_text_of_a_profile_of_one_s_own(tmp_path: Path) -> None:
+    folder = Path(__file__).parents[2] / "examples" / "own-table"
+    run(folder / "bench.toml", tmp_path)
+    header = json.loads(next(tmp_path.glob("*/*.jsonl")).read_text(encoding="utf-8").splitlines()[0])
+    assert header["table_profile"] == (folder / "table.toml").read_text(encoding="utf-8")

@@ -272,6 +272,7 @@ class Record:
             "options": {key: str(value) for key, value in asdict(options).items()},
             "settings": asdict(self.settings),
             "bench": msgspec.to_builtins(bench.description),
+            **_profile_of(bench.description.rate_table.dialect),
         }
 
     def close(self) -> None:
@@ -320,6 +321,15 @@ class Record:
         answer["physical_minimum_s"] = report.execution.physical_minimum_s
         write_result(report.directory.path / "result.json", answer)
         write_text(report.directory.path / "points.csv", points_csv(report.points))
+
+
+def _profile_of(dialect: str) -> dict[str, str]:
+    """Return the text of the table's profile, if it is a file of one's own: its path alone says little later on."""
+    if not dialect.endswith(".toml"):
+        return {}
+    from vcfbench.drivers.rate_table.profile import profile_text  # noqa: PLC0415
+
+    return {"table_profile": profile_text(dialect)}
 
 
 def _versions() -> Mapping[str, str]:

@@ -351,3 +351,32 @@ def test_without_header_the_first_reply_is_a_plain_line() -> None:
 def test_headers_are_told_apart(layout: str, body: str) -> None:
     assert detect_header(framed(layout, body)[:8]) == {"<II": "u32le2", ">II": "u32be2"}[layout]
     assert detect_header(body.encode()[:8]) == "none"
+
+
+STICKS: Exchange = (":Status:STB?", "128")
+
+
+def test_a_bit_that_outlives_its_messages_does_not_hang() -> None:
+    with expected_exchange(table(), [IDN, STICKS, (":Status:MSG? QERROR", "")]) as driver:
+        driver.check_errors()
+
+
+def test_messages_before_an_empty_one_are_raised() -> None:
+    said = [IDN, STICKS, (":Status:MSG? QERROR", "2,PARAMETER OUT OF RANGE"), STICKS, (":Status:MSG? QERROR", "")]
+    with (
+        expected_exchange(table(), said) as driver,
+        pytest.raises(InstrumentError, match="refused with 2,PARAMETER OUT OF RANGE$"),
+    ):
+        driver.check_errors()
+
+
+def test_messages_without_an_end_are_an_error_and_no_hang() -> None:
+    said = [IDN, *[STICKS, (":Status:MSG? QERROR", "9,AGAIN")] * 32]
+    with expected_exchange(table(), said) as driver, pytest.raises(InstrumentError, match="9,AGAIN"):
+        driver.check_errors()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_realised_rate_is_on_the_grid_of_the_table(sign: Literal[1, -1]) -> None:
+    with expected_exchange(table(sign), [IDN]) as driver:
+        assert driver.realised_deg_s(1 / 3) == pytest.approx(0.33333, abs=1e-12)

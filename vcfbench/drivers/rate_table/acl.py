@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from vcfbench.drivers import replies
+from vcfbench.drivers.rate_table.steady import on_grid
 from vcfbench.errors import FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
 
@@ -101,6 +102,10 @@ class AclDialect:
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")
         return identity
+
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table is really told for `rate_deg_s`."""
+        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop what came late up to the known answer of ``*IDN?``, then up to a number.
@@ -201,11 +206,18 @@ class AclDialect:
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
         """Read the words of what was refused, as long as the status byte says that there are some.
 
-        ``:Status:STB?`` leaves the byte as it is, ``*STB?`` would clear it.
+        ``:Status:STB?`` leaves the byte as it is, ``*STB?`` would clear it. On a controller whose bit outlives its
+        messages an empty message ends them.
+
+        Raises:
+            InstrumentError: something was refused; also if the messages do not end.
         """
         refused: list[str] = []
         while len(refused) < _DEEPEST_QUEUE and self._status_byte(line, deadline) & _ERRORS_QUEUED:
-            refused.append(self.ask(line, ":Status:MSG? QERROR", deadline))
+            message = self._message(line, deadline)
+            if not message:
+                break
+            refused.append(message)
         if refused:
             raise InstrumentError(
                 f"refused with {'; then '.join(refused)}",
@@ -213,6 +225,18 @@ class AclDialect:
                 instrument=line.name,
                 resource=line.resource,
             )
+
+    def _message(self, line: TableLine, deadline: Deadline) -> str:
+        """Return the next message, empty if there is none: a question has just been answered, so this is the reply."""
+        question = ":Status:MSG? QERROR"
+        with line.exclusive():
+            try:
+                self._say(line, question, deadline)
+                body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
+            except TransportError as error:
+                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+            line.dirty = False
+        return replies.text(body)
 
     def _status_byte(self, line: TableLine, deadline: Deadline) -> int:
         return replies.integer(self.ask(line, ":Status:STB?", deadline))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, require_rest
+from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, on_grid, require_rest
 from vcfbench.errors import DeadlineExceeded, InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
 
@@ -48,6 +48,10 @@ class AtlDialect:
         """Read the angle: there is no question for the identity, but somebody must answer."""
         self.angle_deg(line, deadline)
         return Identity("Ideal Aerosmith (presumed)", "table language, experimental", "", "")
+
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table is really told for `rate_deg_s`."""
+        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain, send the status question, and drop everything up to the prompt after its data."""

@@ -18,7 +18,7 @@ from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.fields import decode, text_value, unwrapped
 from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_frame, take_text
 from vcfbench.drivers.rate_table.profile import STREAM
-from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, require_rest
+from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, on_grid, require_rest
 from vcfbench.errors import (
     ConfigError,
     DeadlineExceeded,
@@ -77,7 +77,7 @@ class ConfigurableDialect:
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
         """Return the rate that the table will really be told for `rate_deg_s`."""
-        return round(rate_deg_s / self.rate_quantum_deg_s) * self.rate_quantum_deg_s
+        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     # What the driver asks for
 

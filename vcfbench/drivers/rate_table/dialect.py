@@ -33,6 +33,10 @@ class TableDialect(Protocol):
         """Step of the commanded rate."""
         ...
 
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table is really told for `rate_deg_s`: a multiple of its step."""
+        ...
+
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask who answers; also learns what of the framing is not configured."""
         ...

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table.acl import AclDialect, Header
 from vcfbench.drivers.rate_table.line import SerialWire, TableLine
+from vcfbench.drivers.rate_table.names import BUILT_IN, DIALECTS, SHIPPED
 from vcfbench.errors import ConfigError, ConnectFailed, TransportError
 
 if TYPE_CHECKING:
@@ -19,11 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.wire import Wire
 
 __all__ = ["BUILT_IN", "DIALECTS", "SHIPPED", "Spoken", "is_dialect", "open_serial", "spoken"]
-
-BUILT_IN: Final = ("acl", "zaber", "atl", "esp")
-SHIPPED: Final = ("dd16", "mn_as", "ruya", "aaaa")
-DIALECTS: Final = (*BUILT_IN, *SHIPPED)
-"""What a bench file can name without a file of its own."""
 
 _BAUD: Final = {"acl": 9_600, "zaber": 115_200, "atl": 9_600, "esp": 19_200}
 """8N1 all; 19 200 Bd of the ESP is unverified."""

@@ -122,7 +122,10 @@ class RateTableDriver:
             raise self._interlock("the servo did not open")
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; returns at once."""
+        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; what the table is told is `realised_deg_s`.
+
+        Returns at once, but for a table that must come to rest first (`esp` reversing, `ruya`): then when it has.
+        """
         self._require_limits(rate_deg_s, acceleration_deg_s2)
         if not self._enabled:  # a demand now would be waiting for the servo, and be executed when it closes
             raise self._interlock("the servo is open, nothing was sent")
@@ -146,6 +149,10 @@ class RateTableDriver:
 
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         self._dialect.demand_rate(self._line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
+
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table is told when it is asked for `rate_deg_s`, for it takes steps only."""
+        return self._sign * self._dialect.realised_deg_s(self._sign * rate_deg_s)
 
     def at_rate(self) -> bool:
         """Tell whether the table says that the demanded rate is reached."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.clock import sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
 
@@ -60,6 +60,10 @@ class EspDialect:
         if not model.upper().startswith("ESP"):
             raise FramingError(f"expected the version of an ESP controller, came {self._version[:60]!r}")
         return Identity("Newport", model, "", firmware.removeprefix("Version").strip())
+
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table is really told for `rate_deg_s`."""
+        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop what comes late up to the known answer of ``VE?``, then up to a number."""

@@ -17,8 +17,9 @@ from msgspec import Meta, Struct, field
 
 from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.checksums import CHECKSUMS
-from vcfbench.drivers.rate_table.dialects import SHIPPED
 from vcfbench.drivers.rate_table.fields import BinaryType, Order, TextType, Wrap  # noqa: TC001 - msgspec reads them
+from vcfbench.drivers.rate_table.frames import frame_bytes
+from vcfbench.drivers.rate_table.names import SHIPPED
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ __all__ = [
     "Units",
     "load_profile",
     "parse_profile",
+    "profile_text",
 ]
 
 QUESTIONS = ("identify", "home_status", "read_pos", "read_rate", "read_all", "status", "fault")
@@ -286,15 +288,18 @@ def load_profile(name: str) -> Profile:
     Raises:
         ConfigError: there is none, or it is not one; the message is one line with file, key and what was expected.
     """
+    return parse_profile(profile_text(name), f"profile {name}" if name in SHIPPED else name)
+
+
+def profile_text(name: str) -> str:
+    """Return the text of the shipped profile `name`, or of the file of this name; ConfigError if it cannot be read."""
     if name in SHIPPED:
-        text = resources.files("vcfbench.drivers.rate_table").joinpath(f"profiles/{name}.toml").read_text("utf-8")
-        return parse_profile(text, f"profile {name}")
+        return resources.files("vcfbench.drivers.rate_table").joinpath(f"profiles/{name}.toml").read_text("utf-8")
     try:
-        text = Path(name).read_text(encoding="utf-8-sig")
+        return Path(name).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"{name}: expected a readable profile of a rate table: {reason}") from None
-    return parse_profile(text, name)
 
 
 def parse_profile(text: str, source: str) -> Profile:
@@ -463,8 +468,6 @@ def _step_misfits(path: str, name: str, step: Step, profile: Profile) -> Iterato
 
 
 def _try_template(template: str, profile: Profile) -> None:
-    from vcfbench.drivers.rate_table.frames import frame_bytes  # noqa: PLC0415 - which needs this module's types
-
     values = templates.sample_values()
     if profile.binary:
         frame_bytes(profile.frame, templates.fill_bytes(template, values, profile.frame.order))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["REST_DEG_S", "SteadyRate", "drain", "located", "require_rest"]
+__all__ = ["REST_DEG_S", "SteadyRate", "drain", "located", "on_grid", "require_rest"]
 
 REST_DEG_S = 0.1
 """Above this rate a servo is not opened: the table would coast."""
@@ -40,6 +40,11 @@ class SteadyRate:
         allowed = self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
         self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= allowed else 0
         return self._good >= self.polls
+
+
+def on_grid(rate_deg_s: float, quantum_deg_s: float) -> float:
+    """Return the multiple of the step of a table's rates that is nearest."""
+    return round(rate_deg_s / quantum_deg_s) * quantum_deg_s
 
 
 def require_rest(line: TableLine, rate_deg_s: float) -> None:

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, located, require_rest
+from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, TransportError
 from vcfbench.interfaces import Identity
 
@@ -124,6 +124,10 @@ class ZaberDialect:
         number = self._device_setting(line, "deviceid", deadline)
         serial = self._optional_setting(line, "system.serial", deadline)
         return Identity("Zaber", f"device {number}", serial, self._device_setting(line, "version", deadline))
+
+    def realised_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the table is really told for `rate_deg_s`."""
+        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Forget what has come: what still comes late carries another number."""
