@@ -272,6 +272,41 @@ def test_a_duration_may_be_longer_than_a_search() -> None:
     assert triggered(bench) == pytest.approx(0.9, abs=1e-7)
 
 
+# --- sequences
+
+STEPS = pulses((0.7e-3, 0.71e-3), (0.9e-3, 0.95e-3), (1.2e-3, 1.25e-3), (1.5e-3, 1.55e-3), (1.8e-3, 1.85e-3))
+MARK = pulses((0.8e-3, 0.82e-3), (1.3e-3, 1.6e-3))
+
+
+@pytest.mark.parametrize(
+    ("setup", "instant_s"),
+    [
+        ("FIND EDGE1;TRIG EDGE2", 0.9e-3),  # the mark, then a step
+        ("EDGE2 CHAN1,NEG;FIND EDGE1;TRIG EDGE2", 0.95e-3),
+        ("FIND EDGE1;TRIG EDGE2,COUN;COUN 2", 1.2e-3),
+        ("FIND EDGE1;TRIG EDGE2,COUN;COUN 3", None),  # after two the mark comes again, and after two more nothing
+        ("FIND EDGE1;TRIG EDGE2,COUN,NREF;COUN 3", 1.5e-3),
+        ("FIND EDGE1;TRIG EDGE2;RES TIM;TIM 50E-6", None),
+        ("FIND EDGE1;TRIG EDGE2;RES TIM;TIM 150E-6", 0.9e-3),
+        ("FIND EDGE1;TRIG EDGE2;RES TIM;TIM 90E-6", None),
+        ("PATT1 2,2;FIND PATT1,EXIT;TRIG EDGE2", 0.9e-3),
+        ("EDGE1 CHAN2,NEG;PATT2 3,3;FIND EDGE1;TRIG PATT2,ENT", 1.5e-3),
+        ("PATT2 3,3;FIND EDGE1;TRIG PATT2,EXIT", 1.55e-3),
+        ("PATT2 2,2;FIND EDGE1;TRIG PATT2,AND,EDGE2", 1.5e-3),
+        ("PATT2 2,2;FIND EDGE1;TRIG PATT2,AND,EDGE2;RES PATT2,EXIT", 1.5e-3),
+        ("EDGE1 CHAN2,POS;PATT1 2,2;FIND EDGE1;TRIG EDGE2;RES PATT1,EXIT", 1.5e-3),
+    ],
+)
+def test_a_sequence_of_two_events(setup: str, instant_s: float | None) -> None:
+    bench = bench_with(drive=STEPS, carrier=MARK)
+    bench.send(f":TRIG:MODE SEQ;:TRIG:SEQ:EDGE1 CHAN2,POS;EDGE2 CHAN1,POS;{setup}")
+    if instant_s is None:
+        assert never(bench, 0.02)
+    else:
+        assert triggered(bench) == pytest.approx(instant_s, abs=2 * NANOSECOND)
+    assert bench.errors() == []
+
+
 # --- bursts, television, serial buses
 
 
@@ -376,6 +411,9 @@ REPLIES = {
     ":TRIG:DUR:RANG 1E-6,2E-6;RANG?": "+2.00000000E-006,+1.00000000E-006",
     ":TRIG:DUR:LESS 1 US;LESS?": "+1.00000000E-006",
     ":TRIG:EBUR:COUN 7;COUN?;IDLE 2 MS;IDLE?;SLOP NEG;SLOP?": "+7;+2.00000000E-003;NEG",
+    ":TRIG:SEQ:FIND?;TRIG?;RES?": "EDGE1;EDGE2;NONE",
+    ":TRIG:SEQ:FIND PATTern1,AND,EDGE1;FIND?;TRIG EDGE2,COUN;TRIG?;RES TIMer;RES?": "PATT1,AND,EDGE1;EDGE2,COUN;TIM",
+    ":TRIG:SEQ:PATT2 1,3;PATT2?;EDGE1 CHAN3,NEG;EDGE1?": "+1,+3;CHAN3,NEG",
     ":TRIG:TV:MODE FIE2;MODE?;MODE LFIELD1;MODE?;LINE 20;LINE?": "FIE2;LFI1;+20",
 }
 
@@ -396,6 +434,9 @@ def test_replies_to_the_character(asked: str, reply: str) -> None:
         (":TRIG:PATT 1,1,LINE,POS", -224),
         (":TRIG:DUR:QUAL RANGE", -224),
         (":TRIG:EBUR:COUN 0", -222),
+        (":TRIG:SEQ:FIND EDGE2", -224),
+        (":TRIG:SEQ:TRIG PATT2", -224),
+        (":TRIG:SEQ:RES ENT", -224),
         (":TRIG:TV:SOUR EXT", -224),
     ],
 )

@@ -7,12 +7,25 @@ a time-out when it runs out while the pattern is there, a pattern when the last 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["Burst", "Change", "Condition", "Duration", "Edge", "Never", "Pattern", "Pulse", "Video"]
+__all__ = [
+    "Burst",
+    "Change",
+    "Condition",
+    "Duration",
+    "Edge",
+    "Never",
+    "Pattern",
+    "Pulse",
+    "Sequence",
+    "Stage",
+    "Video",
+]
 
 
 class Change(NamedTuple):
@@ -292,3 +305,90 @@ class Video(_Patient):
         first = not self._in_field and len(self._lines) == 3
         self._in_field = self._BROAD_PULSE.fits(began, end, exactly)
         return exactly(end) if self._field and first and self._in_field else None
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What one stage of a sequence waits for: a pattern entered or exited, an edge, or an edge within a pattern."""
+
+    pattern: Mapping[int, bool] | None = None
+    entered: bool = True
+    edge: tuple[int, bool] | None = None
+
+
+class _Waiting:
+    """A stage that follows the changes."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        self._levels = _Levels(stage.pattern or {})
+
+    def begin(self, highs: Mapping[int, bool]) -> None:
+        self._levels.begin(highs)
+
+    def met(self, change: Change) -> bool:
+        was_there = self._levels.there
+        self._levels.take(change)
+        if self._stage.edge is None:
+            return self._levels.there != was_there and self._levels.there == self._stage.entered
+        meant = (change.channel, change.high) == self._stage.edge
+        return meant and (self._stage.pattern is None or self._levels.there)
+
+
+class Sequence(_Patient):
+    """One thing, then another, unless a third or too long a time comes between.
+
+    Args:
+        find, trigger: the two stages.
+        reset: what leads back to the first; None: nothing.
+        count: how often the second has to come.
+        counts_anew: the first coming again begins the count again.
+        timer_s: how long the second may take.
+    """
+
+    def __init__(
+        self,
+        find: Stage,
+        trigger: Stage,
+        reset: Stage | None = None,
+        *,
+        count: int = 1,
+        counts_anew: bool = True,
+        timer_s: float = math.inf,
+    ) -> None:
+        self._find, self._trigger = _Waiting(find), _Waiting(trigger)
+        self._reset = None if reset is None else _Waiting(reset)
+        self._count, self._counts_anew, self._timer_s = count, counts_anew, timer_s
+        self._found_s: float | None = None
+        self._counted = 0
+
+    def begin(self, highs: Mapping[int, bool], now_s: float) -> None:
+        """Start with the first stage."""
+        del now_s
+        for waiting in (self._find, self._trigger, self._reset):
+            if waiting is not None:
+                waiting.begin(highs)
+        self._found_s = None
+
+    def feed(self, change: Change, exactly: Callable[[Change], float]) -> float | None:
+        """Return the instant at which the second stage is complete."""
+        found, met = self._find.met(change), self._trigger.met(change)
+        reset = self._reset is not None and self._reset.met(change)
+        if self._found_s is not None and change.at_s > self._found_s + self._timer_s:
+            self._found_s = None
+        if self._found_s is None:
+            self._begin_second(change, exactly, found=found)
+            return None
+        self._counted += met
+        if self._counted >= self._count:
+            self._found_s = None
+            return exactly(change)
+        if reset:
+            self._found_s = None
+        elif found and self._counts_anew:
+            self._counted = 0
+        return None
+
+    def _begin_second(self, change: Change, exactly: Callable[[Change], float], *, found: bool) -> None:
+        if found:
+            self._found_s, self._counted = exactly(change), 0

@@ -2,7 +2,8 @@
 
 Formats and limits of pattern and duration are those of the 5000 and 6000 series programmer's guides, widths of pulses
 those of the 7000B user's guide (p. 129), the range of levels that of the 3000T guide. Unverified: that a level belongs
-to its channel in every mode, EBURst's source and limits, what serial modes without their option answer.
+to its channel in every mode, EBURst's source and limits, the words of SEQuence, what serial modes without their option
+answer.
 """
 
 from __future__ import annotations
@@ -13,7 +14,18 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.dso_commands import CHANNEL, clipped, number, setting
-from vcfbench.sim.instruments.dso_conditions import Burst, Condition, Duration, Edge, Never, Pattern, Pulse, Video
+from vcfbench.sim.instruments.dso_conditions import (
+    Burst,
+    Condition,
+    Duration,
+    Edge,
+    Never,
+    Pattern,
+    Pulse,
+    Sequence,
+    Stage,
+    Video,
+)
 from vcfbench.sim.instruments.dso_inputs import EXTERNAL, LINE
 from vcfbench.sim.instruments.dso_trigger import Comparator, Tips, Trigger
 from vcfbench.sim.scpi import (
@@ -149,12 +161,41 @@ def _television(state: Mapping[str, Any]) -> Trigger:
     return Trigger({channel: _comparator(state, source)}, make, Tips(negative, swing_v))
 
 
+def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> Stage | None:
+    """Return the stage that words like `PATT1,AND,EDGE1` or `EDGE2,COUN` mean; None for NONE and TIMer."""
+    pattern = next((_wanted(*state[f"SEQ:{word}"]) for word in words if word.startswith("PATT")), None)
+    edge = next((state[f"SEQ:{word}"] for word in words if word.startswith("EDGE")), None)
+    if pattern is None and edge is None:
+        return None
+    return Stage(pattern, "EXIT" not in words, None if edge is None else (_input(edge[0]), edge[1] == "POS"))
+
+
+def _sequence(state: Mapping[str, Any]) -> Trigger:
+    find, trigger, reset = (_stage(state, state[key]) for key in ("SEQ:FIND", "SEQ:TRIG", "SEQ:RES"))
+    if find is None or trigger is None:
+        return Trigger({}, Never)
+    make = partial(
+        Sequence,
+        find,
+        trigger,
+        reset,
+        count=state["SEQ:COUN"] if "COUN" in state["SEQ:TRIG"] else 1,
+        counts_anew="NREF" not in state["SEQ:TRIG"],
+        timer_s=state["SEQ:TIM"] if state["SEQ:RES"] == ("TIM",) else math.inf,
+    )
+    stages = [each for each in (find, trigger, reset) if each is not None]
+    channels = {channel for each in stages for channel in each.pattern or {}}
+    channels |= {each.edge[0] for each in stages if each.edge is not None}
+    return Trigger(_comparators(state, channels), make)
+
+
 _MODES: dict[str, Callable[[Mapping[str, Any]], Trigger]] = {
     "EDGE": _edge,
     "GLIT": _pulse,
     "PATT": _pattern,
     "DUR": _duration,
     "EBUR": _burst,
+    "SEQ": _sequence,
     "TV": _television,
 }
 """The other modes wait for frames of a serial bus, which nothing on this bench sends."""
@@ -254,6 +295,29 @@ def _times(pattern: str, key: str, less: Limits, greater: Limits) -> Command:
     )
 
 
+def _stage_setting(pattern: str, key: str, allowed: set[str]) -> Command:
+    """Declare a stage; the words that it may be made of are a few combinations (6000 series guide, from memory)."""
+
+    def write(model: Dso7104B, *words: str) -> None:
+        if ",".join(words) not in allowed:
+            raise ScpiError(-224)
+        model.state[key] = words
+
+    return Command(pattern, (_STAGE_WORD,), do=write, query=lambda model: ",".join(model.state[key]), repeat=True)
+
+
+def _set_pair(prefix: str) -> Callable[..., None]:
+    def write(model: Dso7104B, index: int, one: Any, other: Any) -> None:
+        model.state[f"{prefix}{index}"] = (one, other)
+
+    return write
+
+
+def _patterns(index: int) -> set[str]:
+    return {f"PATT{index},ENT", f"PATT{index},EXIT", f"EDGE{index}", f"PATT{index},AND,EDGE{index}"}
+
+
+_STAGE_WORD = Choice(("PATTern<1-2>", "EDGE<1-2>", "ENTered", "EXITed", "AND", "COUNt", "NREFind", "NONE", "TIMer"))
 _SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
 _PULSE_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
 _GREATER = Limits(10e-9, 10.0)
@@ -262,7 +326,7 @@ _LESS = Limits(15e-9, 10.0)
 TRIGGER_COMMANDS = (
     Command(
         "TRIGger:MODE",
-        (Choice((*("EDGE", "GLITch", "PATTern", "TV", "DURation", "EBURst"), *_SERIAL, *_OPTIONS)),),
+        (Choice((*("EDGE", "GLITch", "PATTern", "TV", "DURation", "EBURst", "SEQuence"), *_SERIAL, *_OPTIONS)),),
         do=_set_mode,
         query=lambda model: model.state["TRIG:MODE"],
     ),
@@ -314,6 +378,25 @@ TRIGGER_COMMANDS = (
     setting("TRIGger:EBURst:COUNt", "EBUR:COUN", Integer(limits=Limits(1, 65535)), signed_integer),
     number("TRIGger:EBURst:IDLE", "EBUR:IDLE", Number(unit="S", limits=_GREATER)),
     setting("TRIGger:EBURst:SLOPe", "EBUR:SLOP", Choice(("POSitive", "NEGative"))),
+    setting("TRIGger:SEQuence:COUNt", "SEQ:COUN", Integer(limits=Limits(1, 10000)), signed_integer),
+    Command(
+        "TRIGger:SEQuence:EDGE<1-2>",
+        (Choice(("CHANnel<1-4>", "EXTernal")), Choice(("POSitive", "NEGative"))),
+        do=_set_pair("SEQ:EDGE"),
+        query=lambda model, index: ",".join(model.state[f"SEQ:EDGE{index}"]),
+    ),
+    Command(
+        "TRIGger:SEQuence:PATTern<1-2>",
+        (_Bits(), _Bits()),
+        do=_set_pair("SEQ:PATT"),
+        query=lambda model, index: model.state[f"SEQ:PATT{index}"],
+        query_parameters=(),
+        reply=comma_list(signed_integer),
+    ),
+    _stage_setting("TRIGger:SEQuence:FIND", "SEQ:FIND", _patterns(1)),
+    _stage_setting("TRIGger:SEQuence:TRIGger", "SEQ:TRIG", {*_patterns(2), "EDGE2,COUN", "EDGE2,COUN,NREF"}),
+    _stage_setting("TRIGger:SEQuence:RESet", "SEQ:RES", {"NONE", "TIM", *_patterns(1), *_patterns(2)}),
+    number("TRIGger:SEQuence:TIMer", "SEQ:TIM", Number(unit="S", limits=_GREATER)),
     setting("TRIGger:TV:SOURce", "TV:SOUR", CHANNEL),
     setting(
         "TRIGger:TV:MODE",
