@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -475,3 +476,31 @@ def test_several_sines_on_v_vc_are_seen_and_averaged() -> None:
     np.testing.assert_allclose(capture.samples("v_vc", times), wanted * loaded, atol=1e-9)
     fine = start + (np.arange(20_000) + 0.5) * 0.13 / 20_000
     assert window.mean_v() == pytest.approx(capture.samples("v_vc", fine).mean(), abs=1e-7)
+
+
+def test_a_part_of_the_rails_ripple_comes_through_to_the_output() -> None:
+    """The difference that the ripple makes is its share of the sum of both rails, in waveforms and in means."""
+    bench = replace(IDEAL, supply=replace(IDEAL.supply, ripple_feedthrough=2e-3))
+    times = np.linspace(4.0, 4.02, 500, endpoint=False)
+    seen, means = [], []
+    for rippling in (True, False):
+        clock, world = powered(bench)
+        if rippling:
+            world.set_ripple("positive", Ripple(0.3e-3, 100.0, 0.4))
+            world.set_ripple("negative", Ripple(0.2e-3, 100.0, -1.1))
+        start = clock.now()
+        capture = world.capture(start, start + 0.02)
+        windows = [world.window("output", start, start + length) for length in (0.003, 0.02)]
+        clock.sleep_until(start + 0.02)
+        seen.append(capture.samples("output", times - 4.0 + start))
+        means.append([window.mean_v() for window in windows])
+
+    def ripple_v(at: Any) -> Any:
+        turns = 2 * math.pi * 100.0 * at
+        return 2e-3 * math.sqrt(2) * (0.3e-3 * np.cos(turns + 0.4) + 0.2e-3 * np.cos(turns - 1.1))
+
+    instants = times - 4.0 + start
+    np.testing.assert_allclose(seen[0] - seen[1], ripple_v(instants), atol=1e-12)
+    fine = start + (np.arange(3000) + 0.5) * 1e-6
+    assert means[0][0] - means[1][0] == pytest.approx(ripple_v(fine).mean(), rel=1e-6)
+    assert means[0][1] == pytest.approx(means[1][1], abs=1e-12)

@@ -194,6 +194,9 @@ class Supply(_Group):
     dead_v: float = quantity("V", "weaker rail below which every node is 0 V", CHOSEN, NOT_NEGATIVE)
     quiescent_a: float = quantity("A", "current of each rail while running", CHOSEN, NOT_NEGATIVE)
     start_up_a: float = quantity("A", "additional current while the drive starts", CHOSEN, NOT_NEGATIVE)
+    ripple_feedthrough: float = quantity(
+        "V/V", "part of each rail's ripple that comes through to the output", CHOSEN, NOT_NEGATIVE
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -171,7 +171,15 @@ VIRTUAL_PATH = VirtualPath(
     third_order_per_v2=0.0,
 )
 OUTPUT_STAGE = OutputStage(gain=1.0, offset_v=0.0, second_order_per_v=0.0, third_order_per_v2=0.0, headroom_v=1.5)
-SUPPLY = Supply(nominal_v=10.0, start_v=8.0, brown_out_v=7.0, dead_v=4.0, quiescent_a=0.028, start_up_a=0.012)
+SUPPLY = Supply(
+    nominal_v=10.0,
+    start_v=8.0,
+    brown_out_v=7.0,
+    dead_v=4.0,
+    quiescent_a=0.028,
+    start_up_a=0.012,
+    ripple_feedthrough=0.0,
+)
 NOISE = NoiseSources(
     angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0, flicker_shortest_s=0.125, flicker_processes=9
 )
@@ -236,6 +244,7 @@ def _imperfect() -> BenchParameters:
             quality_coefficient_per_k=-2e-3,
         ),
         drive_loop=replace(PERFECT.drive_loop, amplitude_supply_coefficient_per_v=200e-6),
+        supply=replace(PERFECT.supply, ripple_feedthrough=1e-3),
         sense_path=replace(PERFECT.sense_path, demodulator_phase_rad=math.pi - math.radians(0.5)),
         virtual_path=replace(
             PERFECT.virtual_path,

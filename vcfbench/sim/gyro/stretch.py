@@ -59,7 +59,7 @@ class Stretch:
         """Return the integral of a node's voltage over the stretch, V s; carrier-level nodes have none in the mean."""
         duration = self.stop_s - self.start_s
         if node == "output":
-            return self._share(node) * self._output_integral(duration) if self.alive else 0.0
+            return self._share(node) * self._whole_output(duration) if self.alive else 0.0
         source = self._source(node)
         return 0.0 if source is None else source.integral(duration)
 
@@ -88,6 +88,18 @@ class Stretch:
         if node == "v_vc":
             return self.v_vc
         return {"rail_positive": self.rails[0], "rail_negative": self.rails[1]}.get(node)
+
+    def _whole_output(self, duration: float) -> float:
+        """Return the integral of the output, the rails' ripple in it."""
+        rippling = self._rippling()
+        output = self._output_integral(duration)
+        return output + rippling.integral(duration) if rippling is not None else output
+
+    def _rippling(self) -> Oscillation | None:
+        """Return what of the rails' ripple comes through to the output, None where nothing does."""
+        share = self.bench.supply.ripple_feedthrough
+        terms = [(share * size, speed) for rail in self.rails for size, speed in rail.terms] if share else []
+        return Oscillation(0.0, terms) if terms else None
 
     def _output_integral(self, duration: float) -> float:
         """Integrate the output: exactly where it is linear, the curvature by Gauss-Legendre nodes.
@@ -132,7 +144,9 @@ class Stretch:
         if coarse is not None:
             return coarse.interpolated(self._open_circuit(node, coarse.times_s()))
         if node == "output":
-            return self._amplified(np.sum([each.filtered().at(elapsed).real for each in self._responses()], axis=0))
+            volts = self._amplified(np.sum([each.filtered().at(elapsed).real for each in self._responses()], axis=0))
+            rippling = self._rippling()
+            return volts if rippling is None else volts + rippling.at(elapsed)
         return self._carrier_level(node, times_s)
 
     def _carrier_level(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -42,7 +42,10 @@ class OutputErrors:
     sag: float = 0.0
     """Relative fall of the voltage at rated current, V/V: the 0.01 % of the load regulation (p. 186)."""
     line_gain: float = 0.0
-    """Relative change of the voltage by the mains being off nominal, V/V (line regulation 0.01 %, p. 186)."""
+    """Relative change of the voltage by the mains being off nominal, V/V (line regulation 0.01 %, p. 186).
+
+    The mains stay as they are, so it is constant.
+    """
     ripple_v: float = 0.0
     """Ripple on the output while it is on, Vrms (below 0.35 mV, p. 186)."""
     ripple_hz: float = 100.0
