@@ -191,7 +191,7 @@ class _Spectrum:
         mean = float(weight @ volts)
         powers = np.abs(np.fft.rfft(np.sqrt(weight) * (volts - mean))) ** 2 / count
         powers[1:] *= 2.0  # both halves of the spectrum; a last bin of its own would be too small to matter
-        return cls(mean, np.fft.rfftfreq(count, duration_s / count), powers)
+        return cls(mean, np.asarray(np.fft.rfftfreq(count, duration_s / count), dtype=np.float64), powers)
 
     @property
     def power(self) -> float:

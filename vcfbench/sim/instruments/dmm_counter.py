@@ -59,7 +59,7 @@ def _frequency_hz(sines: Phasors, least_v: float) -> float:
 def _rises(sines: Phasors, lowest_rad_s: float) -> int:
     """Return how often a periodic waveform rises through zero in a period."""
     points = _POINTS_A_PERIOD * max(1, round(float(sines.speeds.max()) / lowest_rad_s))
-    volts = sines.at(np.arange(points) * (math.tau / lowest_rad_s / points))
+    volts = sines.at(np.linspace(0.0, math.tau / lowest_rad_s, points, endpoint=False))
     return int(((volts < 0.0) & (np.roll(volts, -1) >= 0.0)).sum())
 
 
