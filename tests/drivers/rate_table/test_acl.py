@@ -365,7 +365,7 @@ def test_messages_before_an_empty_one_are_raised() -> None:
     said = [IDN, STICKS, (":Status:MSG? QERROR", "2,PARAMETER OUT OF RANGE"), STICKS, (":Status:MSG? QERROR", "")]
     with (
         expected_exchange(table(), said) as driver,
-        pytest.raises(InstrumentError, match="refused with 2,PARAMETER OUT OF RANGE$"),
+        pytest.raises(InstrumentError, match=r"refused with 2,PARAMETER OUT OF RANGE$"),
     ):
         driver.check_errors()
 
