@@ -13,7 +13,7 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.file import embedded_text, load_bench, parse_bench
 from vcfbench.bench.simulated import SimulatedBench
-from vcfbench.clock import sleep
+from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import BenchError, InterlockError, NotSafe, WrongInstrument
 
 if TYPE_CHECKING:
@@ -140,6 +140,22 @@ def test_the_same_seed_gives_the_same_bench_whatever_the_speed() -> None:
             readings.append((bench.multimeter.read_voltage_v(), bench.clock.now()))
     assert readings[0] == readings[1] == readings[2]
     assert readings[3][0] != readings[0][0]
+
+
+def test_noise_of_the_generator_follows_the_seed() -> None:
+    def volts(seed: int) -> list[float]:
+        bench = SimulatedBench.build(parse_bench(PAPER, "paper"), seed, VirtualClock())
+        bench.devices["rate_source"].write(b"APPL:NOIS DEF,1,0\n")
+        sleep(bench.clock, 1.0)
+        bench.devices["rate_source"].wake_at()
+        seen = []
+        for _ in range(20):
+            sleep(bench.clock, 1e-3)
+            seen.append(bench.world.value_v("v_vc"))
+        return seen
+
+    assert volts(1) == volts(1)
+    assert not set(volts(1)) & set(volts(2))
 
 
 def test_a_vibration_source_is_opened_and_made_safe_too(worlds: list[World]) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.scpi import ScpiInstrument
-    from vcfbench.sim.sources import Drive
+    from vcfbench.sim.sources import Drive, Played
     from vcfbench.sim.world import World
 
 __all__ = [
@@ -169,7 +169,7 @@ class SimulatedBench:
 
         attended = AttendedClock(clock)
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
-        devices = _devices(description, world, instrument_errors(description, seed))
+        devices = _devices(description, world, instrument_errors(description, seed), seed)
         attended.attend(*devices.values())
         return cls(description, world, devices)
 
@@ -234,7 +234,7 @@ def _is_serial(part: Any) -> bool:
     return part.model in _WITH_RS232 and part.resource.upper().startswith("ASRL")
 
 
-def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Device]:
+def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any], seed: int) -> dict[str, Device]:
     wiring, roles = description.wiring, instrument_models(description)
     rails = {wiring.rails.positive: "positive", wiring.rails.negative: "negative"}
     settings: dict[str, dict[str, Any]] = {
@@ -246,6 +246,9 @@ def _devices(description: BenchDescription, world: World, errors: Mapping[str, A
     for role, told in settings.items():
         if role != "rate_table" and _is_serial(getattr(description, role)):
             told["interface"] = "rs232"
+    for role in ("rate_source", "vibration_source"):
+        if getattr(getattr(description, role), "model", None) == "33220A":
+            settings[role] = {"noise_seed": _integer(_sequence(seed, role))}
     seen = _as_seen(description, world)
     return {
         role: model.device_class()(seen.get(role, world), errors=errors[role], **settings.get(role, {}))
@@ -275,7 +278,7 @@ class _NotWired:
     def clock(self) -> Clock:
         return self.world.clock
 
-    def drive_v_vc(self, source: Drive | None) -> None:
+    def drive_v_vc(self, source: Drive | Played | None) -> None:
         del source
 
 

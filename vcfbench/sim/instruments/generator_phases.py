@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["Bursts", "Deviated", "Keyed", "Phase", "Rhythm", "Run", "Shifted", "Steady", "Swept", "continued"]
 
 
+_MOST_BREAKS = 10_000
+
+
 class Run(NamedTuple):
     """A stretch of constant frequency: 0 Hz where the phase stands still."""
 
@@ -62,6 +65,11 @@ class Steady:
         """Return the phase."""
         return self.hz * times_s + self.cycles
 
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """There are none."""
+        del start_s, stop_s
+        return np.empty(0)
+
     def run(self, time_s: float) -> Run:
         """Return the one run that it is."""
         return Run(self.hz, self.hz * time_s + self.cycles, math.inf)
@@ -85,6 +93,11 @@ class Deviated:
         """Return the phase."""
         return self.hz * times_s + self.cycles + self.deviation_hz * self.rhythm.integral_s(times_s)
 
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """There are none."""
+        del start_s, stop_s
+        return np.empty(0)
+
     def run(self, time_s: float) -> None:
         """The frequency always changes."""
         del time_s
@@ -107,6 +120,10 @@ class Shifted:
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
         return self.hz * times_s + self.cycles + self.deviation_cycles * self.rhythm.values(times_s)
+
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """Return where a square shifts the phase at once, every half period."""
+        return _multiples(0.5 / self.rhythm.hz, start_s, stop_s)
 
     def run(self, time_s: float) -> None:
         """The frequency always changes."""
@@ -133,6 +150,10 @@ class Keyed:
         whole = np.floor(periods)
         hopped_s = (whole / 2 + np.maximum(periods - whole - 0.5, 0.0)) / self.rate_hz
         return np.asarray(self.hz * times_s + self.cycles + (self.hop_hz - self.hz) * hopped_s)
+
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """Return the hops."""
+        return _multiples(0.5 / self.rate_hz, start_s, stop_s)
 
     def run(self, time_s: float) -> Run:
         """Return what is left of the half period; a hop less than 1e-9 of it away has been."""
@@ -176,6 +197,13 @@ class Swept:
             return np.asarray(self.start_hz * np.expm1(speed * since_s) / speed)
         return since_s * (self.start_hz + (self.stop_hz - self.start_hz) / (2 * self.lasts_s) * since_s)
 
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """Return where a sweep begins or ends."""
+        if self.again:
+            return self.from_s + _multiples(self.lasts_s, start_s - self.from_s, stop_s - self.from_s)
+        ends = np.array([self.from_s, self.from_s + self.lasts_s])
+        return ends[(ends > start_s) & (ends < stop_s)]
+
     def run(self, time_s: float) -> Run | None:
         """Return the wait before or after the only sweep."""
         if self.again or self.from_s <= time_s < self.from_s + self.lasts_s:
@@ -208,6 +236,14 @@ class Bursts:
         done = np.clip(self.hz * (since - bursts * self.period_s), 0.0, self.count)
         return np.asarray(self.cycles + bursts * self.count + done)
 
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """Return where bursts begin and end."""
+        begun = np.array([self.from_s])
+        if math.isfinite(self.period_s):
+            begun = self.from_s + _multiples(self.period_s, start_s - self.from_s - self.period_s, stop_s - self.from_s)
+        both = np.concatenate((begun, begun + self.count / self.hz))
+        return both[(both > start_s) & (both < stop_s) & (both >= self.from_s)]
+
     def run(self, time_s: float) -> Run:
         """Return what is left of a burst, or of the wait for the next; an edge less than 1 ps away has been."""
         since = time_s - self.from_s + 1e-12 * max(1.0, abs(time_s))
@@ -221,10 +257,18 @@ class Bursts:
         return Run(0.0, self.cycles, start + self.period_s)
 
 
+def _multiples(period_s: float, start_s: float, stop_s: float) -> Values:
+    """Return the multiples of a period between two times; none where they are too many to matter."""
+    if (stop_s - start_s) / period_s > _MOST_BREAKS:
+        return np.empty(0)
+    first, last = math.floor(start_s / period_s) + 1, math.ceil(stop_s / period_s)
+    return np.arange(first, last, dtype=np.float64) * period_s
+
+
 Phase = Steady | Deviated | Shifted | Keyed | Swept | Bursts
-"""Phase by time: `at` in cycles at bench times, `run` the stretch of constant frequency that goes on or begins then,
-None while it changes, `slowest_hz` what the frequency never goes below, `cycles` the phase at bench time 0 or where a
-burst or sweep begins."""
+"""Phase by time: `at` in cycles at bench times, `run` the stretch of constant frequency that goes on or begins then
+(None while it changes), `breaks` the times between two at which it changes at once, `slowest_hz` what it never goes
+below, `cycles` the phase at bench time 0 or where a burst or sweep begins."""
 
 
 def continued(phase: Phase, before: Phase | None, now_s: float) -> Phase:

@@ -171,16 +171,24 @@ class Playing:
         return np.asarray(bend[0] + bend[1] * (d + a * s1) + bend[2] * square + bend[3] * cube)
 
     def _bin_means(self, edges_s: Values, bend: Bend) -> Values:
-        """Return the mean of the bent volts between each two of `edges_s`."""
+        """Return the mean of the bent volts between each two of `edges_s`; breaks of the phase split what they hit."""
+        breaks = self.phase.breaks(float(edges_s[0]), float(edges_s[-1]))
+        if not len(breaks):
+            return self._part_means(edges_s, bend)
+        parts = np.union1d(edges_s, breaks)
+        areas = self._part_means(parts, bend) * np.diff(parts)
+        return np.asarray(np.add.reduceat(areas, np.searchsorted(parts, edges_s[:-1])) / np.diff(edges_s))
+
+    def _part_means(self, edges_s: Values, bend: Bend) -> Values:
         middles = (edges_s[1:] + edges_s[:-1]) / 2
         envelope = 1.0 if self.envelope is None else self.envelope.means(edges_s)
         duty = None if self.width is None else self.width.values(middles)
         cycles = self.phase.at(edges_s)
-        return self._mixed(self._power_means(cycles, edges_s[1] - edges_s[0], duty), bend, envelope)
+        return self._mixed(self._power_means(cycles, np.diff(edges_s), duty), bend, envelope)
 
-    def _power_means(self, cycles: Values, bin_s: float, duty: Values | None) -> list[Values]:
+    def _power_means(self, cycles: Values, lasting_s: Values, duty: Values | None) -> list[Values]:
         steps = np.diff(cycles)
-        if float(np.abs(steps).min()) > _FAST_HZ * bin_s:
+        if bool(np.all(np.abs(steps) > _FAST_HZ * lasting_s)):
             one = np.ones_like(steps)
             return [self.waveform.integral(power, one, duty) for power in POWERS]
         whole = np.floor(cycles)
