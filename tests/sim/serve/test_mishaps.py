@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 import serial
 
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, serving
+from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, serving
 from tests.sim.serve.test_hislip import DATA_END, sessions
 from tests.sim.serve.test_pty import device
 from tests.sim.serve.test_raw import wires
@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def lamp(speed: float = 1.0, faults: tuple[Fault, ...] = ()) -> Iterator[tuple[Served, Control]]:
+def lamp(
+    speed: float = 1.0, faults: tuple[Fault, ...] = (), rs232: Literal["ideal", "real"] = "ideal"
+) -> Iterator[tuple[Served, Control]]:
     """Serve a lamp that can be built anew."""
     clock = ServedClock(speed)
-    settings = ServerSettings(offers={"lamp": ALL}, faults=FaultScript(faults))
+    settings = ServerSettings(offers={"lamp": ALL}, faults=FaultScript(faults), rs232=rs232)
     with serving({"lamp": Lamp(clock)}, clock, settings) as served:
         served.server.bench = rebuilt(served.server, clock)
         served.server._first = (7, speed)
@@ -172,6 +174,22 @@ def test_a_reset_bench_is_as_it_was_first(both: tuple[Served, Control]) -> None:
         assert caller.read(link)[2] == IDENTITY
         control.request("advance", seconds=400.0)
         assert wire.ask(b"*IDN?\n") == IDENTITY
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_nothing_is_left_on_a_serial_line_after_a_reset() -> None:
+    with ExitStack() as stack:
+        served, control = stack.enter_context(lamp(rs232="real"))
+        line = stack.enter_context(serial.Serial(device(served.resource("pty")), 9600, stopbits=2, timeout=5.0))
+        control.request("advance", seconds=100.0)
+        line.write(b"LEV?;*IDN?\n")
+        eventually(lambda: served.server.instruments["lamp"].awaited)
+        control.request("reset")
+        control.request("speed", value="max")
+        line.reset_input_buffer()
+        line.write(b"*IDN?\n")
+        assert line.read_until(b"\n").strip() == IDENTITY.strip()
+        assert control.request("now") < 50.0
 
 
 def test_time_stands_at_0_until_somebody_comes(both: tuple[Served, Control]) -> None:

@@ -261,6 +261,23 @@ def test_ports_count_up_from_a_base() -> None:
         assert [served.port(kind) for kind in ("tcp", "vxi11", "hislip")] == [base + 1, base + 2, base + 3]
 
 
+@pytest.mark.parametrize("host", ["0.0.0.0", "::1", "::"])  # noqa: S104
+def test_resource_strings_name_an_address_that_clients_can_use(host: str) -> None:
+    clock = ServedClock()
+    bench = ServedBench(None, {"lamp": Lamp(clock)}, {"lamp": "lamp"})  # type: ignore[arg-type]  # not looked at
+    try:
+        server = BenchServer(bench, clock, ServerSettings(host=host, offers={"lamp": ALL}))
+    except OSError:
+        pytest.skip("this machine has no such address")
+    with server:
+        resource = str(server.wires["lamp"].tcp)
+        address, port = resource.removeprefix("TCPIP0::").removesuffix("::SOCKET").rsplit("::", 1)
+        named = address.strip("[]")
+        assert (address == named) == (":" not in host)
+        assert named not in {"0.0.0.0", "::", ""}  # noqa: S104
+        socket.create_connection((named, int(port)), timeout=5.0).close()
+
+
 def test_what_is_taken_is_given_back_when_a_port_is_not_free() -> None:
     with served_lamp() as served:
         clock = ServedClock()

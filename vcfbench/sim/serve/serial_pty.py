@@ -62,6 +62,14 @@ class SerialPty(Pty):
     def relieved(self) -> None:
         """Do nothing: the line knows whether more can be taken."""
 
+    def start_anew(self) -> None:
+        """Forget what is on its way too."""
+        self._answers.clear()
+        self._line = SerialLine(_Far(self), self.instrument.clock)
+        self._held_back = False
+        self._watch()
+        super().start_anew()
+
     def take_answers(self) -> bytes:
         """Return what the instrument has said."""
         answers = bytes(self._answers)

@@ -7,6 +7,7 @@ and 34401A on a serial line and, since labs put those on converters, on TCP; rat
 from __future__ import annotations
 
 import math
+import socket
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
@@ -24,7 +25,6 @@ from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
 from vcfbench.sim.serve.wire import Listener
 
 if TYPE_CHECKING:
-    import socket
     from collections.abc import Callable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
@@ -211,22 +211,22 @@ class BenchServer:
         return offers if has_ptys() else offers - {"pty"}
 
     def _wire(self, instrument: Instrument, ports: _Ports) -> Wires:
-        role, host = instrument.role, self.settings.host
+        role, host, shown = instrument.role, self.settings.host, _address_for_clients(self.settings.host)
         offers = self.offered(role)
         wires = Wires(self.bench.models[role])
         scpi = instrument.engine is not None
         names = {"inst0": instrument, role: instrument}
         if "tcp" in offers:
             port = self._tcp(instrument, ports)
-            wires.tcp = f"TCPIP0::{host}::{port}::SOCKET" if scpi else f"socket://{host}:{port}"
+            wires.tcp = f"TCPIP0::{shown}::{port}::SOCKET" if scpi else f"socket://{shown}:{port}"
         if "vxi11" in offers:
             vxi11 = Vxi11Server(self.loop, (host, ports.take()), names)
             self._keep(role, vxi11, vxi11.listener)
-            wires.vxi11 = f"TCPIP0::{host},{vxi11.port}::inst0::INSTR"
+            wires.vxi11 = f"TCPIP0::{shown},{vxi11.port}::inst0::INSTR"
         if "hislip" in offers:
             hislip = HislipServer(self.loop, (host, ports.take()), {"hislip0": instrument, role: instrument})
             self._keep(role, hislip, hislip.listener)
-            wires.hislip = f"TCPIP0::{host}::hislip0,{hislip.port}::INSTR"
+            wires.hislip = f"TCPIP0::{shown}::hislip0,{hislip.port}::INSTR"
         if "pty" in offers:
             pty = self._pty(instrument)
             wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
@@ -360,3 +360,21 @@ class BenchServer:
 
 def _loopback(host: str) -> str:
     return "::1" if ":" in host else "127.0.0.1"
+
+
+def _address_for_clients(host: str) -> str:
+    """Return what clients put into resource strings: of a wildcard the address of this machine in its network."""
+    if host in {"0.0.0.0", "::"}:  # noqa: S104  (recognised, not chosen)
+        host = _outward_address(host)
+    return f"[{host}]" if ":" in host else host
+
+
+def _outward_address(wildcard: str) -> str:
+    """Return the address that this machine sends from, or the loopback's if it is in no network; nothing is sent."""
+    family, elsewhere = (socket.AF_INET6, "2001:db8::1") if ":" in wildcard else (socket.AF_INET, "192.0.2.1")
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((elsewhere, 9))
+        except OSError:
+            return _loopback(wildcard)
+        return str(probe.getsockname()[0])
