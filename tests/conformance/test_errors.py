@@ -224,3 +224,71 @@ def test_whatever_one_command_is_it_is_at_most_one_error_and_the_instrument_goes
     assert found <= 1, [errors.pop() for _ in range(found)]
     bench.write("*CLS")
     assert (bench.ask("*OPC?") or "").strip() == "1"
+
+
+@pytest.mark.parametrize("model", walk.MODELS)
+@settings(max_examples=100, deadline=None)
+@given(units=st.lists(st.one_of(NOISE, st.sampled_from([b"", b"\n", b"*OPC?", b":SYST:ERR?"])), max_size=6))
+def test_whatever_a_stream_of_messages_is_the_instrument_goes_on(model: str, units: list[bytes]) -> None:
+    bench = STRANGER[model]
+    bench.device.clear()
+    bench.send(b";".join(units), end=False)
+    bench.clock.sleep_until(bench.clock.now() + 20.0)
+    bench.device.read(1 << 20)
+    bench.device.clear()
+    bench.write("*CLS")
+    assert (bench.ask("*OPC?") or "").strip() == "1"
+    assert bench.ask("SYST:ERR?") == '+0,"No error"'
+
+
+OVERFLOW = {
+    "e3631a": (20, "Queue overflow"),
+    "hp34401a": (20, "Too many errors"),
+    "agilent33220a": (20, "Queue overflow"),
+    "dso7104b": (30, "Queue overflow"),
+}
+"""Depth of the queue and words of -350; for the two last models from users' reports."""
+
+
+@pytest.mark.parametrize("model", walk.MODELS)
+def test_the_newest_entry_of_a_full_queue_tells_that_it_was(model: str) -> None:
+    bench, (depth, words) = walk.bench(model), OVERFLOW[model]
+    bench.write("*CLS")
+    for _ in range(depth):
+        bench.write("FOO")
+    bench.write("*RST")
+    for _ in range(3):
+        bench.write("*ESE 256")
+    entries = [bench.ask("SYST:ERR?") for _ in range(depth + 1)]
+    assert entries == ['-113,"Undefined header"'] * (depth - 1) + [f'-350,"{words}"', '+0,"No error"']
+
+
+@pytest.mark.parametrize("model", walk.MODELS)
+def test_status_byte_service_request_and_device_clear(model: str) -> None:
+    bench = walk.bench(model)
+    bench.write("*CLS;*ESE 60;*SRE 48")
+    assert bench.device.status_byte() == 0
+    bench.write("*ESE?")
+    assert bench.device.status_byte() == 16 + 64  # an answer is there, and asks for service
+    assert bench.device.status_byte() == 16  # the poll has told
+    assert int(bench.read() or "") == 60
+    bench.write("FOO")
+    assert bench.device.status_byte() == 32 + 64
+    bench.device.clear()
+    assert bench.device.status_byte() == 32
+    assert int(bench.ask("*STB?") or "") & 96 == 96  # MSS goes on as long as the reason does
+    assert int(bench.ask("*ESR?") or "") == 32
+    assert int(bench.ask("*STB?") or "") & 96 == 0
+    assert bench.error() == -113
+
+
+@pytest.mark.parametrize("model", walk.MODELS)
+def test_common_commands_amid_a_path(model: str) -> None:
+    """*OPC and its like leave the path as it is; a semicolon and a colon go back to the root."""
+    bench = walk.bench(model)
+    node, leaf = ("CHAN2:", "OFFS") if model == "dso7104b" else ("STAT:QUES:", "ENAB")
+    bench.write(f"{node}{leaf} 5;*ESE 3;*OPC;{leaf} 7")
+    values = (bench.ask(f"{node}{leaf}?;*ESE?;{leaf}?;:SYST:ERR?;*ESE?") or "").split(";")
+    assert [float(value) for value in values[:3]] == [7.0, 3.0, 7.0]
+    assert float(values[4]) == 3.0
+    assert bench.error() == 0

@@ -345,3 +345,17 @@ def test_a_drawn_specimen_has_ripple_within_its_limit() -> None:
     drawn = SupplyErrors.drawn(np.random.default_rng(4))
     assert all(0.1e-3 <= each.ripple_v <= 0.35e-3 for each in (drawn.p6v, drawn.p25v, drawn.n25v))
     assert len({each.ripple_phase_rad for each in (drawn.p6v, drawn.p25v, drawn.n25v)}) == 3
+
+
+def test_a_fan_that_stops_is_in_the_questionable_status() -> None:
+    supply, talk = bench()[1:]
+    (fan,) = supply.adjustments()
+    talk.write("*CLS;:STAT:QUES:ENAB 16;:APPL P25V,10,0.5;:OUTP ON")
+    talk.settle()
+    assert (fan.read(), supply.status_byte()) == (False, 0)
+    assert fan.write is not None
+    fan.write(True)  # noqa: FBT003
+    assert (fan.read(), supply.status_byte()) == (True, 8)
+    assert talk.ask("STAT:QUES?") == "16"
+    assert talk.ask("STAT:QUES?") == "0"  # it says so once
+    assert talk.ask("OUTP?") == "1"

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.scpi.lamp import Lamp
-from vcfbench.sim.scpi import GPIB, LAN, RS232, Dialect, Interface
+from vcfbench.sim.scpi import GPIB, LAN, RS232, USB, Dialect, Interface
+from vcfbench.sim.serve.instrument import HISLIP, SOCKET, VXI11
 
 
 @pytest.fixture
@@ -278,7 +279,14 @@ def test_one_full_buffer_is_no_deadlock(message: str) -> None:
     assert talk.errors() == []
 
 
-@pytest.mark.parametrize("interface", [LAN, RS232])
+@pytest.mark.parametrize("interface", [GPIB, USB, VXI11])
+def test_where_answers_are_fetched_there_are_deadlocks(interface: Interface) -> None:
+    talk = deadlocking(interface)
+    talk.write("VOLT?;" * 60)
+    assert talk.errors() == [-430]
+
+
+@pytest.mark.parametrize("interface", [LAN, RS232, SOCKET, HISLIP])
 def test_a_stream_is_never_deadlocked(interface: Interface) -> None:
     talk = deadlocking(interface)
     assert len((talk.ask("VOLT?;" * 60) or "").split(";")) == 60

@@ -22,6 +22,7 @@ from vcfbench.sim.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiIn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from vcfbench.sim.serve.adjust import Adjustment
     from vcfbench.sim.world import World
 
 __all__ = ["E3631A", "TABLE", "OutputErrors", "SupplyErrors"]
@@ -44,6 +45,8 @@ _LIMITED_LOOK_S = 0.01
 """How often an output in constant current looks at its load, which may let go by itself: a PCB that has started."""
 _LIMITED_PATIENCE_S = 2.0
 """For how long it does so after its voltage last moved."""
+_FAN = 16
+"""Bit of the questionable status (p. 113)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +166,20 @@ class E3631A(ScpiInstrument):
         if self.initiated:
             return math.inf
         return -math.inf if self.transfer_at_s is None else self.transfer_at_s
+
+    def adjustments(self) -> list[Adjustment]:
+        """Return what can be changed from outside the wire."""
+        from vcfbench.sim.serve.adjust import Adjustment  # noqa: PLC0415  (served benches only)
+
+        return [Adjustment("fan_failed", "", "whether its fan has stopped", self.fan_failed, self.fail_fan)]
+
+    def fan_failed(self) -> bool:
+        """Whether the fan has stopped."""
+        return bool(self.questionable.condition & _FAN)
+
+    def fail_fan(self, failed: object) -> None:
+        """Stop the fan, or let it run: bit 4 of the questionable status (p. 113). The outputs stay as they are."""
+        self.questionable.set_bits(_FAN, _FAN if failed else 0)
 
     # --- outputs ------------------------------------------------------------------------------------------
 

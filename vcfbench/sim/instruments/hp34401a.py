@@ -39,7 +39,15 @@ if TYPE_CHECKING:
 __all__ = ["Hp34401A", "MeterErrors"]
 
 _INTERFACES = {"gpib": GPIB, "rs232": RS232}
-_DIALECT = Dialect(queue_depth=20, words={-350: "Too many errors"}, number_not_allowed=-104)
+_DIALECT = Dialect(
+    queue_depth=20,
+    words={-350: "Too many errors"},
+    number_not_allowed=-104,
+    input_buffer=100,
+    output_queue=1024,
+    takes_blocks=False,
+)
+"""The input buffer of about 100 characters is that of RS-232; that it is the same on GPIB is unverified."""
 _NR3 = real(8)
 _CALIBRATION_FILTER_HZ = 3.0
 _SCPI = 1
