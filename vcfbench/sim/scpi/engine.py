@@ -38,6 +38,8 @@ __all__ = [
 
 _CACHED_MESSAGES = 2048
 _CACHED_LENGTH = 512
+_SMALLEST_BUFFER = 64
+"""No instrument's input buffer is smaller: what is shorter than this never fills one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,8 +376,12 @@ class ScpiEngine:
                 self._execute_urgent()
                 break
             if self._next < len(self._steps):
+                step = self._steps[self._next]
                 self._next += 1
-                self._execute(self._steps[self._next - 1])
+                if step.at_once:
+                    self._call(step)
+                else:
+                    self._execute(step)
                 continue
             if self._replies:
                 self._respond()
@@ -416,9 +422,11 @@ class ScpiEngine:
     def _call(self, step: Step) -> None:
         try:
             if step.settling:
-                self._take(step, step.handler(self.model, *step.resolve(self.model)))
+                result = step.handler(self.model, *step.resolve(self.model))
             else:
-                self._take(step, step.handler(self.model, *step.arguments))
+                result = step.handler(self.model, *step.arguments)
+            if step.is_query or result is not None:
+                self._take(step, result)
         except ScpiError as error:
             self._refuse(error)
 
@@ -428,16 +436,16 @@ class ScpiEngine:
             self._pending_step = step
         elif step.is_query:
             self._replies.append(step.reply(result))
-            if step.rest > self.dialect.input_buffer:
-                self._look_for_deadlock()
+            if step.rest > _SMALLEST_BUFFER:
+                self._look_for_deadlock(step.rest)
 
-    def _look_for_deadlock(self) -> None:
+    def _look_for_deadlock(self, rest: int) -> None:
         """-430: the output queue is full, and so is the input buffer, with more of the message still to come.
 
         The answers so far are lost, and those to the rest of the message too (IEEE 488.2, 6.3.1.7). Who takes the
         answers of a stream while it sends never gets there.
         """
-        if not self.interface.message_exchange:
+        if rest <= self.dialect.input_buffer or not self.interface.message_exchange:
             return
         if self._deadlocked or sum(map(len, self._replies)) + len(self._replies) > self.dialect.output_queue:
             self._replies.clear()

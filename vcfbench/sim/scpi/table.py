@@ -81,6 +81,7 @@ class Step:
 
     __slots__ = (
         "arguments",
+        "at_once",
         "error",
         "handler",
         "indefinite",
@@ -101,6 +102,7 @@ class Step:
         self.takes_s = command.query_takes_s if unit.query else command.takes_s
         self.indefinite = command.indefinite and unit.query
         self.urgent = command.urgent
+        self.at_once = self.takes_s == 0.0
         self.rest = unit.rest
         self.error: ScpiError | None = None
 
@@ -126,7 +128,7 @@ _NOTHING = Command("NOTHing", do=_nothing)
 
 def _failed(error: ScpiError) -> Step:
     step = Step(_nothing, (), _NOTHING, Unit())
-    step.error = error
+    step.error, step.at_once = error, False
     return step
 
 
