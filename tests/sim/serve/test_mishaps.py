@@ -12,7 +12,7 @@ import serial
 from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, serving
 from tests.sim.serve.test_hislip import DATA_END, sessions
 from tests.sim.serve.test_pty import device
-from tests.sim.serve.test_raw import wires
+from tests.sim.serve.test_raw import Wire, wires
 from tests.sim.serve.test_vxi11 import callers
 from vcfbench.sim.faults import Fault, FaultScript
 from vcfbench.sim.serve import MAX_SPEED, BenchServer, Control, ControlError, ServedBench, ServedClock, ServerSettings
@@ -108,6 +108,15 @@ def test_half_open_connections_hang_and_new_ones_work(both: tuple[Served, Contro
         with pytest.raises(ConnectionResetError):
             raw.socket.recv(1)
         assert link
+
+
+def test_half_open_connections_end_with_the_server() -> None:
+    with lamp() as (served, control):
+        wire = Wire(served.port("tcp"))
+        assert wire.ask(b"*IDN?\n") == IDENTITY
+        control.request("fault", instrument="lamp", kind="half_open")
+    assert wire.line() == b""
+    wire.close()
 
 
 def test_an_instrument_that_was_switched_off_comes_back_as_switched_on(both: tuple[Served, Control]) -> None:

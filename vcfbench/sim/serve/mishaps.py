@@ -86,6 +86,13 @@ class Mishaps:
             for ongoing in reversed(tuple(self._ongoing[each])):
                 self._end(ongoing)
 
+    def close(self) -> None:
+        """Give back the connections that nobody serves any more."""
+        for dead in self._dead.values():
+            for connection in dead:
+                connection.close()
+        self._dead.clear()
+
     def _require_possible(self, fault: Fault) -> None:
         require_roles(self._instruments, [fault.instrument], "fault")
         require_possible(self._instruments[fault.instrument].device, fault)

@@ -143,6 +143,7 @@ class BenchServer:
         try:
             require_roles(self.instruments, self.settings.offers, "offer")
             self.mishaps = Mishaps(self.instruments, self._listeners, self.passage, self.settings.faults)
+            self._open.callback(self.mishaps.close)
             self._listen()
         except BaseException:
             self._open.close()
