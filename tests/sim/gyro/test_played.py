@@ -170,3 +170,20 @@ def test_noise_on_v_vc_shakes_the_output_by_its_density() -> None:
     power = np.abs(upper + lower) ** 2 + np.abs(upper) ** 2 + np.abs(lower) ** 2
     expected = steep * math.sqrt(density * power.sum() * hertz[1])
     assert seen.std() == pytest.approx(expected, rel=0.1)  # 8 s of a few hertz of bandwidth
+
+
+def test_pictures_and_means_of_v_vc_are_those_of_what_is_played() -> None:
+    clock, world = playing("FREQ 40;:FM:DEV 30;INT:FREQ 12;:FM:STAT ON")
+    wanted, start = CASES["FM of a tone"][1], clock.now()
+    capture, window = world.capture(start, start + 0.3), world.window("v_vc", start + 0.01, start + 0.0345)
+    clock.sleep_until(start + 0.1)
+    world.load_node("a lamp", "v_vc", 50.0)
+    clock.sleep_until(start + 0.3)
+    times = start + np.arange(3000, dtype=np.float64) * 1e-4
+    share = BENT.virtual_path.pull_down_ohm / (BENT.virtual_path.pull_down_ohm + 50.0)
+    loaded = 1 / (1 + 50.0 * (1 / 50.0 + 1 / BENT.virtual_path.pull_down_ohm))
+    volts = np.array([wanted(each) for each in times]) * np.where(times < start + 0.1, share, loaded)
+    np.testing.assert_allclose(capture.samples("v_vc", times), volts, atol=1e-9)
+    middles = start + 0.01 + (np.arange(10_000) + 0.5) * 0.0245 / 10_000
+    assert window.mean_v() == pytest.approx(share * np.mean([wanted(each) for each in middles]), abs=1e-7)
+    assert world.value_v("v_vc") == pytest.approx(loaded * wanted(clock.now()), abs=1e-9)

@@ -250,7 +250,7 @@ def test_a_sweep_begins_again_without_a_jump_of_phase(box: Socket) -> None:
 
 
 def test_a_triggered_sweep_waits_at_its_start_runs_once_and_returns(box: Socket) -> None:
-    box.send("FREQ:STAR 1000;STOP 5000;:SWE:TIME 0.2;:TRIG:SOUR BUS;:SWE:STAT ON")
+    box.send("FREQ:STAR 1000;STOP 5000;:SWE:TIME 0.2;:TRIG:DEL 5;SOUR BUS;:SWE:STAT ON")  # only bursts are delayed
     assert box.drive.frequency_hz == 1000.0
     begun = box.clock.now()
     box.send("*TRG")

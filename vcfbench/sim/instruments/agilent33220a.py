@@ -176,7 +176,7 @@ class Agilent33220A(ScpiInstrument):
             raise ScpiError(-211)
         now = self.engine.clock.now()
         if self.operations_end_s() <= now:
-            self._started_s = now + self.state["delay"]
+            self._started_s = now + self._delay_s()
             self.update()
 
     def _triggered(self) -> bool:
@@ -191,9 +191,12 @@ class Agilent33220A(ScpiInstrument):
 
     def restart(self) -> None:
         """Begin with bursts or sweeps anew: those of the internal timer now, others with the next trigger."""
-        delay = self.state["delay"] if self.state["mode"] == "BURS" else 0.0
-        self._started_s = None if self._triggered() else self.engine.clock.now() + delay
+        self._started_s = None if self._triggered() else self.engine.clock.now() + self._delay_s()
         self.update()
+
+    def _delay_s(self) -> float:
+        """Return the trigger delay, which only bursts have."""
+        return float(self.state["delay"]) if self.state["mode"] == "BURS" else 0.0
 
     # --- the output ---------------------------------------------------------------------------------------------------
 
