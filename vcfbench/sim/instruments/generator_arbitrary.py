@@ -20,7 +20,7 @@ ARBITRARY_POINTS = 16384
 PLACES = 4
 MOST_POINTS = 65536
 _FALLS = 5.9994
-"""Time constants in the built-in exponentials: gives the average on record, the crest factor 0.01 % above it."""
+"""Time constants in the built-in exponentials: gives the average on record, the crest factor 0.05 % above it."""
 
 
 def _fall(place: float) -> float:
