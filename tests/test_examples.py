@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import shutil
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pytest
 
 from tests.testing.test_plugin import run
 from vcfbench.bench.file import load_bench
 from vcfbench.sim.faults import read_faults
 
-if TYPE_CHECKING:
-    import pytest
-
 ROOT = Path(__file__).parents[1]
 LAB = ROOT / "examples" / "lab-tests"
+OWN = ROOT / "examples" / "own-instrument"
 
 
 def test_the_labs_tests_pass_away_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,6 +32,39 @@ def test_the_labs_tests_pass_away_from_here(tmp_path: Path, monkeypatch: pytest.
     assert passed is not None
     assert int(passed[1]) >= 14
     assert "skipped" not in done.stdout
+
+
+def installed(project: Path, folder: Path) -> Path:
+    """Put a project where an installation would put it, with the entry points of its ``pyproject.toml``."""
+    told = tomllib.loads((project / "pyproject.toml").read_text("utf-8"))["project"]
+    name = told["name"].replace("-", "_")
+    about = folder / f"{name}-{told['version']}.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {told['name']}\nVersion: {told['version']}\n", "utf-8"
+    )
+    groups = (
+        f"[{group}]\n" + "".join(f"{model} = {where}\n" for model, where in entries.items())
+        for group, entries in told["entry-points"].items()
+    )
+    (about / "entry_points.txt").write_text("\n".join(groups), "utf-8")
+    shutil.copytree(project / "acme", folder / "acme", ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def test_an_instrument_of_ones_own_is_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its tests pass, and a calibration runs with it."""
+    site = installed(OWN, tmp_path / "site")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")]))
+    folder = tmp_path / "project"
+    shutil.copytree(OWN, folder, ignore=shutil.ignore_patterns("__pycache__", ".*", "acme"))
+    done = run(folder, "-q")
+    assert "6 passed" in done.stdout, done.stdout
+    command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--bench", "lab.toml", "--json", "--quiet"]
+    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
+    assert ran.returncode == 0, ran.stderr
+    results = json.loads(ran.stdout)["results"]
+    assert results["scale_factor"]["value"] == pytest.approx(-0.01254, rel=1e-3)
 
 
 def test_the_labs_files_are_what_they_say() -> None:

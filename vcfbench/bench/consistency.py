@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 from itertools import chain
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from msgspec import structs
 
 from vcfbench.bench.misfit import Misfit
+from vcfbench.interfaces import FunctionGenerator, Multimeter, Oscilloscope, PowerSupply
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription, Node, Window
 
 __all__ = ["misfits"]
 
+_MODELS: Mapping[str, tuple[str, type]] = MappingProxyType(
+    {
+        "power": ("E3631A", PowerSupply),
+        "rate_source": ("33220A", FunctionGenerator),
+        "vibration_source": ("33220A", FunctionGenerator),
+        "multimeter": ("34401A", Multimeter),
+        "oscilloscope": ("DSO7104B", Oscilloscope),
+    }
+)
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
 
 def misfits(description: BenchDescription) -> Iterator[Misfit]:
     """Yield every contradiction within `description`."""
     return chain(
+        _models(description),
         _rates(description),
         _acceleration(description),
         _v_vc(description),
@@ -33,6 +45,18 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
         _simulation(description),
         _served(description),
     )
+
+
+def _models(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that each role has a model that can fill it: the project's own, or one that another package registers."""
+    for role, (model, protocol) in _MODELS.items():
+        part = getattr(description, role)
+        if part is None or part.model == model:
+            continue
+        from vcfbench.bench.own_models import unfit  # noqa: PLC0415  # looks through the installed packages
+
+        if (otherwise := unfit(part.model, protocol)) is not None:
+            yield Misfit(f"{role}.model", f"{model!r}{otherwise}", part.model)
 
 
 def _rates(description: BenchDescription) -> Iterator[Misfit]:

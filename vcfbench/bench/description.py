@@ -46,6 +46,9 @@ LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
 Dialect = Annotated[str, Meta(max_length=4096, pattern=DIALECT_PATTERN)]
 Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
+Model = Annotated[str, Meta(pattern=NAME_PATTERN)]
+"""Which models a role takes is checked beside the description: other packages may bring theirs."""
+
 Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
 Seconds = Annotated[float, Meta(gt=0.0, le=86_400.0)]
 Errors = Literal["none", "drawn"] | dict[str, Any]
@@ -78,25 +81,25 @@ class _VisaRole(_Part, frozen=True, kw_only=True):
 class PowerRole(_VisaRole, frozen=True, kw_only=True):
     """The supply of the PCB's rails."""
 
-    model: Literal["E3631A"]
+    model: Model
 
 
 class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
     """A generator: of the virtual rate's voltage V_Vc, or of the virtual vibration."""
 
-    model: Literal["33220A"]
+    model: Model
 
 
 class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
     """The voltmeter of the output V_open."""
 
-    model: Literal["34401A"]
+    model: Model
 
 
 class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
     """The oscilloscope that watches drive, carrier and sense."""
 
-    model: Literal["DSO7104B"]
+    model: Model
 
 
 class RateTableRole(_Part, frozen=True, kw_only=True):

@@ -13,6 +13,7 @@ from itertools import chain, count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from vcfbench.bench.overrides import overridden
+from vcfbench.bench.own_models import OwnTwin, own_twin
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def chosen_seed(description: BenchDescription, seed: int | None) -> int:
     return _simulation(description).seed if seed is None else seed
 
 
-def instrument_models(description: BenchDescription) -> dict[str, Model]:
+def instrument_models(description: BenchDescription) -> dict[str, Model | OwnTwin]:
     """Return the simulated model of every role that the bench fills."""
     models = {
         "power": description.power.model,
@@ -101,7 +102,7 @@ def instrument_models(description: BenchDescription) -> dict[str, Model]:
     }
     if description.vibration_source is not None:
         models["vibration_source"] = description.vibration_source.model
-    return {role: _MODELS[model] for role, model in models.items()}
+    return {role: _MODELS[model] if model in _MODELS else own_twin(model) for role, model in models.items()}
 
 
 def table_twin(description: BenchDescription) -> str:

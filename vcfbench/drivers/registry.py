@@ -13,6 +13,7 @@ from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.drivers.dso7104b import Dso7104B
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.installed import installed_driver, installed_models
 from vcfbench.drivers.rate_table.dialect import TableLimits
 from vcfbench.drivers.rate_table.dialects import DIALECTS, is_dialect, open_serial, spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
@@ -33,6 +34,7 @@ __all__ = [
     "TableSettings",
     "VisaSettings",
     "open_instrument",
+    "visa_driver",
 ]
 
 _S = TypeVar("_S")
@@ -96,15 +98,24 @@ class Registry:
     def find(self, model: str) -> Driver:
         """Return the driver of `model`; raises ConfigError naming those there are.
 
-        Tables have one driver: where it is registered for ACL, it speaks every other dialect too.
+        Tables have one driver: where it is registered for ACL, it speaks every other dialect too. Models that other
+        packages register (:mod:`vcfbench.drivers.installed`) are known to every registry.
         """
         if model in self.drivers:
             return self.drivers[model]
         dialects = DIALECTS if "acl" in self.drivers else ()
         if dialects and is_dialect(model):
             return _table(model)
-        known = ", ".join((*sorted(self.drivers), *(each for each in dialects if each not in self.drivers)))
-        raise ConfigError(f"no driver for {model!r}; there are {known}")
+        if (own := installed_driver(model)) is not None:
+            return _checked(model, own)
+        others = (each for each in (*dialects, *installed_models()) if each not in self.drivers)
+        raise ConfigError(f"no driver for {model!r}; there are {', '.join((*sorted(self.drivers), *others))}")
+
+
+def _checked(model: str, own: object) -> Driver:
+    if isinstance(own, Driver) and own.model == model:
+        return own
+    raise ConfigError(f"what is registered for {model!r} is no vcfbench.drivers.registry.Driver of that model")
 
 
 def _table(name: str) -> Driver:
@@ -130,9 +141,23 @@ def _table(name: str) -> Driver:
     return Driver(name, RateTableDriver, opener)
 
 
-def _visa(
-    model: str, driver_class: type[ScpiInstrument], make: Callable[[Session, VisaSettings], Instrument]
+def visa_driver(
+    model: str,
+    driver_class: type[ScpiInstrument],
+    make: Callable[[Session, VisaSettings], Instrument] | None = None,
 ) -> Driver:
+    """Return the driver of a SCPI instrument on VISA, to be registered.
+
+    Args:
+        model: what the bench file calls it.
+        driver_class: its driver.
+        make: makes one on an open session; without it the class is called with session and `serial_number`.
+    """
+
+    def plainly(session: Session, told: VisaSettings) -> Instrument:
+        made: Any = driver_class(session, serial_number=told.serial_number)
+        return made  # type: ignore[no-any-return]  # that it can be registered shows that it is an instrument
+
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
         told = _settings(VisaSettings, role, settings)
         session = open_session(
@@ -146,7 +171,7 @@ def _visa(
             write_pause_s=_pause_s(driver_class, resource, told.serial_pause_s),
         )
         try:
-            return make(session, told)
+            return (make or plainly)(session, told)
         except BaseException:
             session.close()
             raise
@@ -169,14 +194,14 @@ def _settings(kind: Callable[..., _S], role: str, settings: Mapping[str, Any]) -
 
 
 DRIVERS: Final = Registry().having(
-    _visa("E3631A", E3631A, lambda session, told: E3631A(session, serial_number=told.serial_number)),
-    _visa("33220A", Agilent33220A, lambda session, told: Agilent33220A(session, serial_number=told.serial_number)),
-    _visa(
+    visa_driver("E3631A", E3631A),
+    visa_driver("33220A", Agilent33220A),
+    visa_driver(
         "34401A",
         Hp34401A,
         lambda session, told: Hp34401A(session, mains_hz=told.mains_hz, serial_number=told.serial_number),
     ),
-    _visa("DSO7104B", Dso7104B, lambda session, told: Dso7104B(session, serial_number=told.serial_number)),
+    visa_driver("DSO7104B", Dso7104B),
     _table("acl"),
 )
 """The drivers that come with the project."""

@@ -24,6 +24,9 @@ class ScpiInstrument:
     """An instrument on a session. A driver adds its commands and its `make_safe`: there is no default for that."""
 
     model: ClassVar[str]
+    makers: ClassVar[tuple[str, ...]] = _MAKERS
+    """How the maker's name in ``*IDN?`` may begin, in capitals."""
+
     first_answer_s: ClassVar[float] = 0.0
     """How long the first answer after connecting may take, s, where that is longer than the session's time-out."""
 
@@ -71,7 +74,7 @@ class ScpiInstrument:
 
     def _verify(self, identity: Identity) -> None:
         expected_serial = self._serial_number or identity.serial
-        right_model = identity.model.upper() == self.model and identity.maker.upper().startswith(_MAKERS)
+        right_model = identity.model.upper() == self.model and identity.maker.upper().startswith(self.makers)
         if right_model and identity.serial == expected_serial:
             return
         wanted = self.model if self._serial_number is None else f"{self.model} with serial number {self._serial_number}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vcfbench.testing.benches import ServedLab, SimulatedLab, open_simulated, serve_simulated, simulated
-    from vcfbench.testing.conformance import ConformanceCase, conformance_cases, conformance_problems
+    from vcfbench.testing.conformance import ConformanceCase, conformance_cases, conformance_problems, scpi_case
     from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
 
 __all__ = [
@@ -25,13 +25,14 @@ __all__ = [
     "open_simulated",
     "over_serial",
     "over_visa",
+    "scpi_case",
     "serve_simulated",
     "simulated",
 ]
 
 _MODULES = {
     "vcfbench.testing.benches": ("ServedLab", "SimulatedLab", "open_simulated", "serve_simulated", "simulated"),
-    "vcfbench.testing.conformance": ("ConformanceCase", "conformance_cases", "conformance_problems"),
+    "vcfbench.testing.conformance": ("ConformanceCase", "conformance_cases", "conformance_problems", "scpi_case"),
     "vcfbench.testing.exchange": ("Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"),
 }
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from vcfbench.drivers.registry import Registry
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["ConformanceCase", "conformance_cases", "conformance_problems"]
+__all__ = ["ConformanceCase", "conformance_cases", "conformance_problems", "scpi_case"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,18 +77,33 @@ _BUILT_IN: tuple[tuple[str, type, dict[str, str]], ...] = (
 
 def _case(registry: Registry, model: str, protocol: type, answers: dict[str, str]) -> ConformanceCase:
     driver_class = registry.find(model).driver_class
-    if model == "acl":
-        return ConformanceCase(
-            model, driver_class, protocol, _open_table, answers, ":Status:MSG? QERROR", ("bad value",), "0"
-        )
+    if model != "acl":
+        return scpi_case(driver_class, protocol, answers)
     return ConformanceCase(
-        model,
+        model, driver_class, protocol, _open_table, answers, ":Status:MSG? QERROR", ("bad value",), "0"
+    )
+
+
+def scpi_case(
+    driver_class: Any,
+    protocol: type,
+    answers: dict[str, str],
+    *,
+    refusal: tuple[str, ...] = ('-222,"Data out of range"', '-113,"Undefined header"'),
+) -> ConformanceCase:
+    """Return the case of a SCPI driver that is called with a session.
+
+    `answers` has at least ``*IDN?``, and what `make_safe` asks while all is well, by its beginning; every other
+    question is answered by 1. `refusal` is what the error queue holds when something was refused.
+    """
+    return ConformanceCase(
+        driver_class.model,
         driver_class,
         protocol,
         lambda wire, clock: driver_class(_session(wire, clock)),
         answers,
         "SYST:ERR?",
-        ('-222,"Data out of range"', '-113,"Undefined header"'),
+        refusal,
         '+0,"No error"',
     )
 

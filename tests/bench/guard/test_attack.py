@@ -165,6 +165,7 @@ def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
         "VOLT:UNIT VRMS;:APPL:SIN 1000,2.5,0",
         "VOLT:UNIT DBM;:VOLT MAX",
         "APPL:DC DEF,0.1,1;:FUNC SIN;:VOLT:OFFS 2.9",
+        "*RST;:VOLT 0;:VOLT:LOW 1.5",
     ],
 )
 def test_a_unit_that_is_changed_on_the_way_counts(message: str) -> None:

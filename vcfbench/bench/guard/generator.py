@@ -88,6 +88,10 @@ class _State:
             raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
         return self.vpp
 
+    def smallest_vpp(self) -> float:
+        """Return the least amplitude; it keeps low below high."""
+        return _SMALLEST_VPP / self.factor
+
     def levels_v(self) -> tuple[float, float]:
         """Return low and high level."""
         half_v = self.known_vpp() / 2.0
@@ -162,12 +166,12 @@ class GeneratorRules:
     def _high(self, state: _State, part: Part) -> None:
         part.require(1)
         high = self._volts(state, part.arguments[0])
-        self._span(state, min(state.levels_v()[0], high), high)
+        self._span(state, min(state.levels_v()[0], high - state.smallest_vpp()), high)
 
     def _low(self, state: _State, part: Part) -> None:
         part.require(1)
         low = self._volts(state, part.arguments[0])
-        self._span(state, low, max(state.levels_v()[1], low))
+        self._span(state, low, max(state.levels_v()[1], low + state.smallest_vpp()))
 
     def _span(self, state: _State, low_v: float, high_v: float) -> None:
         at_most("level", state.factor * max(abs(low_v), abs(high_v)), self._max_v, "V (open circuit)")
@@ -211,7 +215,7 @@ class GeneratorRules:
         if not state.in_vpp and not text.upper().endswith("VPP"):
             raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
         words = {"MINimum": 0.0, "MAXimum": _LARGEST_VPP / state.factor, "DEFault": _DEFAULT_VPP}
-        return max(quantity(text, VPP, words), _SMALLEST_VPP / state.factor)
+        return max(quantity(text, VPP, words), state.smallest_vpp())
 
     def _volts(self, state: _State, text: str) -> float:
         largest = 10.0 / state.factor

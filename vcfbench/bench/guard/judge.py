@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from vcfbench.bench.guard.generator import GeneratorRules
 from vcfbench.bench.guard.message import Unreadable
 from vcfbench.bench.guard.meter import MeterRules
-from vcfbench.bench.guard.rules import Ask, Beyond, NoRules
+from vcfbench.bench.guard.rules import Ask, Beyond, NoRules, OnlyQuestions
 from vcfbench.bench.guard.supply import SupplyRules
 from vcfbench.bench.guard.table import table_rules
 from vcfbench.errors import LimitError
@@ -55,7 +55,12 @@ class RoleGuard:
 
 def guard_of(role: str, description: BenchDescription) -> Guard:
     """Return the guard of the instrument of `role`, within the limits of the bench file."""
-    return RoleGuard(role, getattr(description, role).resource, _RULES[role](description))
+    part = getattr(description, role)
+    known = role == "rate_table" or part.model in _LANGUAGES
+    return RoleGuard(role, part.resource, _RULES[role](description) if known else OnlyQuestions(part.model))
+
+
+_LANGUAGES = ("E3631A", "33220A", "34401A", "DSO7104B")
 
 
 _RULES: dict[str, Callable[[BenchDescription], Rules]] = {

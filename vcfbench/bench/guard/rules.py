@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from vcfbench.bench.guard.message import Unreadable, header_pattern
+from vcfbench.bench.guard.message import Unreadable, header_pattern, read_message
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from vcfbench.bench.guard.message import Part
 
-__all__ = ["Ask", "Beyond", "NoRules", "Rules", "at_most", "is_one_of", "refuse_self_test"]
+__all__ = ["Ask", "Beyond", "NoRules", "OnlyQuestions", "Rules", "at_most", "is_one_of", "refuse_self_test"]
 
 Ask = Callable[[str], str]
 """Puts a question to the instrument and returns its answer."""
@@ -35,6 +35,21 @@ class NoRules:
 
     def judge(self, message: str, ask: Ask) -> None:
         """Let everything pass."""
+
+
+class OnlyQuestions:
+    """The rules of an instrument whose language is not known here: questions, self-tests excepted."""
+
+    def __init__(self, model: str) -> None:
+        self._model = model
+
+    def judge(self, message: str, ask: Ask) -> None:
+        """Raise Unreadable unless everything in `message` asks."""
+        del ask
+        for part in read_message(message):
+            refuse_self_test(part)
+            if not part.query:
+                raise Unreadable(f"the commands of a {self._model} are not known here, only questions pass")
 
 
 def at_most(what: str, value: float, limit: float, unit: str) -> None:
