@@ -34,12 +34,17 @@ _READBACK_S = 0.1
 """MEASure?: the guide gives it as less than this (p. 187)."""
 
 
+_VOLT_LIMITS = {kind.name: kind.volts._replace(default=None) for kind in KINDS}
+_AMP_LIMITS = {kind.name: kind.amps._replace(default=None) for kind in KINDS}
+"""Without DEF, which is a word of APPLy only (p. 91)."""
+
+
 def _volt_limits(supply: E3631A) -> Limits:
-    return supply.output.kind.volts
+    return _VOLT_LIMITS[supply.selected]
 
 
 def _amp_limits(supply: E3631A) -> Limits:
-    return supply.output.kind.amps
+    return _AMP_LIMITS[supply.selected]
 
 
 @remote_only
