@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import tomllib
 import venv
@@ -25,9 +26,22 @@ collect_ignore_glob = [] if os.environ.get("VCFBENCH_THIRD_PARTY") == "1" else [
 
 HERE = Path(__file__).parent
 ROLES = ("power", "rate_source", "multimeter", "oscilloscope")
+OFFERED = {"rate_source": "tcp,pty,vxi11,hislip", "oscilloscope": "tcp,pty,vxi11,hislip"}
 PYMEASURE = "pymeasure==0.16.0"
 QCODES = "qcodes==0.58.0"
 TOOLS = ("pyvisa==1.16.2", "pyvisa-py==0.8.1", "pyserial")
+LIBRARIES = (
+    "python-ivi==0.14.9",
+    "instrumentkit==0.6.0",
+    "oscope-scpi==0.1.13",
+    "keyoscacquire==4.0.0",
+    "pylablib==1.4.5",
+)
+NEEDED = (
+    "future", "matplotlib", "pandas", "psutil", "python-usbtmc", "python-vxi11", "pyusb", "quantities", "quantiphy",
+    "ruamel.yaml", "tqdm",
+)  # fmt: skip
+"""What the parts of them that are run here import and we have not; some pin versions that no longer build, or a GUI."""
 
 
 def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.CompletedProcess[str]:
@@ -37,11 +51,17 @@ def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.Complete
     )
 
 
-def environment(folder: Path, *packages: str) -> Path:
+def environment(folder: Path, *packages: str, alone: tuple[str, ...] = ()) -> Path:
+    """Make an environment; with packages `alone`, without what they say they need, it stands on our own."""
     venv.create(folder, with_pip=True)
     python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
-    done = command(python, "-m", "pip", "install", "--quiet", *packages)
-    assert done.returncode == 0, done.stderr[-2000:]
+    if alone:
+        ours = sysconfig.get_path("purelib")
+        place = command(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip()
+        (Path(place) / "ours.pth").write_text(f"import site; site.addsitedir({ours!r})\n", encoding="utf-8")
+    for words in (packages, ("--no-deps", *alone)) if alone else (packages,):
+        done = command(python, "-m", "pip", "install", "--quiet", *words)
+        assert done.returncode == 0, done.stderr[-2000:]
     return python
 
 
@@ -55,6 +75,12 @@ def pymeasure(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def qcodes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Interpreter of an environment with QCoDeS."""
     return environment(tmp_path_factory.mktemp("qcodes"), QCODES, *TOOLS)
+
+
+@pytest.fixture(scope="session")
+def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Interpreter of an environment with python-ivi, InstrumentKit, oscope-scpi, keyoscacquire and pylablib."""
+    return environment(tmp_path_factory.mktemp("libraries"), *NEEDED, alone=LIBRARIES)
 
 
 @pytest.fixture(scope="session")
@@ -84,7 +110,7 @@ class Served:
 @pytest.fixture
 def served() -> Iterator[Served]:
     """A bench, served by the command itself."""
-    offers = [word for role in ROLES for word in ("--offer", f"{role}:tcp,pty")]
+    offers = [word for role in ROLES for word in ("--offer", f"{role}:{OFFERED.get(role, 'tcp,pty')}")]
     words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--speed", "max", "--json", *offers]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
         assert server.stdout is not None

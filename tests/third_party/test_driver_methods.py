@@ -1,4 +1,4 @@
-"""Every method of drivers from elsewhere, one by one over TCP, the error queue read after each."""
+"""Every method of drivers from elsewhere, one by one, the error queue read after each."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tests.third_party.conftest import Served, command, expected_failures
 CLIENTS = Path(__file__).parent / "clients"
 
 
-def methods(python: Path, client: str, name: str, resource: str) -> dict[str, str | None]:
+def methods(python: Path, client: str, *words: str) -> dict[str, str | None]:
     """Run a client; return what went wrong for every method, None where nothing did."""
-    done = command(python, CLIENTS / client, name, resource)
+    done = command(python, CLIENTS / client, *words)
     assert done.returncode == 0, done.stderr[-3000:]
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
@@ -37,3 +37,32 @@ def test_pymeasure(role: str, driver: str, at_least: int, pymeasure: Path, serve
 def test_qcodes(qcodes: Path, served: Served) -> None:
     seen = methods(qcodes, "qcodes_methods.py", "Agilent34401A", served.resource("multimeter", "tcp"))
     check(seen, "qcodes.Agilent34401A", 12)
+
+
+@pytest.mark.parametrize(
+    ("client", "driver", "role", "wire", "at_least"),
+    [
+        ("ivi", "agilent34401A", "multimeter", "tcp", 72),
+        ("ivi", "agilentE3631A", "power", "tcp", 118),
+        ("ivi", "agilentDSO7104B", "oscilloscope", "vxi11", 299),
+        ("ivi", "agilentDSO7104B", "oscilloscope", "hislip", 299),
+        ("kit", "Agilent33220a", "rate_source", "tcp", 39),
+        ("kit", "Agilent34410a", "multimeter", "tcp", 51),
+        ("kit", "HPe3631a", "power", "tcp", 33),
+        ("scope", "oscope_scpi", "oscilloscope", "vxi11", 43),
+        ("scope", "keyoscacquire", "oscilloscope", "tcp", 24),
+        ("scope", "keyoscacquire", "oscilloscope", "hislip", 24),
+        ("awg", "Agilent33220A", "rate_source", "vxi11", 81),
+    ],
+)
+def test_libraries(  # noqa: PLR0917  # a table
+    client: str, driver: str, role: str, wire: str, at_least: int, libraries: Path, served: Served
+) -> None:
+    seen = methods(libraries, f"{client}_methods.py", driver, served.resource(role, wire))
+    check(seen, f"{client}.{driver}", at_least)
+
+
+def test_python_ivi_without_a_wire(libraries: Path) -> None:
+    """The same in one process, through the VISA library ``@vcfbench``."""
+    seen = methods(libraries, "ivi_methods.py", "agilent34401A", "@vcfbench!GPIB0::22::INSTR")
+    check(seen, "ivi.agilent34401A in one process", 72)

@@ -20,8 +20,8 @@ GENERATOR: list[tuple[str, Any]] = [
     ("frequency", 1e3), ("frequency", 2.5e6), ("amplitude", 1.5), ("amplitude_unit", "VRMS"), ("amplitude_unit", "VPP"),
     ("offset", 0.25), ("voltage_high", 1.5), ("voltage_low", -1.5), ("square_dutycycle", 30), ("ramp_symmetry", 25),
     ("frequency", 1e3), ("shape", "PULSE"), ("pulse_period", 0.01), ("pulse_hold", "DCYC"), ("pulse_hold", "WIDT"),
-    ("pulse_width", 0.002), ("pulse_dutycycle", 25), ("pulse_transition", 2e-8), ("shape", "SIN"), ("output", True),
-    ("burst_state", True), ("burst_mode", "GATED"), ("burst_mode", "TRIG"), ("burst_ncycles", 5),
+    ("pulse_width", 0.002), ("pulse_dutycycle", 25), ("pulse_transition", 2e-8), ("shape", "SIN"), ("frequency", 1e3),
+    ("output", True), ("burst_state", True), ("burst_mode", "GATED"), ("burst_mode", "TRIG"), ("burst_ncycles", 5),
     ("trigger_source", "BUS"), ("trigger_state", True), ("beeper_state", True), ("output", True),
 ]  # fmt: skip
 SUPPLY: list[tuple[str, Any]] = [("tracking_enabled", False), ("output_enabled", True), ("output_enabled", False)]

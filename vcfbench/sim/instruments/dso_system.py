@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.dso_commands import SOURCE, Source, nothing, registers, setting
+from vcfbench.sim.instruments.dso_commands import OPTIONAL_SOURCE, SOURCE, Source, nothing, registers, setting
 from vcfbench.sim.instruments.dso_function import math_scale, math_trace
 from vcfbench.sim.instruments.dso_screen import Look, screenshot
 from vcfbench.sim.instruments.dso_settings import CHANNELS, default_setup
@@ -50,6 +50,11 @@ def _show(model: Dso7104B, source: str, *, shown: bool) -> None:
     model.state[f"{source}:DISP"] = shown
 
 
+def _blank(model: Dso7104B, source: str | None) -> None:
+    for one in (source,) if source else (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
+        _show(model, one, shown=False)
+
+
 def _activity(model: Dso7104B) -> Any:
     """Return the logic activity of the channels, H above and L below the trigger level, X when both (unverified)."""
     return model.look(lambda: ",".join(("+0", *(_activity_of(model, channel) for channel in CHANNELS))))
@@ -78,7 +83,7 @@ ROOT_COMMANDS = (
         repeat=True,
     ),
     Command("CDISplay", do=nothing),
-    Command("BLANk", (SOURCE,), do=lambda model, source: _show(model, source, shown=False)),
+    Command("BLANk", (OPTIONAL_SOURCE,), do=_blank),
     Command("VIEW", (SOURCE,), do=lambda model, source: _show(model, source, shown=True)),
     Command(
         "STATus",
