@@ -66,9 +66,10 @@ def client(resource: str, messages: list[bytes], control: Control) -> Iterator[s
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            for number in range(1, 6 * len(messages)):
+            for number in range(1, 40 * len(messages)):
                 assert process.stdout.readline() == "sent\n"
-                control.request("advance", seconds=1.0)
+                for _ in range(4):
+                    control.request("advance", seconds=0.25)
                 if number % len(messages) == 0 and turns(control):
                     break
                 process.stdin.write("\n")
