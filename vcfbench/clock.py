@@ -1,16 +1,21 @@
 """Bench time: the one place that reads or spends it.
 
 Everything that waits is handed a :class:`Clock`. On hardware it is a :class:`WallClock`; a simulated
-run has a :class:`VirtualClock`, whose time moves only because someone waits; a served bench has a
-:class:`ScaledClock`.
+run has a :class:`VirtualClock`, whose time moves only because someone waits; a bench that programs open which know
+nothing of simulated time has a :class:`ScaledClock`.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Self
 
 __all__ = ["Clock", "Deadline", "PacedClock", "ScaledClock", "VirtualClock", "WallClock", "sleep", "utc_now"]
 
@@ -101,17 +106,36 @@ class PacedClock:
 
 
 class ScaledClock:
-    """A wall clock that runs `speed` times as fast, for benches served to other programs."""
+    """A wall clock that runs `speed` times as fast, for benches that other programs open.
 
-    __slots__ = ("_speed", "_start")
+    It can be held: in ``with clock:`` time stands still, so that whatever is computed there sees one instant. One
+    thread at a time holds it.
+    """
+
+    __slots__ = ("_depth", "_held_s", "_lock", "_speed", "_start")
 
     def __init__(self, speed: float = 1.0) -> None:
         self._speed = speed
         self._start = time.monotonic()
+        self._lock = threading.RLock()
+        self._depth = 0
+        self._held_s = 0.0
 
     def now(self) -> float:
         """Return the scaled seconds since the clock was made."""
-        return (time.monotonic() - self._start) * self._speed
+        return self._held_s if self._depth else (time.monotonic() - self._start) * self._speed
+
+    def __enter__(self) -> Self:
+        self._lock.acquire()
+        self._held_s = self.now()
+        self._depth += 1
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._depth -= 1
+        self._lock.release()
 
     def sleep_until(self, instant_s: float) -> None:
         """Sleep until `instant_s`."""

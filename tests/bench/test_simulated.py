@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import pyvisa
@@ -9,7 +9,7 @@ import serial
 from vcfbench.bench.file import embedded_text, load_bench, parse_bench
 from vcfbench.bench.front_door import resolve
 from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical_parameters
-from vcfbench.clock import VirtualClock
+from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -67,6 +67,18 @@ def test_any_program_opens_the_bench_by_its_file(tmp_path: Path) -> None:
     assert "GPIB0::17::INSTR" in manager.list_resources()
     assert "34401A" in manager.open_resource("GPIB0::17::INSTR").query("*IDN?")  # type: ignore[attr-defined]
     manager.close()
+
+
+def test_a_clock_that_runs_by_itself_stands_still_while_an_instrument_computes() -> None:
+    """An acquisition begins at the instant at which it was asked for, however fast time goes meanwhile."""
+    bench = SimulatedBench.build(load_bench(None), 0, ScaledClock(10_000.0))
+    with bench.registered() as handle:
+        scope: Any = pyvisa.ResourceManager(f"{handle}@vcfbench").open_resource(bench.description.oscilloscope.resource)
+        scope.timeout = 10_000_000
+        for _ in range(5):
+            scope.write(":DIG")
+            assert scope.query("*OPC?") == "1\n"
+        scope.close()
 
 
 def test_without_a_file_it_is_the_paper_bench() -> None:

@@ -6,10 +6,14 @@ still happen at its own instant, or the World would see it late; so the devices 
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, Protocol
+
+from vcfbench.clock import ScaledClock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from contextlib import AbstractContextManager
 
     from vcfbench.clock import Clock
 
@@ -32,12 +36,14 @@ class AttendedClock:
         devices: the devices to look in on; more by :meth:`attend`, because a device is made with its clock.
     """
 
-    __slots__ = ("_clock", "_devices", "now")
+    __slots__ = ("_clock", "_devices", "held", "now")
 
     def __init__(self, clock: Clock, devices: Iterable[Attended] = ()) -> None:
         self._clock = clock
         self._devices = tuple(devices)
         self.now = clock.now
+        self.held: AbstractContextManager[object] = clock if isinstance(clock, ScaledClock) else threading.RLock()
+        """Entered around every call of a device: one at a time, and a clock that runs by itself stands still."""
 
     def attend(self, *devices: Attended) -> None:
         """Look in on `devices` too, once each."""
@@ -54,8 +60,9 @@ class AttendedClock:
         if instant_s <= self.now():
             return instant_s
         due = instant_s
-        for device in self._devices:
-            wake = device.wake_at()
-            if wake is not None and self.now() < wake < due:
-                due = wake
+        with self.held:
+            for device in self._devices:
+                wake = device.wake_at()
+                if wake is not None and self.now() < wake < due:
+                    due = wake
         return due

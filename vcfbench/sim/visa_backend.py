@@ -12,7 +12,6 @@ the count. A serial session ends reads at its termination character even without
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Mapping
 from itertools import count
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, cast
@@ -72,7 +71,7 @@ class _Bench:
         self.places = {place.name.upper(): place for place in places}
         self.clock = clock if isinstance(clock, AttendedClock) else AttendedClock(clock)
         self.clock.attend(*instruments.values())
-        self.lock = threading.RLock()
+        self.lock = self.clock.held
 
 
 class _Session:
