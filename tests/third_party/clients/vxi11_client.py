@@ -1,4 +1,4 @@
-"""Run in python-vxi11's environment: everything that its Instrument and CoreClient can do; prints what was seen as JSON.
+"""Run in python-vxi11's environment: all that its Instrument and CoreClient can do; prints what was seen as JSON.
 
 Its rpc module has a server too, on which the interrupt program stands: service requests are received by code that
 nobody here wrote.
