@@ -63,6 +63,17 @@ def test_control_c_is_device_clear() -> None:
         assert port.read_until(b"\n") == b"+0\r\n"
 
 
+def test_control_c_drops_what_waits_behind_a_question() -> None:
+    with served_lamp(speed=0.01) as served, serial.Serial(device(served.resource("pty")), timeout=5.0) as port:
+        instrument = served.server.instruments["lamp"]
+        port.write(b"WAIT?\n")
+        eventually(lambda: instrument.busy)
+        port.write(b"*IDN?\n")
+        eventually(lambda: bool(instrument.waiting))
+        port.write(b"\x03COUN?\n")
+        assert port.read_until(b"\n") == b"+0\r\n"
+
+
 def test_a_line_can_be_closed_and_opened_again(served: Served) -> None:
     for _ in range(5):
         with serial.Serial(device(served.resource("pty")), timeout=5.0) as port:

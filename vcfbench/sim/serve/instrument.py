@@ -342,6 +342,8 @@ class Instrument:
         """Device clear from `client`: whatever runs is ended, and nobody is owed an answer."""
         client.partial.clear()
         client.backlog.clear()
+        self._lose_turn(client)
+        client.relieved()
         if self.engine is not None:
             self.engine.interface = client.interface
         self.device.clear()
@@ -373,8 +375,7 @@ class Instrument:
     def forget(self, client: Client) -> None:
         """Do without `client`; the answer that it is owed goes nowhere."""
         self.clients.discard(client)
-        if client.queued:
-            self.waiting.remove(client)
+        self._lose_turn(client)
         if self.holder is client:
             nobody = _Nobody(self, SOCKET)
             self.clients.discard(nobody)
@@ -384,6 +385,11 @@ class Instrument:
             self.unlock()
         self.turn()
         self.touched()
+
+    def _lose_turn(self, client: Client) -> None:
+        if client.queued:
+            self.waiting.remove(client)
+            client.queued = False
 
     def unlock(self) -> None:
         """Give the lock back and let those who wait for it try again."""
