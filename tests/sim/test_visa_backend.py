@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 import pyvisa
 from pyvisa import constants
-from pyvisa.constants import StatusCode
+from pyvisa.constants import AccessModes, StatusCode
 
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
@@ -200,6 +200,28 @@ def test_locks(station: Station) -> None:
             other.query("*OPC?")
         assert caught.value.error_code == StatusCode.error_resource_locked
     assert other.query("*OPC?") == "1\n"
+
+
+def test_shared_locks(station: Station) -> None:
+    """Who takes part may talk, who does not may not; nobody gets an exclusive one meanwhile."""
+    mine, ours, other = (station.open() for _ in range(3))
+    assert mine.lock(requested_key="ours") == "ours"
+    ours.lock(requested_key="ours")
+    assert {each.lock_state for each in (mine, ours, other)} == {AccessModes.shared_lock}
+    assert mine.query("*OPC?") == ours.query("*OPC?") == "1\n"
+    for refused in (lambda: other.query("*OPC?"), other.lock_excl, mine.lock_excl):
+        with pytest.raises(pyvisa.VisaIOError) as caught:
+            refused()
+        assert caught.value.error_code == StatusCode.error_resource_locked
+    ours.close()
+    mine.lock_excl()
+    assert mine.lock_state == AccessModes.exclusive_lock
+    mine.unlock()
+    mine.unlock()
+    assert other.lock_state == AccessModes.no_lock
+    with pytest.raises(pyvisa.VisaIOError) as caught:
+        mine.unlock()
+    assert caught.value.error_code == StatusCode.error_session_not_locked
 
 
 def test_benches_side_by_side(station: Station) -> None:

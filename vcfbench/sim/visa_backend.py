@@ -17,7 +17,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, cast
 
 from pyvisa import attributes, constants, errors, highlevel, rname
-from pyvisa.constants import EventType, InterfaceType, ResourceAttribute, StatusCode
+from pyvisa.constants import AccessModes, EventType, InterfaceType, ResourceAttribute, StatusCode
 from pyvisa.typing import VISAEventContext, VISARMSession, VISASession
 from pyvisa.util import LibraryPath
 
@@ -52,13 +52,26 @@ Resolver: TypeAlias = Callable[[str], SimulatedInstruments]
 class _Place:
     """A device where VISA finds it."""
 
-    __slots__ = ("device", "name", "owner", "parsed")
+    __slots__ = ("device", "name", "owner", "parsed", "sharers")
 
     def __init__(self, name: str, device: Device) -> None:
         self.parsed = rname.ResourceName.from_string(name)
         self.name = str(self.parsed)
         self.device = device
         self.owner: VISASession | None = None
+        self.sharers: set[VISASession] = set()
+
+    def locked_against(self, session: VISASession) -> bool:
+        """Tell whether somebody else holds a lock in which `session` has no part."""
+        if self.owner is not None:
+            return self.owner != session
+        return bool(self.sharers) and session not in self.sharers
+
+    def lock_state(self) -> AccessModes:
+        """Return how it is locked."""
+        if self.owner is not None:
+            return AccessModes.exclusive_lock
+        return AccessModes.shared_lock if self.sharers else AccessModes.no_lock
 
 
 class _Bench:
@@ -246,8 +259,9 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def close(self, session: VISASession | VISAEventContext | VISARMSession) -> StatusCode:
         """Close a session, an event context or the resource manager."""
         closed = self._sessions.pop(session, None)
-        if closed is not None and closed.place.owner == session:
-            closed.place.owner = None
+        if closed is not None:
+            closed.place.owner = None if closed.place.owner == session else closed.place.owner
+            closed.place.sharers.discard(cast("VISASession", session))
         self._contexts.discard(session)
         self._last_status_in_session.pop(session, None)
         return StatusCode.success
@@ -391,26 +405,34 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     @staticmethod
     def _check_owner(session: VISASession, opened: _Session) -> None:
-        if opened.place.owner is not None and opened.place.owner != session:
+        if opened.place.locked_against(session):
             raise errors.VisaIOError(StatusCode.error_resource_locked)
 
     def lock(
         self, session: VISASession, lock_type: constants.Lock, timeout: int, requested_key: str | None = None
     ) -> tuple[str, StatusCode]:
-        """Take the exclusive lock (a shared one is granted and does nothing)."""
+        """Take a lock, at once or not at all; all who ask for a shared one have it, whatever their key."""
         del timeout
         opened = self._session(session)
-        self._check_owner(session, opened)
-        if lock_type == constants.Lock.exclusive:
-            opened.place.owner = session
+        place = opened.place
+        exclusive = lock_type == constants.Lock.exclusive
+        if place.owner not in {None, session} or (exclusive and place.sharers - {session}):
+            raise errors.VisaIOError(StatusCode.error_resource_locked)
+        if exclusive:
+            place.owner = session
+        else:
+            place.sharers.add(session)
         return requested_key or "", self._done(session)
 
     def unlock(self, session: VISASession) -> StatusCode:
-        """Give the lock back."""
-        opened = self._session(session)
-        if opened.place.owner != session:
+        """Give a lock back, the exclusive one first."""
+        place = self._session(session).place
+        if place.owner == session:
+            place.owner = None
+        elif session in place.sharers:
+            place.sharers.discard(session)
+        else:
             raise errors.VisaIOError(StatusCode.error_session_not_locked)
-        opened.place.owner = None
         return self._done(session)
 
     # --- attributes ---------------------------------------------------------------------------------------
@@ -423,6 +445,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """Return an attribute, its VISA default when it was never set."""
         opened = self._session(session)
         known = _known_attribute(opened, attribute)
+        if attribute == ResourceAttribute.resource_lock_state:
+            return opened.place.lock_state(), self._done(session)
         if attribute == ResourceAttribute.asrl_avalaible_number:
             return _available(opened), self._done(session)
         pin = None if opened.line is None else visa_serial.pin(opened.line, attribute)
