@@ -14,6 +14,7 @@ import pytest
 from tests.conformance import walk
 from vcfbench.drivers import replies
 from vcfbench.drivers.dso7104b import Preamble
+from vcfbench.errors import TransportError
 
 IDENTITIES = [
     ("agilent33220a", "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2"),
@@ -21,9 +22,36 @@ IDENTITIES = [
     ("dso7104b", "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003"),
     ("hp34401a", "HEWLETT-PACKARD,34401A,0,10-5-2"),
     ("hp34401a", "HEWLETT-PACKARD,34401A,0,11-5-2"),
+    ("hp34401a", "HEWLETT-PACKARD,34401A,0,3-1-1"),
+    ("hp34401a", "HEWLETT-PACKARD,34401A,0,7-5-2"),
+    ("agilent33220a", "Agilent Technologies,33220A,MY44053237,2.07-2.06-22-2"),
+    ("agilent33220a", "Agilent Technologies,33220A,MY44022852,2.07-2.02-22-2"),
     ("e3631a", "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"),
+    ("e3631a", "HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0"),
+    ("e3631a", "HEWLETT-PACKARD,E3631A,0,3.2-6.0-2.0"),
 ]
-"""Of real units; the last three are typical rather than recorded."""
+"""Of real units, as their owners' programs compare or print them."""
+
+ERROR_WORDS = [
+    # https://github.com/pymeasure/pymeasure/issues/1081: a 34401A on a serial line whose setting was another one
+    ("hp34401a", "CONF:VOLT#DC", '-101,"Invalid character"'),
+    # https://github.com/xyphro/UsbGpib/issues/39: a 34401A and an E3632A after half a *IDN?
+    ("hp34401a", "DN?", '-113,"Undefined header"'),
+    ("e3631a", "DN?", '-113,"Undefined header"'),
+]
+"""Model, what provokes the entry, and the entry as it was read from the real unit."""
+
+UNTERMINATED = '-420,"Query UNTERMINATED"'
+"""https://github.com/xyphro/UsbGpib/issues/39, 34401A and E3632A; https://github.com/ngscopeclient/scopehal/pull/1015,
+a DSO-X 2022A."""
+
+READINGS = [
+    # https://github.com/PY1CX/HP-34401A-Python, and print-outs in two more READMEs
+    ("+1.00010310E+01", 10.001031),
+    ("+1.60750000E-05", 1.6075e-5),
+    ("+2.29700000E-05", 2.297e-5),
+]
+"""Replies of 34401As to READ? and MEASure?, and their values."""
 
 PREAMBLE = "+0,+0,+1000,+1,+2.00000000E-010,-1.00000000E-007,+0,+3.12500000E-002,+1.25000000E-002,+128"
 CHANNEL = (
@@ -91,6 +119,36 @@ def test_a_recorded_learn_string_can_be_sent_back() -> None:
 @pytest.mark.parametrize("reply", POWER_ON)
 def test_numbers_of_a_recorded_power_on_dump(reply: str) -> None:
     assert f"{replies.number(reply):+.13E}" == reply
+
+
+@pytest.mark.parametrize(("model", "stimulus", "entry"), ERROR_WORDS)
+def test_error_entries_are_the_recorded_ones(model: str, stimulus: str, entry: str) -> None:
+    bench = walk.bench(model)
+    bench.write(stimulus)
+    assert (bench.ask("SYST:ERR?") or "").rstrip() == entry
+    assert replies.error_entry(entry) == (int(entry.partition(",")[0]), entry.partition(",")[2].strip('"'))
+
+
+@pytest.mark.parametrize("model", ["hp34401a", "e3631a", "dso7104b"])
+def test_a_read_with_nothing_to_say_leaves_the_recorded_entry(model: str) -> None:
+    bench = walk.bench(model)
+    assert bench.read(0.1) is None
+    assert (bench.ask("SYST:ERR?") or "").rstrip() == UNTERMINATED
+    assert replies.error_entry(UNTERMINATED) == (-420, "Query UNTERMINATED")
+
+
+@pytest.mark.parametrize(("reply", "value"), READINGS)
+def test_recorded_readings_are_understood_and_of_the_simulated_form(reply: str, value: float) -> None:
+    assert replies.reading(reply) == value
+    simulated = walk.bench("hp34401a").ask("READ?") or ""
+    assert re.fullmatch(r"[+-]\d\.\d{8}E[+-]\d\d", simulated)
+    assert len(simulated) == len(reply) == 15
+
+
+def test_a_preamble_that_is_only_a_zero_is_refused() -> None:
+    """A DSO-X 2022A has answered +0 to :WAV:PRE? (https://github.com/ngscopeclient/scopehal/pull/1015)."""
+    with pytest.raises(TransportError):
+        Preamble.parse(replies.numbers("+0"))
 
 
 @pytest.mark.parametrize(
