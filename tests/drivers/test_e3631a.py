@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 
 import pytest
 
@@ -199,3 +200,90 @@ def test_on_rs232_the_supply_is_made_remote_first_and_left_time_after_commands()
         begin_s = supply.clock.now()
         supply.disable_outputs()
         assert supply.clock.now() - begin_s == pytest.approx(0.5)
+
+
+RATINGS = {"P6V": (6.18, 5.15), "P25V": (25.75, 1.03), "N25V": (-25.75, 1.03)}
+"""Guide p. 91: what can be programmed."""
+
+
+@pytest.mark.parametrize("output", RATINGS)
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_the_ends_of_what_can_be_programmed_are_sent(output: str, share: float) -> None:
+    volts, amps = (share * end for end in RATINGS[output])
+    exchanges: list[Exchange] = [
+        (f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {amps:g};:VOLT {volts + 0.0:g}", None),
+        NO_ERROR,
+        ("VOLT?", f"{volts + 0.0:+.8E}"),
+        ("CURR?", f"{amps:+.8E}"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
+        supply.configure_output(output, volts, amps)
+
+
+@pytest.mark.parametrize("output", RATINGS)
+def test_beyond_the_ends_nothing_is_sent(output: str) -> None:
+    volts, amps = RATINGS[output]
+    beyond = math.copysign(0.01, volts)
+    with expected_exchange(OPEN, OPENING) as supply:
+        for wrong_v, wrong_a in ((volts + beyond, amps), (-beyond, amps), (volts, amps + 0.01), (volts, -0.001)):
+            with pytest.raises(LimitError):
+                supply.configure_output(output, wrong_v, wrong_a)
+
+
+@pytest.mark.parametrize(
+    ("output", "step_v", "step_a"), [("P6V", 5e-4, 5e-4), ("P25V", 1.5e-3, 1e-4), ("N25V", 1.5e-3, 1e-4)]
+)
+@pytest.mark.parametrize(
+    ("off_v", "off_a"), [(1.5, 1.5), (-1.5, -1.5), (3.0, 0.0), (-3.0, 0.0), (0.0, 3.0), (0.0, -3.0)]
+)
+def test_settings_agree_within_two_steps(output: str, step_v: float, step_a: float, off_v: float, off_a: float) -> None:
+    """Steps of the programming resolution, guide p. 186; read back so many of them off."""
+    volts = math.copysign(5.0, RATINGS[output][0])
+    exchanges: list[Exchange] = [
+        (f"OUTP:TRAC OFF;:INST:SEL {output};:CURR 0.1;:VOLT {volts:g}", None),
+        NO_ERROR,
+        ("VOLT?", f"{volts + off_v * step_v:+.8E}"),
+        ("CURR?", f"{0.1 + off_a * step_a:+.8E}"),
+    ]
+    within = max(abs(off_v), abs(off_a)) < 2.0
+    sent = exchanges if abs(off_v) < 2.0 else exchanges[:-1]
+    expected = nullcontext() if within else pytest.raises(InstrumentError, match="reads back")
+    with expected_exchange(OPEN, [*OPENING, *sent]) as supply, expected:
+        supply.configure_output(output, volts, 0.1)
+
+
+def test_measuring_an_output_that_is_none_sends_nothing() -> None:
+    with expected_exchange(OPEN, OPENING) as supply:
+        for measure in (supply.measure_voltage_v, supply.measure_current_a, supply.regulation):
+            with pytest.raises(LimitError, match="there is no output 'P26V'"):
+                measure("P26V")
+
+
+@pytest.mark.parametrize(("output", "number"), [("P6V", 1), ("P25V", 2), ("N25V", 3)])
+def test_each_output_has_its_register_and_other_bits_do_not_matter(output: str, number: int) -> None:
+    """Bits 0 and 1 say how it is regulated (guide p. 118)."""
+    with expected_exchange(OPEN, [*OPENING, (f"STAT:QUES:INST:ISUM{number}:COND?", "+18")]) as supply:
+        assert supply.regulation(output) is Regulation.CONSTANT_VOLTAGE
+
+
+def test_a_switch_that_stays_on_is_not_safe() -> None:
+    attempt: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "1")]
+    with expected_exchange(OPEN, [*OPENING, *attempt * 3]) as supply:
+        report = supply.make_safe(Deadline.after(supply.clock, 10.0))
+        assert (report.safe, "the outputs stay on" in report.detail) == (False, True)
+
+
+@pytest.mark.parametrize("live", ["P6V", "P25V", "N25V"])
+def test_a_terminal_that_discharges_is_waited_for_whatever_its_sign(live: str) -> None:
+    def measured(volts: float) -> list[Exchange]:
+        return [(f"MEAS:VOLT? {name}", f"{volts if name == live else 0.0:+.8E}") for name in RATINGS]
+
+    sign = -1.0 if live == "N25V" else 1.0
+    safe: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
+    with expected_exchange(
+        OPEN, [*OPENING, *safe, *measured(5.0 * sign), *measured(0.6 * sign), *measured(0.4)]
+    ) as supply:
+        begin_s = supply.clock.now()
+        report = supply.make_safe(Deadline.after(supply.clock, 10.0))
+        assert (report.safe, report.detail) == (True, "outputs off, no more than 0.4 V at the terminals")
+        assert supply.clock.now() - begin_s == pytest.approx(0.2)

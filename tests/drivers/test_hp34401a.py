@@ -99,3 +99,41 @@ def test_a_meter_that_says_nothing_is_not_safe() -> None:
 def test_on_rs232_it_is_made_remote_before_anything() -> None:
     with expected_exchange(OPEN, [("SYST:REM", None), *OPENING], interface="asrl"):
         pass
+
+
+@pytest.mark.parametrize("range_v", [0.1, 1.0, 10.0, 100.0, 1000.0])
+@pytest.mark.parametrize("nplc", [0.02, 0.2, 1.0, 10.0, 100.0])
+def test_every_range_and_integration_time_of_the_manual(range_v: float, nplc: float) -> None:
+    exchanges: list[Exchange] = [
+        (f"CONF:VOLT:DC {range_v:g}", None),
+        (f"VOLT:DC:NPLC {nplc:g}", None),
+        *CONFIGURED[2:5],
+        ("VOLT:DC:RANG?", f"{range_v:+.8E}"),
+        ("VOLT:DC:NPLC?", f"{nplc:+.8E}"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
+        meter.configure_dc_voltage(range_v, nplc)
+
+
+@pytest.mark.parametrize("found", ["+1.00000000E+00", "+9.99980000E+00", "-1.00000000E+01"])
+def test_a_lower_range_than_asked_for_is_an_error_too(found: str) -> None:
+    with (
+        expected_exchange(OPEN, [*OPENING, *CONFIGURED[:5], ("VOLT:DC:RANG?", found)]) as meter,
+        pytest.raises(InstrumentError, match="reads back"),
+    ):
+        meter.configure_dc_voltage(10.0, 10.0)
+
+
+def test_before_it_is_configured_a_reading_takes_as_long_as_after_a_reset() -> None:
+    """10 power-line cycles (guide p. 61), at the 50 Hz that a bench has unless it says otherwise."""
+    with expected_exchange(OPEN, OPENING) as meter:
+        assert meter.reading_time_s == pytest.approx(2 * 10 / 50.0, abs=0.1)
+
+
+def test_configuring_may_take_as_long_as_a_reading_that_is_under_way() -> None:
+    exchanges: list[Exchange] = [*CONFIGURED[:4], ("SYST:ERR?", None)]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
+        begin_s = meter.clock.now()
+        with pytest.raises(DeadlineExceeded):
+            meter.configure_dc_voltage(10.0, 10.0)
+        assert meter.clock.now() - begin_s == pytest.approx(1.0 + meter.reading_time_s)

@@ -1,0 +1,76 @@
+"""Every driver makes its instrument safe over a connection that was lost: it connects anew, and proves it there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.drivers.openings import NO_ERROR, opening
+from vcfbench.clock import Deadline, VirtualClock
+from vcfbench.drivers.agilent33220a import Agilent33220A
+from vcfbench.drivers.dso7104b import Dso7104B
+from vcfbench.drivers.e3631a import E3631A
+from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.session import Session
+from vcfbench.testing import Exchange, ScriptedWire
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+OUTPUTS, ZERO = ("P6V", "P25V", "N25V"), "+0.00000000E+00"
+SAFE: list[tuple[Callable[..., Any], str, list[Exchange]]] = [
+    (
+        E3631A,
+        "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0",
+        [
+            ("OUTP OFF", None),
+            NO_ERROR,
+            ("OUTP?", "0"),
+            *((f"MEAS:VOLT? {name}", ZERO) for name in ("P6V", "P25V", "N25V")),
+        ],
+    ),
+    (
+        Agilent33220A,
+        "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2",
+        [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")],
+    ),
+    (Hp34401A, "HEWLETT-PACKARD,34401A,0,10-5-2", [("*OPC?", "1")]),
+    (
+        Dso7104B,
+        "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003",
+        [(":STOP", None), NO_ERROR, (":OPER:COND?", "+0")],
+    ),
+]
+
+
+@pytest.mark.parametrize(("driver", "identity", "safe"), SAFE, ids=lambda value: getattr(value, "__name__", ""))
+def test_a_lost_connection_is_made_anew_to_make_it_safe(
+    driver: Callable[..., Any], identity: str, safe: list[Exchange]
+) -> None:
+    clock = VirtualClock()
+    again = ScriptedWire([("*IDN?", identity), ("*OPC?", "1"), NO_ERROR, *safe], clock=clock)
+    session = Session(
+        ScriptedWire(opening(identity), clock=clock),
+        name="device",
+        resource="SCRIPT",
+        clock=clock,
+        timeout_s=1.0,
+        reconnect=lambda _deadline: again,
+    )
+    instrument = driver(session)
+    session.close()
+    report = instrument.make_safe(Deadline.after(clock, 5.0))
+    assert report.safe, report.detail
+    again.require_done()
+    assert again.clears >= 1
+
+
+def test_the_meter_is_cleared_before_it_is_called_idle() -> None:
+    """A reading of minutes is aborted, not waited for."""
+    clock = VirtualClock()
+    wire = ScriptedWire([*opening("HEWLETT-PACKARD,34401A,0,10-5-2"), ("*OPC?", "1")], clock=clock)
+    meter = Hp34401A(Session(wire, name="multimeter", resource="SCRIPT", clock=clock, timeout_s=1.0))
+    before = wire.clears
+    assert meter.make_safe(Deadline.after(clock, 5.0)).safe
+    assert wire.clears == before + 1
