@@ -155,3 +155,116 @@ def test_safe_is_reached_after_a_lost_answer_and_a_stale_error() -> None:
 def test_on_lan_it_is_made_remote_first(interface: str) -> None:
     with expected_exchange(OPEN, [("SYST:COMM:RLST REM", None), *OPENING], interface=interface):  # type: ignore[arg-type]
         pass
+
+
+def sine(frequency_hz: float, amplitude_vpp: float, offset_v: float, found: tuple[float, ...] = ()) -> list[Exchange]:
+    """What setting up a sine says, and what is read back: what was set, or `found`."""
+    frequency, amplitude, offset = found or (frequency_hz, amplitude_vpp, offset_v)
+    return [
+        *OPEN_CIRCUIT,
+        ("VOLT:OFFS 0", None),
+        ("FUNC SIN", None),
+        ("VOLT:UNIT VPP", None),
+        (f"FREQ {frequency_hz:.9g}", None),
+        (f"VOLT {amplitude_vpp:.9g}", None),
+        (f"VOLT:OFFS {offset_v:.9g}", None),
+        NO_ERROR,
+        ("FREQ?", f"{frequency:+.13E}"),
+        ("VOLT?", f"{amplitude:+.13E}"),
+        ("VOLT:OFFS?", f"{offset:+.13E}"),
+    ]
+
+
+@given(st.floats().filter(lambda v: not abs(v) <= 10.0))
+def test_a_change_beyond_ten_volts_is_not_sent_either(voltage_v: float) -> None:
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC]) as generator:
+        generator.configure_dc(0.0)
+        with pytest.raises(LimitError, match="nothing was sent"):
+            generator.set_dc(voltage_v)
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "amplitude_vpp", "offset_v"),
+    [(1e-6, 0.02, 0.0), (20e6, 20.0, 0.0), (3464.1, 2.0, 9.0), (3464.1, 2.0, -9.0), (1.0, 1.0, 0.0)],
+)
+def test_the_ends_of_the_ranges_are_sent(frequency_hz: float, amplitude_vpp: float, offset_v: float) -> None:
+    """1 uHz to 20 MHz, 20 mVpp to 20 Vpp into an open circuit, peaks up to 10 V."""
+    with expected_exchange(OPEN, [*OPENING, *sine(frequency_hz, amplitude_vpp, offset_v)]) as generator:
+        generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "amplitude_vpp", "offset_v"),
+    [(0.9e-6, 1.0, 0.0), (20.1e6, 1.0, 0.0), (1e3, 0.019, 0.0), (1e3, 20.1, 0.0), (1e3, 2.0, 9.1), (1e3, 2.0, -9.1)],
+)
+def test_beyond_the_ends_nothing_is_sent(frequency_hz: float, amplitude_vpp: float, offset_v: float) -> None:
+    with expected_exchange(OPEN, OPENING) as generator, pytest.raises(LimitError, match="nothing was sent"):
+        generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
+
+
+def test_a_sine_has_no_offset_unless_told_and_may_be_put_out() -> None:
+    exchanges: list[Exchange] = [*sine(1e3, 1.0, 0.0), ("OUTP ON", None), NO_ERROR, ("OUTP?", "1")]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        generator.configure_sine(1e3, 1.0)
+        generator.enable_output()
+
+
+@pytest.mark.parametrize(
+    ("found", "read"),
+    [
+        ((3464.0, 2.0, 1.0), 1),
+        ((3464.1 + 1e-4, 2.0, 1.0), 1),
+        ((3464.1, 1.998, 1.0), 2),
+        ((3464.1, 2.0, 1.002), 3),
+        ((3464.1, 2.0, -1.0), 3),
+    ],
+)
+def test_a_sine_that_reads_back_otherwise_is_an_error(found: tuple[float, ...], read: int) -> None:
+    exchanges = sine(3464.1, 2.0, 1.0, found)
+    with (
+        expected_exchange(OPEN, [*OPENING, *exchanges[: len(exchanges) - 3 + read]]) as generator,
+        pytest.raises(InstrumentError, match="reads back"),
+    ):
+        generator.configure_sine(3464.1, 2.0, 1.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("level_v", "step_v"), [(0.5, 1e-3), (2.0, 1e-3), (9.999, 1e-3), (10.0, 1e-2)])
+def test_a_level_agrees_within_one_unit_of_its_fourth_digit(level_v: float, step_v: float, sign: float) -> None:
+    def answers(off_v: float) -> list[Exchange]:
+        return [
+            (f"VOLT:OFFS {sign * level_v:g}", None),
+            NO_ERROR,
+            ("VOLT:OFFS?", f"{sign * level_v + off_v:+.13E}"),
+        ]
+
+    agreeing = [*answers(step_v), *answers(-step_v)]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *agreeing, *answers(1.01 * step_v)]) as generator:
+        generator.configure_dc(0.0)
+        for _ in range(2):
+            generator.set_dc(sign * level_v)
+        with pytest.raises(InstrumentError, match="reads back"):
+            generator.set_dc(sign * level_v)
+
+
+def test_a_relay_that_does_not_follow_is_an_error() -> None:
+    switched: list[Exchange] = [
+        ("OUTP ON", None),
+        NO_ERROR,
+        ("OUTP?", "0"),
+        ("OUTP OFF", None),
+        NO_ERROR,
+        ("OUTP?", "1"),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *switched]) as generator:
+        generator.configure_dc(0.0)
+        with pytest.raises(InstrumentError, match="was set to on but reads back off"):
+            generator.enable_output()
+        with pytest.raises(InstrumentError, match="was set to off but reads back on"):
+            generator.disable_output()
+
+
+def test_a_relay_that_may_not_open_says_so() -> None:
+    refused: list[Exchange] = [("OUTP OFF", None), ("SYST:ERR?", '-113,"Undefined header"'), NO_ERROR]
+    with expected_exchange(OPEN, [*OPENING, *refused]) as generator, pytest.raises(InstrumentError, match="-113"):
+        generator.disable_output()
