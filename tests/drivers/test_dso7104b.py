@@ -8,7 +8,7 @@ import pytest
 from tests.drivers.openings import NO_ERROR, opening
 from vcfbench.clock import Deadline
 from vcfbench.drivers.dso7104b import Dso7104B, Preamble
-from vcfbench.errors import FramingError, InstrumentError, LimitError, MeasurementError
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003")
@@ -159,3 +159,73 @@ def test_running_is_an_instrument_error() -> None:
         pytest.raises(InstrumentError),
     ):
         scope.check_errors()
+
+
+@pytest.mark.parametrize("scale", [2e-3, 5e3])
+def test_the_ends_of_the_vertical_scale_are_sent(scale: float) -> None:
+    """2 mV/div, and 5 V/div at a probe of 1000:1; the offset is 0 unless it is told."""
+    setting = ["DISP 1", "COUP DC", "IMP ONEM", f"SCAL {scale:g}", "OFFS 0"]
+    with expected_exchange(OPEN, [*OPENING, *((f":CHAN4:{each}", None) for each in setting), NO_ERROR]) as scope:
+        scope.configure_channel(4, scale)
+
+
+@pytest.mark.parametrize("scale", [500e-12, 50.0])
+def test_the_ends_of_the_time_base_are_sent(scale: float) -> None:
+    setting = ["MODE MAIN", "REF CENT", f"SCAL {scale:g}", "POS 0"]
+    with expected_exchange(OPEN, [*OPENING, *((f":TIM:{each}", None) for each in setting), NO_ERROR]) as scope:
+        scope.configure_timebase(scale)
+
+
+def test_scales_it_does_not_have_are_not_sent() -> None:
+    with expected_exchange(OPEN, OPENING) as scope:
+        for volts in (1.9e-3, 5.1e3, -1.0, float("nan")):
+            with pytest.raises(LimitError, match="scale of channel 2"):
+                scope.configure_channel(2, volts)
+        for seconds in (4.9e-10, 51.0, -1.0, float("nan")):
+            with pytest.raises(LimitError, match="time base"):
+                scope.configure_timebase(seconds)
+        for points in (99, 8_000_001):
+            with pytest.raises(LimitError, match="number of points"):
+                scope.waveform(1, points)
+
+
+@pytest.mark.parametrize(("scale_s", "waits_s"), [(None, 1.0 + 1.0 + 2e-3), (0.5, 1.0 + 1.0 + 10.0)])
+def test_a_record_is_waited_for_as_long_as_two_of_them_take(scale_s: float | None, waits_s: float) -> None:
+    """Ten divisions, twice; a second for the automatic trigger, and the time-out of 1 s. After a reset, 100 us/div."""
+    timebase = [":TIM:MODE MAIN", ":TIM:REF CENT", ":TIM:SCAL 0.5", ":TIM:POS 0"]
+    before: list[Exchange] = [] if scale_s is None else [*((each, None) for each in timebase), NO_ERROR]
+    record: list[Exchange] = [(":ACQ:TYPE NORM", None), (":DIG CHAN1", None), ("*OPC?", None)]
+    with expected_exchange(OPEN, [*OPENING, *before, *record]) as scope:
+        if scale_s is not None:
+            scope.configure_timebase(scale_s)
+        begin_s = scope.clock.now()
+        with pytest.raises(DeadlineExceeded):
+            scope.acquire(1)
+        assert scope.clock.now() - begin_s == pytest.approx(waits_s, rel=1e-6)
+
+
+def test_what_a_record_was_refused_for_is_raised() -> None:
+    record: list[Exchange] = [(":ACQ:TYPE NORM", None), (":DIG CHAN1", None), ("*OPC?", "1")]
+    with (
+        expected_exchange(OPEN, [*OPENING, *record, ("SYST:ERR?", '-221,"Settings conflict"'), NO_ERROR]) as scope,
+        pytest.raises(InstrumentError, match="-221"),
+    ):
+        scope.acquire(1)
+
+
+def test_long_records_are_given_the_time_that_they_take() -> None:
+    """250 kB/s beside the time-out of 1 s."""
+    exchanges: list[Exchange] = [*DOWNLOAD[:3], (":WAV:POIN:MODE RAW", None), (":WAV:POIN 1000000", None), NO_ERROR]
+    exchanges += [(":WAV:PRE?", PREAMBLE.replace("+1000", "+1000000")), (":WAV:DATA?", None)]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
+        begin_s = scope.clock.now()
+        with pytest.raises(DeadlineExceeded):
+            scope.waveform(1, 1_000_000)
+        assert scope.clock.now() - begin_s == pytest.approx(1.0 + 4.0)
+
+
+def test_instants_count_from_the_reference_point() -> None:
+    """Steps from the reference, and the origin: (i - reference) step + origin."""
+    preamble = Preamble.parse((0.0, 0.0, 3.0, 1.0, 2.0, 5.0, 1.0, 0.5, 10.0, 100.0))
+    assert preamble.times_s().tolist() == [3.0, 5.0, 7.0]
+    assert preamble.voltages_v(np.array([98, 100, 102], np.uint8)).tolist() == [9.0, 10.0, 11.0]
