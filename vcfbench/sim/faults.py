@@ -48,7 +48,7 @@ from collections import deque
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from vcfbench.sim.instruments.dmm_math import OVERLOAD
+from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.scpi import ScpiError, ScpiInstrument
 
 if TYPE_CHECKING:

@@ -1,1 +1,1 @@
-"""The simulated instruments, one file a model."""
+"""The simulated instruments, one package a model."""

@@ -1,0 +1,214 @@
+"""A simulated Agilent 33220A, 20 MHz function generator, on the V_Vc input of the PCB.
+
+The manual itself was not at hand: ranges, coupling rules and most wordings come from its quotations in public
+drivers and from the guides of its siblings (33210A, 33250A, 33500 series), and the power-on replies from the record
+of a real 33250A. What only general knowledge supports (the words of -221 and -222, errors 781...788, times, which
+parameter wins a conflict) is unverified.
+
+The parts: `commands` is the command table, `settings` what can be set, `levels` the
+amplitude and offset, `rules` what goes together, `arbitrary` the waveform memory.
+`modulation` makes of the settings what comes out: `waveforms` by `phases`, played by
+`playing`, or `noise`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Protocol
+
+from vcfbench.sim.instruments.agilent33220a.arbitrary import ArbitraryMemory
+from vcfbench.sim.instruments.agilent33220a.commands import TABLE
+from vcfbench.sim.instruments.agilent33220a.levels import Levels
+from vcfbench.sim.instruments.agilent33220a.modulation import Player
+from vcfbench.sim.instruments.agilent33220a.rules import Rules
+from vcfbench.sim.instruments.agilent33220a.settings import RESET, GeneratorErrors, OutputRange
+from vcfbench.sim.scpi import (
+    GPIB,
+    LAN,
+    USB,
+    Dialect,
+    Register,
+    ScpiEngine,
+    ScpiError,
+    ScpiInstrument,
+    Status,
+    clip,
+)
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Clock
+    from vcfbench.sim.sources import Drive, Played
+
+__all__ = ["TABLE", "Agilent33220A", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+
+
+class GeneratorWorld(Protocol):
+    """What the generator needs of the World."""
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        ...
+
+    def drive_v_vc(self, source: Drive | Played | None) -> None:
+        """Connect the source to the V_Vc input, or None."""
+        ...
+
+
+class Agilent33220A(ScpiInstrument):
+    """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own."""
+
+    def __init__(
+        self, world: GeneratorWorld, errors: GeneratorErrors, interface: str = "usb", noise_seed: int = 0
+    ) -> None:
+        self._world = world
+        self.state: dict[str, Any] = dict(RESET)
+        self._stored: dict[int, dict[str, Any]] = {}
+        self.state_names = {0: "AUTO_RECALL", 1: "STATE_1", 2: "STATE_2", 3: "STATE_3", 4: "STATE_4"}
+        self.auto_recall = False
+        self.panel: dict[str, Any] = {"display": True, "text": "", "beep": True, "lock": False, "exclude": "NONE"}
+        self.panel |= {
+            "gpib": 10,
+            "dhcp": True,
+            "address": "169.254.2.20",
+            "mask": "255.255.0.0",
+            "gateway": "169.254.2.1",
+        }
+        self.panel |= {"host": "A-33220A-21876"}
+        self.remote = "LOC"
+        self._started_s: float | None = None
+        self._driven: Drive | Played | None = None
+        self._questionable = Register()
+        self.engine = ScpiEngine(
+            self,
+            TABLE,
+            world.clock,
+            dialect=Dialect(out_of_range=clip),
+            interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
+            status=Status({3: self._questionable}),
+        )
+        self.memory = ArbitraryMemory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
+        self.levels = Levels(self.state, errors, self.memory, self.engine.report)
+        self.rules = Rules(self.state, self.levels, self.engine.report)
+        self._player = Player(self.state, errors, self.levels, self.memory, noise_seed)
+        world.drive_v_vc(None)
+
+    @property
+    def questionable(self) -> Register:
+        """The QUEStionable register; this model never sets its bits: nothing here overloads or loses lock."""
+        return self._questionable
+
+    def identity(self) -> str:
+        """Return the reply of a real unit."""
+        return "Agilent Technologies,33220A,MY44021876,2.02-2.02-22-2"
+
+    def reset(self) -> None:
+        """Take the *RST state: output off; stored waveforms and states stay."""
+        self.state.update(RESET)
+        self.restart()
+
+    def abort(self) -> None:
+        """Device clear ends a running burst or sweep."""
+        if self.operations_end_s() > self.engine.clock.now():
+            self.restart()
+
+    def operations_end_s(self) -> float:
+        """*OPC, *OPC? and *WAI wait for a triggered burst or sweep."""
+        if self._started_s is None or not self._triggered():
+            return -math.inf
+        return self._started_s + self._length_s()
+
+    # --- states -----------------------------------------------------------------------------------------------------
+
+    def save(self, place: int) -> None:
+        """*SAV."""
+        self._stored[place] = dict(self.state)
+
+    def recall(self, place: int) -> None:
+        """*RCL; an empty place is error 810 (unverified)."""
+        if place not in self._stored:
+            raise ScpiError(810, "State has not been stored")
+        self.state.update(self._stored[place])
+        self.restart()
+
+    def forget(self, place: int) -> None:
+        """MEMory:STATe:DELete."""
+        self._stored.pop(place, None)
+
+    def has_stored(self, place: int) -> bool:
+        """MEMory:STATe:VALid?."""
+        return place in self._stored
+
+    # --- settings that others depend on -----------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Make the settings fit each other, then put out what they say."""
+        self.rules.fit()
+        self.update()
+
+    def set_frequency(self, frequency_hz: float) -> None:
+        """Set the frequency; HOLD tells whether a pulse keeps its width or its duty cycle."""
+        old = self.state["freq"]
+        self.state["freq"] = frequency_hz
+        if self.state["hold"] == "DCYC":
+            self.state["width"] *= old / frequency_hz
+        self.settle()
+
+    def switch_mode(self, mode: str, *, on: bool) -> None:
+        """Switch modulation, sweep or burst; a sweep or burst of the internal timer begins now."""
+        self.rules.switch_mode(mode, on=on)
+        self.restart()
+
+    def load(self, points: list[float]) -> None:
+        """Take the volatile waveform."""
+        self.memory.load(points)
+        self.update()
+
+    def delete(self, name: str) -> None:
+        """Forget a waveform."""
+        self.memory.delete(name, self.state["user"] if self.state["func"] == "USER" else "")
+
+    # --- triggers -----------------------------------------------------------------------------------------------------
+
+    def fire(self) -> None:
+        """Take a trigger; -211 when neither burst nor sweep waits for one. One under way goes on (unverified)."""
+        if not self._triggered():
+            raise ScpiError(-211)
+        now = self.engine.clock.now()
+        if self.operations_end_s() <= now:
+            self._started_s = now + self._delay_s()
+            self.update()
+
+    def _triggered(self) -> bool:
+        """Tell whether bursts or sweeps begin with a trigger from outside."""
+        state = self.state
+        gated = state["mode"] == "BURS" and state["burst_mode"] == "GAT"
+        return state["mode"] in {"BURS", "SWE"} and state["trigger"] != "IMM" and not gated
+
+    def _length_s(self) -> float:
+        state = self.state
+        return float(state["sweep_s"] if state["mode"] == "SWE" else state["cycles"] / state["freq"])
+
+    def restart(self) -> None:
+        """Begin with bursts or sweeps anew: those of the internal timer now, others with the next trigger."""
+        self._started_s = None if self._triggered() else self.engine.clock.now() + self._delay_s()
+        self.update()
+
+    def _delay_s(self) -> float:
+        """Return the trigger delay, which only bursts have."""
+        return float(self.state["delay"]) if self.state["mode"] == "BURS" else 0.0
+
+    # --- the output ---------------------------------------------------------------------------------------------------
+
+    def take_phase_as_reference(self) -> None:
+        """PHASe:REFerence: call the present phase 0; what comes out stays as it is."""
+        self._player.absorb_phase()
+        self.update()
+
+    def update(self) -> None:
+        """Put on the World what the connector really carries, if that has changed."""
+        now = self.engine.clock.now()
+        source = self._player.source(self._started_s, now) if self.state["output"] else None
+        if source != self._driven:
+            self._driven = source
+            self._world.drive_v_vc(source)

@@ -1,0 +1,12 @@
+"""The simulated DSO7104B oscilloscope."""
+
+from __future__ import annotations
+
+from vcfbench.sim.instruments.dso7104b.instrument import (
+    TABLE,
+    Dso7104B,
+    ScopeErrors,
+    ScopeWorld,
+)
+
+__all__ = ["TABLE", "Dso7104B", "ScopeErrors", "ScopeWorld"]

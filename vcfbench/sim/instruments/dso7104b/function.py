@@ -1,0 +1,240 @@
+"""The math trace of the DSO7104B: its settings, and what it shows of a record.
+
+Formats and names are the 6000 series programmer's guide's, from memory (unverified): ranges, the default operation
+ADD, and that a math trace has the points of the screen, at most 1000. Range and offset that were never set follow the
+sources; so do span and centre of an FFT, which then shows all frequencies.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vcfbench.sim.instruments.dso7104b.commands import CHANNEL, clipped, setting
+from vcfbench.sim.instruments.dso7104b.math_trace import FFT_POINTS, TWO_SOURCES, Spectrum, combined, transformed
+from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, boolean
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.instruments.dso7104b.acquisition import Digitised, Record
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+
+__all__ = ["FUNCTION_COMMANDS", "MathTrace", "math_scale", "math_trace"]
+
+_MOST_POINTS = 1000
+_RANGES = {
+    "ADD": (8e-6, 800e3),
+    "SUBT": (8e-6, 800e3),
+    "MULT": (8e-6, 800e3),
+    "INT": (8e-9, 400e3),
+    "DIFF": (80e-3, 8e12),
+    "SQRT": (8e-6, 800e3),
+    "FFT": (8.0, 800.0),
+}
+_FFT_RANGE_DB, _FFT_CENTRE_DBV = 160.0, -60.0
+
+
+@dataclass(frozen=True, slots=True)
+class MathTrace:
+    """Values at `first + n step`: seconds, or hertz of an FFT."""
+
+    first: float
+    step: float
+    values: NDArray[np.float64]
+    clipped: bool
+
+    def places(self) -> NDArray[np.float64]:
+        """Return the abscissae."""
+        return self.first + self.step * np.arange(len(self.values), dtype=np.float64)
+
+
+def math_trace(state: Mapping[str, Any], record: Record, points: int) -> MathTrace:
+    """Return the math trace of a record."""
+    points = min(points, _MOST_POINTS)
+    screen = record.screen
+    if state["FUNC:OPER"] == "FFT":
+        return _spectrum(state, record, points)
+    step = screen.range_s / points
+    one = _operand(state, record, points)
+    if state["FUNC:OPER"] not in TWO_SOURCES:
+        return MathTrace(screen.left_s, step, transformed(state["FUNC:OPER"], one.volts, step), one.clipped)
+    other = _channel(record, state["FUNC:SOUR2"], points)
+    values = combined(state["FUNC:OPER"], one.volts, other.volts)
+    return MathTrace(screen.left_s, step, values, one.clipped or other.clipped)
+
+
+def _spectrum(state: Mapping[str, Any], record: Record, points: int) -> MathTrace:
+    source = _operand(state, record, FFT_POINTS)
+    lines = Spectrum.of(source.volts, record.screen.range_s / FFT_POINTS, state["FUNC:WIND"])
+    centre, span = _band(state, record.screen.range_s)
+    start = centre - span / 2.0
+    return MathTrace(start, span / points, lines.shown(start, start + span, points), source.clipped)
+
+
+def _band(state: Mapping[str, Any], range_s: float) -> tuple[float, float]:
+    """Return centre and span of an FFT, Hz: as set, else all that there is."""
+    highest = FFT_POINTS / range_s / 2.0
+    span = state["FUNC:SPAN"] or highest
+    return (span / 2.0 if state["FUNC:CENT"] is None else state["FUNC:CENT"]), span
+
+
+def _operand(state: Mapping[str, Any], record: Record, points: int) -> Digitised:
+    """Return the first source, which may be g(t): a sum, a difference or a product."""
+    if state["FUNC:SOUR1"] != "GOFT":
+        return _channel(record, state["FUNC:SOUR1"], points)
+    one, other = (_channel(record, state[key], points) for key in ("GOFT:SOUR1", "GOFT:SOUR2"))
+    return type(one)(
+        combined(state["GOFT:OPER"], one.volts, other.volts), one.clipped or other.clipped, one.step_v + other.step_v
+    )
+
+
+def _channel(record: Record, source: str, points: int) -> Digitised:
+    return record.digitised(int(source[4:]), points)
+
+
+# --- vertical scale
+
+
+def math_scale(state: Mapping[str, Any]) -> tuple[float, float]:
+    """Return range and offset of the math trace on the screen."""
+    range_ = state["FUNC:RANG"] or _own_range(state)
+    centre = _FFT_CENTRE_DBV if state["FUNC:OPER"] == "FFT" else 0.0
+    return range_, (centre if state["FUNC:OFFS"] is None else state["FUNC:OFFS"])
+
+
+def _own_range(state: Mapping[str, Any]) -> float:
+    """Return a range that holds what the sources' screens can give."""
+    operation = state["FUNC:OPER"]
+    one = _source_range(state, state["FUNC:SOUR1"])
+    other = _source_range(state, state["FUNC:SOUR2"])
+    ranges = {
+        "ADD": one + other,
+        "SUBT": one + other,
+        "MULT": one * other / 2.0,
+        "INT": one * state["TIM:RANG"] / 2.0,
+        "DIFF": 100.0 * one / state["TIM:RANG"],
+        "SQRT": 2.0 * math.sqrt(one),
+        "FFT": _FFT_RANGE_DB,
+    }
+    low, high = _RANGES[operation]
+    return float(min(max(ranges[operation], low), high))
+
+
+def _source_range(state: Mapping[str, Any], source: str) -> float:
+    if source != "GOFT":
+        return float(state[f"{source}:RANG"])
+    one, other = (float(state[f"{state[key]}:RANG"]) for key in ("GOFT:SOUR1", "GOFT:SOUR2"))
+    return one * other / 2.0 if state["GOFT:OPER"] == "MULT" else one + other
+
+
+# --- commands
+
+
+def _set_operation(model: Dso7104B, operation: str) -> None:
+    """Choose the operation; the scale follows anew. Two sources cannot be g(t) and another (number unverified)."""
+    if operation in TWO_SOURCES and model.state["FUNC:SOUR1"] == "GOFT":
+        raise ScpiError(-221)
+    if operation != model.state["FUNC:OPER"]:
+        model.state.update({"FUNC:RANG": None, "FUNC:OFFS": None})
+    model.state["FUNC:OPER"] = operation
+    model.forget_traces()
+
+
+def _set_source(model: Dso7104B, index: int, source: str) -> None:
+    """Choose a source; only the first can be g(t), and only where there is no second."""
+    if source == "GOFT" and index == 2:
+        raise ScpiError(-224)
+    if source == "GOFT" and model.state["FUNC:OPER"] in TWO_SOURCES:
+        raise ScpiError(-221)
+    _put(model, f"FUNC:SOUR{index}", source)
+
+
+def _put(model: Dso7104B, key: str, value: Any) -> None:
+    model.state[key] = value
+    model.forget_traces()
+
+
+def _set_range(model: Dso7104B, range_: float) -> None:
+    _put(model, "FUNC:RANG", clipped(model, range_, *_RANGES[model.state["FUNC:OPER"]]))
+
+
+def _choice(pattern: str, key: str, choice: Choice) -> Command:
+    """Declare a word that changes the trace."""
+    return Command(
+        pattern, (choice,), do=lambda model, word: _put(model, key, word), query=lambda model: model.state[key]
+    )
+
+
+def _frequency(pattern: str, key: str, limits: Limits, index: int) -> Command:
+    return Command(
+        pattern,
+        (Number(unit="HZ", limits=limits),),
+        do=lambda model, hertz: _put(model, key, hertz),
+        query=lambda model: model.nr3(_band(model.state, model.state["TIM:RANG"])[index]),
+        query_parameters=(),
+    )
+
+
+def _offset(pattern: str) -> Command:
+    return Command(
+        pattern,
+        (Number(unit=("V", "DB")),),
+        do=lambda model, level: _put(model, "FUNC:OFFS", level),
+        query=lambda model: model.nr3(math_scale(model.state)[1]),
+    )
+
+
+def _learned(model: Dso7104B) -> str:
+    """Return the settings in the shape of the guide's sample."""
+    state = model.state
+    range_, offset = math_scale(state)
+    return (
+        f":FUNC:OPER {state['FUNC:OPER']};DISP {boolean(state['FUNC:DISP'])};SOUR1 {state['FUNC:SOUR1']};"
+        f"SOUR2 {state['FUNC:SOUR2']};RANG {range_:+.2E};OFFS {offset:+.5E}"
+    )
+
+
+_OPERATION = Choice(("ADD", "SUBTract", "MULTiply", "INTegrate", "DIFFerentiate", "FFT", "SQRT"))
+
+FUNCTION_COMMANDS = (
+    Command("FUNCtion", query=_learned),
+    setting("FUNCtion:DISPlay", "FUNC:DISP", Boolean(), boolean),
+    Command("FUNCtion:OPERation", (_OPERATION,), do=_set_operation, query=lambda model: model.state["FUNC:OPER"]),
+    Command(
+        "FUNCtion:SOURce<1-2>",
+        (Choice(("CHANnel<1-4>", "GOFT")),),
+        do=_set_source,
+        query=lambda model, index: model.state[f"FUNC:SOUR{index}"],
+    ),
+    _choice("FUNCtion:GOFT:OPERation", "GOFT:OPER", Choice(("ADD", "SUBTract", "MULTiply"))),
+    Command(
+        "FUNCtion:GOFT:SOURce<1-2>",
+        (CHANNEL,),
+        do=lambda model, index, source: _put(model, f"GOFT:SOUR{index}", source),
+        query=lambda model, index: model.state[f"GOFT:SOUR{index}"],
+    ),
+    Command(
+        "FUNCtion:RANGe",
+        (Number(unit=("V", "DB")),),
+        do=_set_range,
+        query=lambda model: model.nr3(math_scale(model.state)[0]),
+    ),
+    Command(
+        "FUNCtion:SCALe",
+        (Number(unit=("V", "DB")),),
+        do=lambda model, scale: _set_range(model, 8.0 * scale),
+        query=lambda model: model.nr3(math_scale(model.state)[0] / 8.0),
+    ),
+    _offset("FUNCtion:OFFSet"),
+    _offset("FUNCtion:REFerence"),
+    _choice("FUNCtion:WINDow", "FUNC:WIND", Choice(("RECTangular", "HANNing", "FLATtop", "BHARris"))),
+    _frequency("FUNCtion:CENTer", "FUNC:CENT", Limits(0.0, 25e9), 0),
+    _frequency("FUNCtion:SPAN", "FUNC:SPAN", Limits(1.0, 100e9), 1),
+)
+"""What is said to :FUNCtion."""

@@ -1,0 +1,465 @@
+"""A simulated Agilent InfiniiVision DSO7104B, four channels, whose inputs are wired to nodes of the PCB.
+
+The 7000B programmer's guide was not at hand; facts come from its quotations in public drivers, pages of the guides of
+the 5000, 6000 and 3000T series, the 7000B user's guide, live traces of the 6000 series and the service guide.
+Unverified, among others: three-digit exponents (seen on the 6000 series, same code base), number and words of most
+refusals, limits of offset and time base, default of the waveform format, and what :SINGle;*OPC? waits for.
+Measurements and the math trace are computed from the record on the screen.
+
+The commands stand in modules of their own: root and system (:mod:`.system`), channels (:mod:`.vertical`), time
+base and acquisition (:mod:`.timing`), trigger (:mod:`.triggering`), measurements (:mod:`.measuring`),
+waveforms (:mod:`.waveform`), math (:mod:`.function`).
+
+Inputs are taken as 1:1; with 50 ohm they load their node, with 1 Mohm they do not. Serial modes, single lines and
+fields of television are waited for in vain.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Found, Pace, Record, ScopeErrors, acquisition
+from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
+from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen
+from vcfbench.sim.instruments.dso7104b.measurements import Thresholds, Trace
+from vcfbench.sim.instruments.dso7104b.measuring import MEASURE_COMMANDS, Installed
+from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
+from vcfbench.sim.instruments.dso7104b.system import ROOT_COMMANDS, SYSTEM_COMMANDS
+from vcfbench.sim.instruments.dso7104b.termination import Terminations
+from vcfbench.sim.instruments.dso7104b.timing import TIMING_COMMANDS
+from vcfbench.sim.instruments.dso7104b.triggering import TRIGGER_COMMANDS, trigger_of
+from vcfbench.sim.instruments.dso7104b.vertical import VERTICAL_COMMANDS
+from vcfbench.sim.instruments.dso7104b.waveform import WAVEFORM_COMMANDS
+from vcfbench.sim.scpi import (
+    COMMON_COMMANDS,
+    GPIB,
+    LAN,
+    USB,
+    CommandTable,
+    Dialect,
+    Limits,
+    Pending,
+    Register,
+    ScpiEngine,
+    ScpiError,
+    ScpiInstrument,
+    Status,
+    real,
+)
+from vcfbench.sim.scpi.parameters import Violation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+__all__ = ["TABLE", "Dso7104B", "ScopeErrors", "ScopeWorld"]
+
+_RUN_BIT, _WAIT_BIT = 8, 32
+_MASK_TEST, _OVERLOAD, _HARDWARE = 9, 11, 12
+"""Bits of the operation status that other registers feed (status chapter of the 6000 and 3000T guides)."""
+_SCREEN_POINTS = 1000
+_AUTOSCALE_S = 0.1
+_PATIENCE_S = 0.1
+
+
+def _clip_plainly(value: float, limits: Limits, word: str) -> Violation:
+    """Clip to the nearest legal value and queue a plain -222."""
+    del word
+    return Violation(limits.maximum if value > limits.maximum else limits.minimum, ScpiError(-222))
+
+
+TABLE = CommandTable(
+    *COMMON_COMMANDS,
+    *ROOT_COMMANDS,
+    *VERTICAL_COMMANDS,
+    *TIMING_COMMANDS,
+    *TRIGGER_COMMANDS,
+    *MEASURE_COMMANDS,
+    *WAVEFORM_COMMANDS,
+    *FUNCTION_COMMANDS,
+    *SYSTEM_COMMANDS,
+)
+"""Every command of the model."""
+
+
+class Dso7104B(ScpiInstrument):
+    """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan."""
+
+    def __init__(
+        self, world: ScopeWorld, channels: Mapping[int, str], errors: ScopeErrors, interface: str = "usb"
+    ) -> None:
+        self._world = world
+        self._nodes = dict(channels)
+        self._errors = errors
+        self.exponent_digits = errors.exponent_digits
+        self.nr3: Callable[[float], str] = real(8, errors.exponent_digits)
+        self.state: dict[str, Any] = default_setup()
+        self.inputs = Terminations(world, self._nodes, self._trip)
+        self._stored: dict[int, dict[str, Any]] = {}
+        self.operation: Register = Register()
+        self.triggered: Register = Register()
+        self.triggered.enable = 1
+        self.overload: Register = Register(self.operation, _OVERLOAD)
+        self.mask_test: Register = Register(self.operation, _MASK_TEST)
+        self.hardware: Register = Register(self.operation, _HARDWARE)
+        self.message = ""
+        self.installed: list[Installed] = []
+        self.analysed = False
+        self.date = (2026, 1, 1)
+        self.time = (12, 0, 0)
+        self._armed_event = False
+        self._run_state = "run"
+        self._acquisition: Acquisition | None = None
+        self._last_trigger_s = -math.inf
+        self._records: list[Record] = []
+        self._segmented = False
+        self._sent: tuple[Record, tuple[Any, ...], bytes] | None = None
+        self._number = 0
+        self._traces: dict[tuple[int, str], Trace] = {}
+        self.engine = ScpiEngine(
+            self,
+            TABLE,
+            world.clock,
+            dialect=Dialect(queue_depth=30, out_of_range=_clip_plainly, input_limit=1 << 24),
+            interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
+            status=Status({7: self.operation, 0: self.triggered}, (self.overload, self.mask_test, self.hardware)),
+        )
+        self.run()
+
+    # --- the instrument ---------------------------------------------------------------------------------------------
+
+    def identity(self) -> str:
+        """Return the reply of a real unit."""
+        return "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003"
+
+    def reset(self) -> None:
+        """Take the default setup, running."""
+        self.restore(default_setup())
+        self.installed.clear()
+        self._keep([])
+        self.run()
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take a whole setup."""
+        self.state = dict(state)
+        for channel in CHANNELS:
+            self.inputs.terminate(channel, fifty=self.state[f"CHAN{channel}:IMP"] == "FIFT")
+        self._traces.clear()
+        if self._run_state == "run":
+            self._disarm()
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes from the controller; the protection of 50 ohm inputs looks whenever there is something to do."""
+        super().write(data, end=end)
+        self.inputs.watch()
+
+    def abort(self) -> None:
+        """Device clear ends an acquisition that waits."""
+        self._disarm()
+        if self._run_state == "single":
+            self._run_state = "stop"
+        self._show_state()
+
+    def service(self) -> None:
+        """Look for the trigger when there is something to look at."""
+        self.inputs.judge()
+        armed = self._acquisition
+        if armed is None or self._world.clock.now() < armed.due_s:
+            return
+        found = armed.step()
+        if found is not None:
+            self._finish(armed, found)
+
+    def next_event_s(self) -> float | None:
+        """Return when the armed acquisition wants to look again, or the protection has seen enough."""
+        due = [] if self._acquisition is None else [self._acquisition.due_s]
+        if self.inputs.due_s is not None:
+            due.append(self.inputs.due_s)
+        return min(due, default=None)
+
+    def _trip(self, channel: int) -> None:
+        """A 50 ohm input got too much: it becomes 1 Mohm until the protection is cleared."""
+        self.state[f"CHAN{channel}:IMP"], self.state[f"CHAN{channel}:PROT"] = "ONEM", "TRIP"
+        self.inputs.terminate(channel, fifty=False)
+        self.overload.latch(1 << (channel - 1))
+
+    # --- run control --------------------------------------------------------------------------------------------------
+
+    @property
+    def running(self) -> bool:
+        """Whether it acquires again and again."""
+        return self._run_state == "run"
+
+    def run(self) -> None:
+        """Run; from outside that looks like a record taken whenever somebody asks for one."""
+        self._run_state = "run"
+        self._disarm()
+        self._show_state()
+
+    def run_now(self) -> None:
+        """:RUN: the first trigger is looked for at once, so that :TER? can tell of it."""
+        self.run()
+        self._arm()
+
+    def stop(self) -> None:
+        """:STOP; coming from a run, the record on the screen is one that starts now."""
+        was_running, self._run_state = self.running, "stop"
+        self._disarm()
+        if was_running:
+            self._arm()
+        self._show_state()
+
+    def single(self) -> None:
+        """:SINGle: arm once and return."""
+        self._run_state = "single"
+        self._keep([])
+        self._arm()
+
+    def digitize(self, *sources: str) -> Pending:
+        """:DIGitize: arm once, keep the parser busy until the record is there, stop."""
+        if sources:
+            for source in (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
+                self.state[f"{source}:DISP"] = source in sources
+        self.single()
+        return Pending(lambda: self._idle_since(math.inf), lambda: None)
+
+    def look(self, finish: Callable[[], Any]) -> Any:
+        """Return `finish()` on the record; while running that is a fresh one, which takes its time.
+
+        Without a trigger (NORMal sweep) it is on what the screen shows after a moment: nothing.
+        """
+        if self.running and self._acquisition is None:
+            self._arm()
+        if self._acquisition is None or self._run_state == "single":
+            return finish()
+        patience = math.inf
+        if self.state["TRIG:SWE"] != "AUTO":
+            patience = self._world.clock.now() + 3.0 * self.state["TIM:RANG"] + _PATIENCE_S
+        return Pending(lambda: self._idle_since(patience), finish)
+
+    def force(self) -> None:
+        """:TRIGger:FORCe."""
+        if self._acquisition is not None:
+            self._acquisition.force()
+
+    def armed(self) -> bool:
+        """:AER?: tell whether the trigger was armed since the last time, and forget."""
+        armed, self._armed_event = self._armed_event, False
+        return armed
+
+    def was_triggered(self) -> int:
+        """:TER?: tell whether there was a trigger since the last time, and forget; a run then looks for the next."""
+        triggered = self.triggered.read_event()
+        if self.running and self._acquisition is None:
+            self._arm()
+        return triggered
+
+    def _idle_since(self, patience_s: float) -> float | None:
+        if self._acquisition is None:
+            return -math.inf
+        return None if math.isinf(patience_s) else patience_s
+
+    def _disarm(self) -> None:
+        if self._acquisition is not None:
+            self._acquisition.close()
+            self._acquisition = None
+
+    def _arm(self) -> None:
+        self._disarm()
+        self._armed_event = True
+        self._traces.clear()
+        self._acquisition = acquisition(self._world, self.screen(), self._views(), trigger_of(self.state), self._pace())
+        self._show_state()
+
+    def _pace(self) -> Pace:
+        state = self.state
+        segmented = state["ACQ:MODE"] == "SEGM"
+        return Pace(
+            auto=state["TRIG:SWE"] == "AUTO",
+            repeats=state["ACQ:COUN"] if state["ACQ:TYPE"] == "AVER" and not segmented else 1,
+            segments=state["SEGM:COUN"] if segmented else 0,
+            holdoff_s=state["TRIG:HOLD"],
+            not_before_s=self._last_trigger_s + state["TRIG:HOLD"],
+        )
+
+    def _finish(self, armed: Acquisition, found: Found) -> None:
+        self._segmented = self.state["ACQ:MODE"] == "SEGM"
+        self._keep([self._recorded(armed, found, trigger_s) for trigger_s in found.triggers_s])
+        self._last_trigger_s = found.triggers_s[-1]
+        self._acquisition = None
+        if self._run_state == "single":
+            self._run_state = "stop"
+        self.triggered.latch(1)
+        self._show_state()
+
+    def _recorded(self, armed: Acquisition, found: Found, trigger_s: float) -> Record:
+        kind = self.state["ACQ:TYPE"]
+        self._number += 1
+        averages = self.state["ACQ:COUN"] if kind == "AVER" and not self._segmented else 16 if kind == "HRES" else 1
+        bits = self._errors.converter_bits
+        if bits and kind in {"AVER", "HRES"}:
+            bits = 12  # averaging gains up to four bits (data sheet)
+        return Record(
+            found.capture,
+            trigger_s,
+            armed.screen,
+            armed.views,
+            self._errors,
+            number=self._number,
+            bits=bits,
+            averages=averages,
+        )
+
+    def _keep(self, records: list[Record]) -> None:
+        """Show these records, the first of them, and forget all others."""
+        self._records = records
+        self.state["SEGM:IND"] = 1
+        self.analysed = False
+        self._sent = None
+        self._traces.clear()
+
+    def _show_state(self) -> None:
+        running = _RUN_BIT if self._run_state != "stop" else 0
+        waiting = _WAIT_BIT if self._acquisition is not None and running else 0
+        self.operation.set_bits(_RUN_BIT | _WAIT_BIT, running | waiting)
+
+    # --- settings -> acquisition ------------------------------------------------------------------------------------
+
+    def screen(self) -> Screen:
+        """Return the main window."""
+        span, position = self.state["TIM:RANG"], self.state["TIM:POS"]
+        share = {"LEFT": 0.1, "CENT": 0.5, "RIGH": 0.9}[self.state["TIM:REF"]]
+        return Screen(position - share * span, span)
+
+    def _views(self) -> dict[int, ChannelView]:
+        return {channel: self._view(channel) for channel in CHANNELS}
+
+    def _view(self, channel: int) -> ChannelView:
+        def of(key: str) -> Any:
+            return self.state[f"CHAN{channel}:{key}"]
+
+        return ChannelView(
+            self._nodes.get(channel), of("RANG"), of("OFFS"), of("PROB"), of("INV"), ac=of("COUP") == "AC"
+        )
+
+    def memory(self) -> int:
+        """Return the points in memory: 4 GSa/s and 8 Mpts with one channel a pair (1, 2 and 3, 4), else half.
+
+        Segments share it.
+        """
+        shown = {channel for channel in CHANNELS if self.state[f"CHAN{channel}:DISP"]}
+        half = {1, 2} <= shown or {3, 4} <= shown
+        most, rate = (4_000_000, 2e9) if half else (8_000_000, 4e9)
+        if self.state["ACQ:MODE"] == "SEGM":
+            most //= self.state["SEGM:COUN"]
+        return int(max(100, min(most, self.state["TIM:RANG"] * rate)))
+
+    def sample_rate(self) -> float:
+        """Return the sample rate, 1/s."""
+        return self.memory() / float(self.state["TIM:RANG"])
+
+    def autoscale(self) -> Pending:
+        """:AUToscale: look at every input for a while, then set it up."""
+        now = self._world.clock.now()
+        capture = self._world.capture(now, now + _AUTOSCALE_S)
+        return Pending.at(now + _AUTOSCALE_S, lambda: self._autoscaled(capture, now))
+
+    def _autoscaled(self, capture: Any, start_s: float) -> None:
+        times = start_s + np.linspace(0.0, _AUTOSCALE_S, 20_000)
+        frequencies = []
+        for channel in CHANNELS:
+            node = self._nodes.get(channel)
+            volts = np.zeros(len(times)) if node is None else np.asarray(capture.samples(node, times))
+            frequencies += self._fit_channel(channel, times, volts)
+        if frequencies:
+            self.state["TIM:RANG"] = 10.0 * _nice(3.0 / frequencies[0] / 10.0)
+            self.state["TIM:POS"] = 0.0
+        self.run()
+
+    def _fit_channel(self, channel: int, times: NDArray[np.float64], volts: NDArray[np.float64]) -> list[float]:
+        """Show a channel that has a signal above 10 mVpp; return its frequency, if any."""
+        swing = float(np.ptp(volts)) * self.state[f"CHAN{channel}:PROB"]
+        self.state[f"CHAN{channel}:DISP"] = swing > 0.01
+        if swing <= 0.01:
+            return []
+        self.state[f"CHAN{channel}:RANG"] = 8.0 * _nice(swing / 5.0)
+        self.state[f"CHAN{channel}:OFFS"] = float(volts.max() + volts.min()) / 2.0 * self.state[f"CHAN{channel}:PROB"]
+        trace = Trace(times, volts, clipped=False, thresholds=Thresholds())
+        counted = trace.counted_frequency()
+        return [] if counted is None else [counted]
+
+    # --- the record ---------------------------------------------------------------------------------------------------
+
+    @property
+    def record(self) -> Record:
+        """The record on the screen, of the chosen segment; -230 if there is none."""
+        if not self._records:
+            raise ScpiError(-230, "Data corrupt or stale")
+        index: int = self.state["SEGM:IND"]
+        return self._records[min(index, len(self._records)) - 1]
+
+    def records(self) -> list[Record]:
+        """Return the records of all segments."""
+        return self._records
+
+    def segments(self) -> int:
+        """Return how many segments were acquired; 0 of an acquisition that was not segmented."""
+        return len(self._records) if self._segmented else 0
+
+    def time_tag_s(self) -> float:
+        """Return the trigger of the chosen segment after that of the first, s."""
+        if not self.segments():
+            return 0.0
+        elapsed_s = self.record.trigger_s - self._records[0].trigger_s
+        return elapsed_s * (1.0 + self._errors.time_base_error)
+
+    def trace(self, source: str, record: Record | None = None) -> Trace:
+        """Return the screen's trace of `source` for measurements."""
+        shown = record or self.record
+        found = self._traces.get((shown.number, source))
+        if found is None:
+            found = self._traces[shown.number, source] = self._trace(source, shown)
+        return found
+
+    def _trace(self, source: str, record: Record) -> Trace:
+        if source == "FUNC":
+            math_ = math_trace(self.state, record, _SCREEN_POINTS)
+            return Trace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
+        digitised = record.digitised(int(source[4:]), _SCREEN_POINTS)
+        times = record.screen.times_s(_SCREEN_POINTS)
+        return Trace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
+
+    def _thresholds(self) -> Thresholds:
+        kind, upper, middle, lower = self.state["MEAS:THR"]
+        return Thresholds() if kind == "STAN" else Thresholds(upper, middle, lower, absolute=kind == "ABS")
+
+    def forget_traces(self) -> None:
+        """Measure anew: the definitions have changed."""
+        self._traces.clear()
+
+    def sent(self, asked: tuple[Any, ...], make: Callable[[], bytes]) -> bytes:
+        """Return `make()`, the record as :WAVeform:DATA? sends it, or what it was the last time this was asked."""
+        kept = self._sent
+        if kept is None or kept[0] is not self.record or kept[1] != asked:
+            kept = self._sent = (self.record, asked, make())
+        return kept[2]
+
+    # --- setups -------------------------------------------------------------------------------------------------------
+
+    def save(self, place: int) -> None:
+        """*SAV."""
+        self._stored[place] = dict(self.state)
+
+    def recall(self, place: int) -> None:
+        """*RCL; an empty place gives the default setup (unverified)."""
+        self.restore(self._stored.get(place, default_setup()))
+
+
+def _nice(value: float) -> float:
+    """Return the next 1-2-5 value at or above `value`."""
+    decade = 10.0 ** math.floor(math.log10(value))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9))

@@ -1,0 +1,298 @@
+"""Measurements of the DSO7104B: what is asked, of which traces, and the results that stay on the screen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.instruments.dso7104b.commands import (
+    INVALID,
+    OPTIONAL_SOURCE,
+    SECONDS,
+    SOURCE,
+    VOLTS,
+    clipped,
+    setting,
+)
+from vcfbench.sim.instruments.dso7104b.measurements import Trace
+from vcfbench.sim.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean
+from vcfbench.sim.scpi.lexer import Kind, Token
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from vcfbench.sim.instruments.dso7104b.acquisition import Record
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+
+__all__ = ["MEASURE_COMMANDS", "Installed"]
+
+_INSTALLED_MOST = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Installed:
+    """A measurement on the screen."""
+
+    label: str
+    sources: tuple[str, ...]
+    of: Callable[..., float | None]
+
+    def value(self, model: Dso7104B, record: Record) -> float:
+        """Return it on a record."""
+        return _try(lambda: self.of(*(model.trace(source, record) for source in self.sources)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Definition(Parameter):
+    """A word or a number of :MEASure:DEFine."""
+
+    def parse(self, token: Token) -> str | float:
+        """Return the number, or the word's short form."""
+        if token.kind is Kind.NUMBER:
+            return token.number
+        return Choice(("STANdard", "PERCent", "ABSolute")).parse(token)
+
+
+@dataclass(frozen=True, slots=True)
+class _Averaging(Choice):
+    """A word or a source of VAVerage and VRMS."""
+
+    words: tuple[str, ...] = ("CYCLe", "DISPlay", "AC", "DC", "CHANnel<1-4>", "FUNCtion", "MATH")
+
+    def parse(self, token: Token) -> str:
+        """Return the short form, FUNC for MATH."""
+        word = Choice.parse(self, token)
+        return "FUNC" if word == "MATH" else word
+
+
+# --- values
+
+
+def _try(measure: Callable[[], float | None]) -> float:
+    """Return the measurement; without any record it is not measurable, which is no error."""
+    try:
+        value = measure()
+    except ScpiError:
+        return INVALID
+    return INVALID if value is None else value
+
+
+def _measured(model: Dso7104B, source: str | None, of: Callable[[Trace], float | None]) -> Any:
+    name = source or model.state["MEAS:SOUR"][0]
+    return model.look(lambda: model.nr3(_try(lambda: of(model.trace(name)))))
+
+
+def _measured_pair(
+    model: Dso7104B, first: str | None, second: str | None, of: Callable[[Trace, Trace], float | None]
+) -> Any:
+    one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
+    return model.look(lambda: model.nr3(_try(lambda: of(model.trace(one), model.trace(two)))))
+
+
+def _install(model: Dso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]) -> None:
+    """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
+    defaults = model.state["MEAS:SOUR"]
+    named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
+    label = f"{name}({','.join(source.removeprefix('CHAN') for source in named)})"
+    model.installed.append(Installed(label, named, of))
+    del model.installed[:-_INSTALLED_MOST]
+
+
+def _clear(model: Dso7104B) -> None:
+    model.installed.clear()
+    model.analysed = False
+
+
+# --- results
+
+
+def _results(model: Dso7104B) -> Any:
+    return model.look(lambda: _results_now(model))
+
+
+def _results_now(model: Dso7104B) -> str:
+    """Return what is installed: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
+
+    Statistics are of the one record, or of all segments once they have been analysed.
+    """
+    kind = model.state["MEAS:STAT"]
+    rows = [_row(model, each) for each in model.installed]
+    if kind == "ON":
+        return ",".join(",".join((label, *map(model.nr3, values[:-1]), f"{values[-1]:.0f}")) for label, values in rows)
+    index = ("CURR", "MIN", "MAX", "MEAN", "STDD", "COUN").index(kind)
+    return ",".join(f"{values[5]:+.0f}" if index == 5 else model.nr3(values[index]) for _, values in rows)
+
+
+def _row(model: Dso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]:
+    try:
+        shown, records = model.record, model.records() if model.analysed else [model.record]
+    except ScpiError:
+        return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
+    current = installed.value(model, shown)
+    values = [value for record in records if (value := installed.value(model, record)) != INVALID]
+    if not values:
+        return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
+    mean = math.fsum(values) / len(values)
+    deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / max(1, len(values) - 1))
+    return installed.label, (current, min(values), max(values), mean, deviation, float(len(values)))
+
+
+# --- declarations
+
+
+def _measurement(name: str, of: Callable[[Trace], float | None]) -> Command:
+    """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
+    return Command(
+        f"MEASure:{name}",
+        (OPTIONAL_SOURCE,),
+        do=lambda model, source: _install(model, name, (source,), of),
+        query=lambda model, source: _measured(model, source, of),
+        query_parameters=(OPTIONAL_SOURCE,),
+    )
+
+
+def _averaging(name: str, of: Callable[[Trace, set[str]], float | None]) -> Command:
+    """Declare VAVerage or VRMS, whose words before the source are all optional."""
+
+    def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str]]:
+        given = {word for word in words if word is not None}
+        return next((word for word in given if word.startswith(("CHAN", "FUNC"))), None), given
+
+    def read(model: Dso7104B, *words: str | None) -> Any:
+        source, given = sorted_out(words)
+        return _measured(model, source, lambda trace: of(trace, given))
+
+    def install(model: Dso7104B, *words: str | None) -> None:
+        source, given = sorted_out(words)
+        _install(model, name, (source,), lambda trace: of(trace, given))
+
+    words = (_Averaging(required=False),) * 3
+    return Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
+
+
+def _pair_measurement(name: str, of: Callable[[Trace, Trace], float | None]) -> Command:
+    return Command(
+        f"MEASure:{name}",
+        (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+        do=lambda model, *sources: _install(model, name, sources, of),
+        query=lambda model, first, second: _measured_pair(model, first, second, of),
+        query_parameters=(OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+    )
+
+
+def _install_delay(model: Dso7104B, *sources: str | None) -> None:
+    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state["MEAS:DEL"]))
+
+
+def _delay(model: Dso7104B, first: str | None, second: str | None) -> Any:
+    edges = model.state["MEAS:DEL"]
+    return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges))
+
+
+def _ratio_db(one: Trace, two: Trace) -> float | None:
+    first, second = one.rms(cycle=False, ac=True), two.rms(cycle=False, ac=True)
+    return 20.0 * math.log10(first / second) if first and second else None
+
+
+# --- settings
+
+
+def _set_sources(model: Dso7104B, first: str, second: str | None) -> None:
+    model.state["MEAS:SOUR"] = (first, second or model.state["MEAS:SOUR"][1])
+
+
+def _define(model: Dso7104B, what: str, *values: Any) -> None:
+    """Take `DEFine THResholds,...` or `DEFine DELay,...`."""
+    if what == "DEL":
+        if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
+            raise ScpiError(-109 if len(values) < 2 else -224)
+        model.state["MEAS:DEL"] = tuple(int(value) for value in values)
+    else:
+        model.state["MEAS:THR"] = _threshold_definition(model, values)
+    model.forget_traces()
+
+
+def _threshold_definition(model: Dso7104B, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
+    if values == ("STAN",):
+        return "STAN", 90.0, 50.0, 10.0
+    kind, numbers = (values[0], values[1:]) if isinstance(values[0], str) else ("PERC", values)
+    if kind == "STAN" or len(numbers) != 3 or any(isinstance(number, str) for number in numbers):
+        raise ScpiError(-109 if len(numbers) < 3 else -224)
+    upper, middle, lower = numbers
+    if kind == "PERC":
+        upper, middle, lower = (clipped(model, number, 5.0, 95.0) for number in numbers)
+    if not lower < middle < upper:
+        raise ScpiError(-221)
+    return kind, upper, middle, lower
+
+
+def _edge_number(value: float) -> int:
+    if value != int(value) or not value:
+        raise ScpiError(-224)
+    return int(value)
+
+
+def _edge_time(model: Dso7104B, number: float, source: str | None) -> Any:
+    return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)))
+
+
+def _value_time(model: Dso7104B, level: float, number: float, source: str | None) -> Any:
+    return _measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
+
+
+def _value_at(model: Dso7104B, seconds: float, source: str | None) -> Any:
+    return _measured(model, source, lambda trace: trace.voltage_at(seconds))
+
+
+MEASURE_COMMANDS = (
+    Command(
+        "MEASure:SOURce",
+        (SOURCE, OPTIONAL_SOURCE),
+        do=_set_sources,
+        query=lambda model: ",".join(model.state["MEAS:SOUR"]),
+    ),
+    Command("MEASure:DEFine", (Choice(("THResholds", "DELay")), _Definition()), do=_define, repeat=True),
+    Command("MEASure:RESults", query=_results),
+    Command("MEASure:CLEar", do=_clear),
+    setting("MEASure:SHOW", "MEAS:SHOW", Boolean(), boolean),
+    setting(
+        "MEASure:STATistics",
+        "MEAS:STAT",
+        Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
+    ),
+    _measurement("VPP", Trace.peak_to_peak),
+    _measurement("VMAX", Trace.maximum),
+    _measurement("VMIN", Trace.minimum),
+    _measurement("VAMPlitude", Trace.amplitude),
+    _measurement("VTOP", Trace.top),
+    _measurement("VBASe", Trace.base),
+    _averaging("VAVerage", lambda trace, words: trace.average(cycle="CYCL" in words)),
+    _averaging("VRMS", lambda trace, words: trace.rms(cycle="CYCL" in words, ac="AC" in words)),
+    _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
+    _measurement("OVERshoot", Trace.overshoot),
+    _measurement("PREShoot", Trace.preshoot),
+    _measurement("FREQuency", Trace.frequency),
+    _measurement("PERiod", Trace.period),
+    _measurement("COUNter", Trace.counted_frequency),
+    _measurement("RISetime", Trace.rise_time),
+    _measurement("FALLtime", Trace.fall_time),
+    _measurement("PWIDth", Trace.positive_width),
+    _measurement("NWIDth", Trace.negative_width),
+    _measurement("DUTYcycle", Trace.duty_cycle),
+    _measurement("XMAX", Trace.time_of_maximum),
+    _measurement("XMIN", Trace.time_of_minimum),
+    Command(
+        "MEASure:DELay",
+        (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+        do=_install_delay,
+        query=_delay,
+        query_parameters=(OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+    ),
+    _pair_measurement("PHASe", lambda one, two: one.phase_to(two)),
+    _pair_measurement("VRATio", _ratio_db),
+    Command("MEASure:TEDGe", query=_edge_time, query_parameters=(Number(), OPTIONAL_SOURCE)),
+    Command("MEASure:TVALue", query=_value_time, query_parameters=(VOLTS, Number(), OPTIONAL_SOURCE)),
+    Command("MEASure:VTIMe", query=_value_at, query_parameters=(SECONDS, OPTIONAL_SOURCE)),
+)
+"""What is said to :MEASure."""

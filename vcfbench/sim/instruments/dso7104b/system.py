@@ -1,0 +1,231 @@
+"""Root commands, display, hard copy and system of the DSO7104B."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.instruments.dso7104b.commands import OPTIONAL_SOURCE, SOURCE, Source, nothing, registers, setting
+from vcfbench.sim.instruments.dso7104b.function import math_scale, math_trace
+from vcfbench.sim.instruments.dso7104b.screen import Look, screenshot
+from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
+from vcfbench.sim.scpi import (
+    Block,
+    Boolean,
+    Choice,
+    Command,
+    Integer,
+    Limits,
+    ScpiError,
+    Text,
+    block,
+    boolean,
+    quoted,
+    signed_integer,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.scpi import Pending
+
+__all__ = ["ROOT_COMMANDS", "SYSTEM_COMMANDS"]
+
+_PLACES = Integer(limits=Limits(0, 9))
+_POINTS = 1000
+_MATH = len(CHANNELS) + 1
+
+
+# --- root
+
+
+def _digitize(model: Dso7104B, *sources: str) -> Pending:
+    return model.digitize(*sources)
+
+
+def _show(model: Dso7104B, source: str, *, shown: bool) -> None:
+    model.state[f"{source}:DISP"] = shown
+
+
+def _blank(model: Dso7104B, source: str | None) -> None:
+    for one in (source,) if source else (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
+        _show(model, one, shown=False)
+
+
+def _activity(model: Dso7104B) -> Any:
+    """Return the logic activity of the channels, H above and L below the trigger level, X when both (unverified)."""
+    return model.look(lambda: ",".join(("+0", *(_activity_of(model, channel) for channel in CHANNELS))))
+
+
+def _activity_of(model: Dso7104B, channel: int) -> str:
+    above = model.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
+    return "H" if above.all() else "X" if above.any() else "L"
+
+
+ROOT_COMMANDS = (
+    Command("*OPT", query=lambda _: "0"),
+    Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=5.0),
+    Command("*TRG", do=_digitize),
+    Command("*SAV", (_PLACES,), do=lambda model, place: model.save(place)),
+    Command("*RCL", (_PLACES,), do=lambda model, place: model.recall(place)),
+    Command("*LRN", query=lambda model: b":SYST:SET " + _setup(model)),
+    Command("RUN", do=lambda model: model.run_now()),
+    Command("STOP", do=lambda model: model.stop()),
+    Command("SINGle", do=lambda model: model.single()),
+    Command("DIGitize", (Source(required=False),), do=_digitize, repeat=True),
+    Command(
+        "AUToscale",
+        (Choice(("CHANnel<1-4>",), required=False),),
+        do=lambda model, *_: model.autoscale(),
+        repeat=True,
+    ),
+    Command("CDISplay", do=nothing),
+    Command("BLANk", (OPTIONAL_SOURCE,), do=_blank),
+    Command("VIEW", (SOURCE,), do=lambda model, source: _show(model, source, shown=True)),
+    Command(
+        "STATus",
+        query=lambda model, source: model.state[f"{source}:DISP"],
+        query_parameters=(SOURCE,),
+        reply=boolean,
+    ),
+    Command("AER", query=lambda model: model.armed(), reply=signed_integer),
+    Command("TER", query=lambda model: model.was_triggered(), reply=signed_integer),
+    Command("SERial", query=lambda _: "MY49520121"),
+    Command("PRINt", do=nothing),
+    Command("MERGe", (Choice(("PMEMory<0-9>",)),), do=nothing),
+    Command("ACTivity", do=nothing, query=_activity),
+    Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=signed_integer),
+    *registers("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
+    *registers("OVLenable", "OVLRegister", lambda model: model.overload),
+    *registers("MTEenable", "MTERegister[:EVENt]", lambda model: model.mask_test),
+    *registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
+    Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=signed_integer),
+    setting("AUToscale:CHANnels", "AUT:CHAN", Choice(("ALL", "DISPlayed"))),
+)
+"""Root and common commands."""
+
+
+# --- pictures
+
+
+def _picture(model: Dso7104B, kind: str, area: str | None, palette: str | None) -> Any:
+    """Return the screen; a TIFF is the graticule in two tones (5000 series guide; number of the refusal unverified)."""
+    if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
+        raise ScpiError(-221)
+    look = Look("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state["HARD:INKS"])
+    return model.look(lambda: block(screenshot(_traces(model), kind, look), 8))
+
+
+def _traces(model: Dso7104B) -> dict[int, NDArray[Any]]:
+    """Return the shown traces, each -0.5...0.5 of the screen, the math trace as the fifth; none without a record."""
+    try:
+        record = model.record
+    except ScpiError:
+        return {}
+    shown = [channel for channel in CHANNELS if model.state[f"CHAN{channel}:DISP"]]
+    traces = {
+        channel: (model.trace(f"CHAN{channel}").volts - record.views[channel].offset_v) / record.views[channel].range_v
+        for channel in shown
+    }
+    if model.state["FUNC:DISP"]:
+        range_, offset = math_scale(model.state)
+        traces[_MATH] = (math_trace(model.state, record, _POINTS).values - offset) / range_
+    return traces
+
+
+def _hard_copy_learned(model: Dso7104B) -> str:
+    """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
+    state = model.state
+    return (
+        f':HARD:APR "";AREA {state["HARD:AREA"]};FACT {boolean(state["HARD:FACT"])};'
+        f"FFE {boolean(state['HARD:FFE'])};INKS {boolean(state['HARD:INKS'])};"
+        f"PAL {state['HARD:PAL']};LAY {state['HARD:LAY']}"
+    )
+
+
+# --- system
+
+
+def _setup(model: Dso7104B) -> bytes:
+    """Return the setup as a block; its inside is ours."""
+    return block(json.dumps(model.state).encode(), 8)
+
+
+def _set_setup(model: Dso7104B, data: bytes) -> None:
+    try:
+        state = json.loads(data)
+    except ValueError:
+        raise ScpiError(-161) from None
+    defaults = default_setup()
+    if not isinstance(state, dict) or set(state) != set(defaults):
+        raise ScpiError(-161)
+    tuples = {key: tuple(state[key]) for key, value in defaults.items() if isinstance(value, tuple)}
+    model.restore(state | tuples)
+
+
+def _set_date(model: Dso7104B, year: int, month: int, day: int) -> None:
+    model.date = (year, month, day)
+
+
+def _set_time(model: Dso7104B, hour: int, minute: int, second: int) -> None:
+    model.time = (hour, minute, second)
+
+
+def _list_of(values: tuple[int, ...]) -> str:
+    return ",".join(map(signed_integer, values))
+
+
+def _put(name: str) -> Callable[..., None]:
+    def write(model: Dso7104B, value: Any) -> None:
+        setattr(model, name, value)
+
+    return write
+
+
+SYSTEM_COMMANDS = (
+    setting("DISPlay:VECTors", "DISP:VECT", Boolean(), boolean),
+    setting("DISPlay:LABel", "DISP:LAB", Boolean(), boolean),
+    setting("DISPlay:PERSistence", "DISP:PERS", Choice(("MINimum", "INFinite"))),
+    Command("DISPlay:CLEar", do=nothing),
+    Command(
+        "DISPlay:DATA",
+        query=_picture,
+        query_parameters=(
+            Choice(("PNG", "BMP", "BMP8bit", "TIFF"), required=False, default="PNG"),
+            Choice(("SCReen", "GRATicule"), required=False),
+            Choice(("COLor", "GRAYscale", "MONochrome"), required=False),
+        ),
+        reply=bytes,
+    ),
+    Command("HARDcopy", query=_hard_copy_learned),
+    setting("HARDcopy:AREA", "HARD:AREA", Choice(("SCReen",))),
+    setting("HARDcopy:FACTors", "HARD:FACT", Boolean(), boolean),
+    setting("HARDcopy:FFEed", "HARD:FFE", Boolean(), boolean),
+    setting("HARDcopy:FORMat", "HARD:FORM", Choice(("BMP", "BMP8bit", "PNG", "CSV", "ASCiixy", "BINary"))),
+    setting("HARDcopy:INKSaver", "HARD:INKS", Boolean(), boolean),
+    setting("HARDcopy:LAYout", "HARD:LAY", Choice(("LANDscape", "PORTrait"))),
+    setting("HARDcopy:PALette", "HARD:PAL", Choice(("COLor", "GRAYscale", "NONE"))),
+    Command("HARDcopy[:STARt]", do=nothing),
+    Command("SYSTem:SETup", (Block(),), do=_set_setup, query=_setup, query_parameters=(), reply=bytes),
+    Command("SYSTem:DSP", (Text(limit=254),), do=_put("message"), query=lambda model: model.message, reply=quoted),
+    Command(
+        "SYSTem:DATE",
+        (Integer(limits=Limits(1980, 2099)), Integer(limits=Limits(1, 12)), Integer(limits=Limits(1, 31))),
+        do=_set_date,
+        query=lambda model: model.date,
+        reply=_list_of,
+    ),
+    Command(
+        "SYSTem:TIME",
+        (Integer(limits=Limits(0, 23)), Integer(limits=Limits(0, 59)), Integer(limits=Limits(0, 59))),
+        do=_set_time,
+        query=lambda model: model.time,
+        reply=_list_of,
+    ),
+    setting("SYSTem:LOCK", "SYST:LOCK", Boolean(), boolean),
+    setting("SYSTem:PROTection:LOCK", "SYST:PROT", Boolean(), boolean),
+)
+"""Display, hard copy and system."""

@@ -1,0 +1,79 @@
+"""Time base and acquisition of the DSO7104B."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.instruments.dso7104b.commands import clipped, number, setting
+from vcfbench.sim.scpi import Boolean, Choice, Command, Integer, Limits, Number, ScpiError, boolean, signed_integer
+
+if TYPE_CHECKING:
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+
+__all__ = ["TIMING_COMMANDS"]
+
+_RANGE = Number(unit="S", limits=Limits(5e-9, 500.0))
+_SCALE = Number(unit="S", limits=Limits(500e-12, 50.0))
+_POSITION = Number(unit="S", limits=Limits(-500.0, 500.0))
+
+
+def _scale(name: str, key: str) -> Command:
+    """Declare a scale, a tenth of the range of the same window."""
+
+    def write(model: Dso7104B, seconds: float) -> None:
+        model.state[key] = 10.0 * seconds
+
+    return Command(
+        name, (_SCALE,), do=write, query=lambda model: model.nr3(model.state[key] / 10.0), query_parameters=()
+    )
+
+
+def _learned(model: Dso7104B) -> str:
+    state = model.state
+    return (
+        f":TIM:MODE {state['TIM:MODE']};REF {state['TIM:REF']};"
+        f"MAIN:RANG {state['TIM:RANG']:+.2E};POS {state['TIM:POS']:+.1E}"
+    )
+
+
+def _set_index(model: Dso7104B, index: float) -> None:
+    """Show another segment: one of those that were acquired."""
+    model.state["SEGM:IND"] = int(clipped(model, index, 1, max(1, model.segments())))
+
+
+def _analyze(model: Dso7104B) -> None:
+    """Measure over all segments; without any the settings are in conflict (number of the refusal unverified)."""
+    if not model.segments():
+        raise ScpiError(-221)
+    model.analysed = True
+
+
+TIMING_COMMANDS = (
+    Command("TIMebase", query=_learned),
+    setting("TIMebase:MODE", "TIM:MODE", Choice(("MAIN", "WINDow", "XY", "ROLL"))),
+    number("TIMebase:RANGe", "TIM:RANG", _RANGE),
+    _scale("TIMebase:SCALe", "TIM:RANG"),
+    number("TIMebase:POSition", "TIM:POS", _POSITION),
+    number("TIMebase:DELay", "TIM:POS", _POSITION),
+    setting("TIMebase:REFerence", "TIM:REF", Choice(("LEFT", "CENTer", "RIGHt"))),
+    setting("TIMebase:VERNier", "TIM:VERN", Boolean(), boolean),
+    number("TIMebase:WINDow:POSition", "WIND:POS", _POSITION),
+    number("TIMebase:WINDow:RANGe", "WIND:RANG", _RANGE),
+    _scale("TIMebase:WINDow:SCALe", "WIND:RANG"),
+    setting("ACQuire:TYPE", "ACQ:TYPE", Choice(("NORMal", "AVERage", "HRESolution", "PEAK"))),
+    setting("ACQuire:MODE", "ACQ:MODE", Choice(("RTIMe", "ETIMe", "SEGMented"))),
+    setting("ACQuire:COUNt", "ACQ:COUN", Integer(limits=Limits(2, 65536)), signed_integer),
+    setting("ACQuire:COMPlete", "ACQ:COMP", Integer(limits=Limits(0, 100)), signed_integer),
+    setting("ACQuire:SEGMented:COUNt", "SEGM:COUN", Integer(limits=Limits(2, 2000)), signed_integer),
+    Command(
+        "ACQuire:SEGMented:INDex",
+        (Integer(),),
+        do=_set_index,
+        query=lambda model: model.state["SEGM:IND"],
+        reply=signed_integer,
+    ),
+    Command("ACQuire:SEGMented:ANALyze", do=_analyze),
+    Command("ACQuire:POINts", query=lambda model: model.memory(), reply=signed_integer),
+    Command("ACQuire:SRATe", query=lambda model: model.nr3(model.sample_rate())),
+)
+"""What is said to :TIMebase and :ACQuire."""

@@ -1,0 +1,410 @@
+"""Trigger settings of the DSO7104B, and the trigger that they mean.
+
+Formats and limits of pattern and duration are those of the 5000 and 6000 series programmer's guides, widths of pulses
+those of the 7000B user's guide (p. 129), the range of levels that of the 3000T guide. Unverified: that a level belongs
+to its channel in every mode, EBURst's source and limits, the words of SEQuence, what serial modes without their option
+answer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.instruments.dso7104b.commands import CHANNEL, clipped, number, setting
+from vcfbench.sim.instruments.dso7104b.conditions import (
+    Burst,
+    Condition,
+    Duration,
+    Edge,
+    Never,
+    Pattern,
+    Pulse,
+    Sequence,
+    Stage,
+    Video,
+)
+from vcfbench.sim.instruments.dso7104b.inputs import EXTERNAL, LINE
+from vcfbench.sim.instruments.dso7104b.trigger import Comparator, Tips, Trigger
+from vcfbench.sim.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Integer,
+    Limits,
+    Number,
+    Parameter,
+    ScpiError,
+    boolean,
+    comma_list,
+    signed_integer,
+)
+from vcfbench.sim.scpi.lexer import Kind, Token
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+
+__all__ = ["TRIGGER_COMMANDS", "trigger_of"]
+
+_OPTIONS = ("FLEXray", "I2S", "M1553", "UART")
+"""Serial modes that come with options; the others are standard (data sheet, from memory)."""
+_SERIAL = ("CAN", "IIC", "LIN", "SPI", "USB")
+_LINE_S = {"NTSC": 63.556e-6, "PALM": 63.556e-6, "PAL": 64e-6, "SEC": 64e-6, "GEN": 64e-6}
+_UNPLUGGED_V = 1e-9
+_EXTERNAL_REACH_V = 8.0
+_HALF_DIVISION = 0.5
+
+
+# --- from settings to a trigger
+
+
+def trigger_of(state: Mapping[str, Any]) -> Trigger:
+    """Return the trigger that the settings mean."""
+    make = _MODES.get(state["TRIG:MODE"])
+    return Trigger({}, Never) if make is None else make(state)
+
+
+def _input(source: str) -> int:
+    named = {"EXT": EXTERNAL, "LINE": LINE}
+    return named[source] if source in named else int(source[4:])
+
+
+def _comparator(state: Mapping[str, Any], source: str, side: float = 0.0) -> Comparator:
+    """Return a comparator at the source's level; noise reject gives it a division of hysteresis."""
+    band_v = state[f"{source}:RANG"] / 8.0 if state["TRIG:NREJ"] and source.startswith("CHAN") else 0.0
+    level_v = 0.0 if source == "LINE" else state[f"LEV:{source}"]
+    if source == "EXT":
+        level_v += _UNPLUGGED_V  # what is at 0 V is not above a level of 0 V
+    return Comparator.at(level_v, band_v, side, reject="HF" if state["TRIG:HFR"] else "")
+
+
+def _coupled(state: Mapping[str, Any], comparator: Comparator) -> Comparator:
+    """Return a comparator behind the coupling that the edge trigger has."""
+    coupling = state["TRIG:COUP"]
+    reject = "LF" if coupling == "LFR" else comparator.filter
+    return Comparator(comparator.level_v, comparator.low_v, comparator.high_v, coupling == "AC", reject)
+
+
+def _edge(state: Mapping[str, Any]) -> Trigger:
+    source, slope = state["TRIG:SOUR"], state["TRIG:SLOP"]
+    side = {"POS": 1.0, "NEG": -1.0}.get(slope, 0.0)
+    channel = _input(source)
+    make = partial(Edge, channel, rising=slope != "NEG", falling=slope != "POS")
+    return Trigger({channel: _coupled(state, _comparator(state, source, side))}, make)
+
+
+def _pulse(state: Mapping[str, Any]) -> Trigger:
+    source, positive = state["GLIT:SOUR"], state["GLIT:POL"] == "POS"
+    less, greater = state["GLIT:RANG"]
+    least, most = {
+        "LESS": (0.0, state["GLIT:LESS"]),
+        "GRE": (state["GLIT:GRE"], math.inf),
+        "RANG": (greater, less),
+    }[state["GLIT:QUAL"]]
+    channel = _input(source)
+    make = partial(Pulse, channel, positive=positive, least_s=least, most_s=most)
+    return Trigger({channel: _comparator(state, source)}, make)
+
+
+def _wanted(value: int, mask: int) -> dict[int, bool]:
+    """Return what bits 0 to 3 say of channels 1 to 4, and bit 4 of EXTernal."""
+    return {bit + 1: bool(value >> bit & 1) for bit in range(5) if mask >> bit & 1}
+
+
+def _source_of(channel: int) -> str:
+    return "EXT" if channel == EXTERNAL else f"CHAN{channel}"
+
+
+def _comparators(state: Mapping[str, Any], channels: set[int]) -> dict[int, Comparator]:
+    return {channel: _comparator(state, _source_of(channel)) for channel in sorted(channels)}
+
+
+def _pattern(state: Mapping[str, Any]) -> Trigger:
+    value, mask, source, slope = state["PATT"]
+    edge = None if source == "NONE" else (_input(source), slope == "POS")
+    wanted = _wanted(value, mask)
+    channels = set(wanted) | ({edge[0]} if edge else set())
+    return Trigger(_comparators(state, channels), partial(Pattern, wanted, edge))
+
+
+def _duration(state: Mapping[str, Any]) -> Trigger:
+    wanted = _wanted(*state["DUR:PATT"])
+    longest, shortest = state["DUR:RANG"]
+    make: Callable[[], Condition] = {
+        "GRE": partial(Duration, wanted, state["DUR:GRE"], math.inf),
+        "LESS": partial(Duration, wanted, 0.0, state["DUR:LESS"]),
+        "INR": partial(Duration, wanted, shortest, longest),
+        "OUTR": partial(Duration, wanted, shortest, longest, outside=True),
+        "TIM": partial(Duration, wanted, state["DUR:GRE"], math.inf, timeout=True),
+    }[state["DUR:QUAL"]]
+    return Trigger(_comparators(state, set(wanted)), make)
+
+
+def _burst(state: Mapping[str, Any]) -> Trigger:
+    channel, rising = _input(state["TRIG:SOUR"]), state["EBUR:SLOP"] == "POS"
+    make = partial(Burst, channel, rising=rising, count=state["EBUR:COUN"], idle_s=state["EBUR:IDLE"])
+    return Trigger({channel: _comparator(state, state["TRIG:SOUR"])}, make)
+
+
+def _television(state: Mapping[str, Any]) -> Trigger:
+    """Return the trigger on any line or any field; of a certain line or field it never knows."""
+    mode, source = state["TV:MODE"], state["TV:SOUR"]
+    if mode not in {"ALIN", "AFI", "VERT"}:
+        return Trigger({}, Never)
+    channel, negative = _input(source), state["TV:POL"] == "NEG"
+    make = partial(Video, channel, negative=negative, line_s=_LINE_S[state["TV:STAN"]], field=mode != "ALIN")
+    swing_v = _HALF_DIVISION * state[f"{source}:RANG"] / 8.0
+    return Trigger({channel: _comparator(state, source)}, make, Tips(negative, swing_v))
+
+
+def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> Stage | None:
+    """Return the stage that words like `PATT1,AND,EDGE1` or `EDGE2,COUN` mean; None for NONE and TIMer."""
+    pattern = next((_wanted(*state[f"SEQ:{word}"]) for word in words if word.startswith("PATT")), None)
+    edge = next((state[f"SEQ:{word}"] for word in words if word.startswith("EDGE")), None)
+    if pattern is None and edge is None:
+        return None
+    return Stage(pattern, "EXIT" not in words, None if edge is None else (_input(edge[0]), edge[1] == "POS"))
+
+
+def _sequence(state: Mapping[str, Any]) -> Trigger:
+    find, trigger, reset = (_stage(state, state[key]) for key in ("SEQ:FIND", "SEQ:TRIG", "SEQ:RES"))
+    if find is None or trigger is None:
+        return Trigger({}, Never)
+    make = partial(
+        Sequence,
+        find,
+        trigger,
+        reset,
+        count=state["SEQ:COUN"] if "COUN" in state["SEQ:TRIG"] else 1,
+        counts_anew="NREF" not in state["SEQ:TRIG"],
+        timer_s=state["SEQ:TIM"] if state["SEQ:RES"] == ("TIM",) else math.inf,
+    )
+    stages = [each for each in (find, trigger, reset) if each is not None]
+    channels = {channel for each in stages for channel in each.pattern or {}}
+    channels |= {each.edge[0] for each in stages if each.edge is not None}
+    return Trigger(_comparators(state, channels), make)
+
+
+_MODES: dict[str, Callable[[Mapping[str, Any]], Trigger]] = {
+    "EDGE": _edge,
+    "GLIT": _pulse,
+    "PATT": _pattern,
+    "DUR": _duration,
+    "EBUR": _burst,
+    "SEQ": _sequence,
+    "TV": _television,
+}
+"""The other modes wait for frames of a serial bus, which nothing on this bench sends."""
+
+
+# --- commands
+
+
+@dataclass(frozen=True, slots=True)
+class _Bits(Parameter):
+    """An integer, or one as a string: "0x1F"."""
+
+    def parse(self, token: Token) -> int:
+        """Return the integer; -224 for a string that is none."""
+        if token.kind is Kind.NUMBER:
+            return round(token.number)
+        if token.kind is not Kind.STRING:
+            raise self.refuse_kind(token)
+        try:
+            return int(token.text, 16)
+        except ValueError:
+            raise ScpiError(-224) from None
+
+
+def _set_mode(model: Dso7104B, mode: str) -> None:
+    """Choose the mode; those of options that are not installed are refused (number unverified)."""
+    if mode in {Choice((option,)).mnemonics[0].short for option in _OPTIONS}:
+        raise ScpiError(-241)
+    model.state["TRIG:MODE"] = mode
+
+
+def _reach(model: Dso7104B, source: str) -> tuple[float, float]:
+    """Return the lowest and the highest level: 0.75 of full scale about the centre of the screen."""
+    if not source.startswith("CHAN"):
+        return -_EXTERNAL_REACH_V, _EXTERNAL_REACH_V
+    centre, reach = model.state[f"{source}:OFFS"], 0.75 * model.state[f"{source}:RANG"]
+    return centre - reach, centre + reach
+
+
+def _level(pattern: str, source_key: str) -> Command:
+    """Declare the level of a mode's source, or of the one that is named."""
+
+    def write(model: Dso7104B, volts: float, source: str | None) -> None:
+        named = source or model.state[source_key]
+        model.state[f"LEV:{named}"] = clipped(model, volts, *_reach(model, named))
+
+    return Command(
+        pattern,
+        (Number(unit="V"), Choice(("CHANnel<1-4>", "EXTernal"), required=False)),
+        do=write,
+        query=lambda model, source: model.nr3(model.state[f"LEV:{source or model.state[source_key]}"]),
+        query_parameters=(Choice(("CHANnel<1-4>", "EXTernal"), required=False),),
+    )
+
+
+def _set_reject(model: Dso7104B, word: str) -> None:
+    """Turn one filter on and the other off; LF is the coupling of that name."""
+    model.state["TRIG:HFR"] = word == "HF"
+    if word == "LF":
+        model.state["TRIG:COUP"] = "LFR"
+    elif model.state["TRIG:COUP"] == "LFR":
+        model.state["TRIG:COUP"] = "DC"
+
+
+def _reject(model: Dso7104B) -> str:
+    if model.state["TRIG:COUP"] == "LFR":
+        return "LF"
+    return "HF" if model.state["TRIG:HFR"] else "OFF"
+
+
+def _set_pattern(model: Dso7104B, value: int, mask: int, source: str | None, slope: str | None) -> None:
+    """Take value and mask, with or without source and slope of an edge: both or none."""
+    if (source is None) != (slope is None):
+        raise ScpiError(-109)
+    model.state["PATT"] = (value, mask, source or "NONE", slope or "POS")
+
+
+def _pattern_reply(model: Dso7104B) -> str:
+    value, mask, source, slope = model.state["PATT"]
+    return f"{signed_integer(value)},{signed_integer(mask)},{source},{slope}"
+
+
+def _times(pattern: str, key: str, less: Limits, greater: Limits) -> Command:
+    """Declare a range of times; the larger one is the upper limit, whatever the order."""
+    limits = Number(unit="S", limits=Limits(greater.minimum, less.maximum))
+
+    def write(model: Dso7104B, one: float, other: float) -> None:
+        upper = clipped(model, max(one, other), less.minimum, less.maximum)
+        model.state[key] = (upper, clipped(model, min(one, other), greater.minimum, greater.maximum))
+
+    return Command(
+        pattern,
+        (limits, limits),
+        do=write,
+        query=lambda model: comma_list(model.nr3)(model.state[key]),
+        query_parameters=(),
+    )
+
+
+def _stage_setting(pattern: str, key: str, allowed: set[str]) -> Command:
+    """Declare a stage; the words that it may be made of are a few combinations (6000 series guide, from memory)."""
+
+    def write(model: Dso7104B, *words: str) -> None:
+        if ",".join(words) not in allowed:
+            raise ScpiError(-224)
+        model.state[key] = words
+
+    return Command(pattern, (_STAGE_WORD,), do=write, query=lambda model: ",".join(model.state[key]), repeat=True)
+
+
+def _set_pair(prefix: str) -> Callable[..., None]:
+    def write(model: Dso7104B, index: int, one: Any, other: Any) -> None:
+        model.state[f"{prefix}{index}"] = (one, other)
+
+    return write
+
+
+def _patterns(index: int) -> set[str]:
+    return {f"PATT{index},ENT", f"PATT{index},EXIT", f"EDGE{index}", f"PATT{index},AND,EDGE{index}"}
+
+
+_STAGE_WORD = Choice(("PATTern<1-2>", "EDGE<1-2>", "ENTered", "EXITed", "AND", "COUNt", "NREFind", "NONE", "TIMer"))
+_SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
+_PULSE_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
+_GREATER = Limits(10e-9, 10.0)
+_LESS = Limits(15e-9, 10.0)
+
+TRIGGER_COMMANDS = (
+    Command(
+        "TRIGger:MODE",
+        (Choice((*("EDGE", "GLITch", "PATTern", "TV", "DURation", "EBURst", "SEQuence"), *_SERIAL, *_OPTIONS)),),
+        do=_set_mode,
+        query=lambda model: model.state["TRIG:MODE"],
+    ),
+    setting("TRIGger:SWEep", "TRIG:SWE", Choice(("AUTO", "NORMal"))),
+    setting("TRIGger[:EDGE]:SOURce", "TRIG:SOUR", _SOURCE),
+    _level("TRIGger[:EDGE]:LEVel", "TRIG:SOUR"),
+    setting("TRIGger[:EDGE]:SLOPe", "TRIG:SLOP", Choice(("POSitive", "NEGative", "EITHer", "ALTernate"))),
+    setting("TRIGger[:EDGE]:COUPling", "TRIG:COUP", Choice(("AC", "DC", "LFReject"))),
+    Command("TRIGger[:EDGE]:REJect", (Choice(("OFF", "LF", "HF")),), do=_set_reject, query=_reject),
+    setting("TRIGger:HFReject", "TRIG:HFR", Boolean(), boolean),
+    setting("TRIGger:NREJect", "TRIG:NREJ", Boolean(), boolean),
+    number("TRIGger:HOLDoff", "TRIG:HOLD", Number(unit="S", limits=Limits(60e-9, 10.0))),
+    Command("TRIGger:FORCe", do=lambda model: model.force(), urgent=True),
+    setting("TRIGger:GLITch:SOURce", "GLIT:SOUR", _SOURCE),
+    _level("TRIGger:GLITch:LEVel", "GLIT:SOUR"),
+    setting("TRIGger:GLITch:QUALifier", "GLIT:QUAL", Choice(("GREaterthan", "LESSthan", "RANGe"))),
+    setting("TRIGger:GLITch:POLarity", "GLIT:POL", Choice(("POSitive", "NEGative"))),
+    number("TRIGger:GLITch:LESSthan", "GLIT:LESS", _PULSE_TIME),
+    number("TRIGger:GLITch:GREaterthan", "GLIT:GRE", _PULSE_TIME),
+    _times("TRIGger:GLITch:RANGe", "GLIT:RANG", Limits(15e-9, 10.0), Limits(10e-9, 9.99)),
+    Command(
+        "TRIGger:PATTern",
+        (
+            _Bits(),
+            _Bits(),
+            Choice(("CHANnel<1-4>", "EXTernal", "NONE"), required=False),
+            Choice(("POSitive", "NEGative"), required=False),
+        ),
+        do=_set_pattern,
+        query=_pattern_reply,
+        query_parameters=(),
+    ),
+    Command(
+        "TRIGger:DURation:PATTern",
+        (_Bits(), _Bits()),
+        do=lambda model, value, mask: model.state.update({"DUR:PATT": (value, mask)}),
+        query=lambda model: model.state["DUR:PATT"],
+        query_parameters=(),
+        reply=comma_list(signed_integer),
+    ),
+    setting(
+        "TRIGger:DURation:QUALifier",
+        "DUR:QUAL",
+        Choice(("GREaterthan", "LESSthan", "INRange", "OUTRange", "TIMeout")),
+    ),
+    number("TRIGger:DURation:GREaterthan", "DUR:GRE", Number(unit="S", limits=_GREATER)),
+    number("TRIGger:DURation:LESSthan", "DUR:LESS", Number(unit="S", limits=_LESS)),
+    _times("TRIGger:DURation:RANGe", "DUR:RANG", _LESS, Limits(10e-9, 9.99)),
+    setting("TRIGger:EBURst:COUNt", "EBUR:COUN", Integer(limits=Limits(1, 65535)), signed_integer),
+    number("TRIGger:EBURst:IDLE", "EBUR:IDLE", Number(unit="S", limits=_GREATER)),
+    setting("TRIGger:EBURst:SLOPe", "EBUR:SLOP", Choice(("POSitive", "NEGative"))),
+    setting("TRIGger:SEQuence:COUNt", "SEQ:COUN", Integer(limits=Limits(1, 10000)), signed_integer),
+    Command(
+        "TRIGger:SEQuence:EDGE<1-2>",
+        (Choice(("CHANnel<1-4>", "EXTernal")), Choice(("POSitive", "NEGative"))),
+        do=_set_pair("SEQ:EDGE"),
+        query=lambda model, index: ",".join(model.state[f"SEQ:EDGE{index}"]),
+    ),
+    Command(
+        "TRIGger:SEQuence:PATTern<1-2>",
+        (_Bits(), _Bits()),
+        do=_set_pair("SEQ:PATT"),
+        query=lambda model, index: model.state[f"SEQ:PATT{index}"],
+        query_parameters=(),
+        reply=comma_list(signed_integer),
+    ),
+    _stage_setting("TRIGger:SEQuence:FIND", "SEQ:FIND", _patterns(1)),
+    _stage_setting("TRIGger:SEQuence:TRIGger", "SEQ:TRIG", {*_patterns(2), "EDGE2,COUN", "EDGE2,COUN,NREF"}),
+    _stage_setting("TRIGger:SEQuence:RESet", "SEQ:RES", {"NONE", "TIM", *_patterns(1), *_patterns(2)}),
+    number("TRIGger:SEQuence:TIMer", "SEQ:TIM", Number(unit="S", limits=_GREATER)),
+    setting("TRIGger:TV:SOURce", "TV:SOUR", CHANNEL),
+    setting(
+        "TRIGger:TV:MODE",
+        "TV:MODE",
+        Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical")),
+    ),
+    setting("TRIGger:TV:STANdard", "TV:STAN", Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam"))),
+    setting("TRIGger:TV:POLarity", "TV:POL", Choice(("POSitive", "NEGative"))),
+    setting("TRIGger:TV:LINE", "TV:LINE", Integer(limits=Limits(1, 1125)), signed_integer),
+)
+"""What is said to :TRIGger."""

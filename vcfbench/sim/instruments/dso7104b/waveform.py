@@ -1,0 +1,225 @@
+"""Waveforms of the DSO7104B on their way out: preamble, codes, blocks."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vcfbench.sim.instruments.dso7104b.commands import SOURCE, clipped, setting
+from vcfbench.sim.instruments.dso7104b.function import MathTrace, math_scale, math_trace
+from vcfbench.sim.scpi import Boolean, Choice, Command, Number, block, boolean, real, signed_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+
+__all__ = ["WAVEFORM_COMMANDS"]
+
+_LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
+_FORMATS = {"BYTE": 0, "WORD": 1, "ASC": 4}
+_TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
+_RECORD_LENGTHS = (
+    *(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000),
+    *(1_000_000, 2_000_000, 5_000_000, 8_000_000),
+)
+
+
+def _listed(wanted: float) -> int:
+    """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 8000000 that is not above `wanted`."""
+    return max(each for each in _RECORD_LENGTHS if each <= max(100, wanted))
+
+
+def _points(model: Dso7104B) -> int:
+    """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
+    state = model.state
+    wanted = state["WAV:POIN"]
+    if state["WAV:MODE"] == "NORM" or model.running or state["WAV:SOUR"] == "FUNC":
+        return max(each for each in (100, 250, 500, 1000) if each <= max(100, wanted))
+    # RAW and MAX read the memory, which only a stopped acquisition of NORM, AVER or HRES type holds
+    return min(_listed(wanted), model.memory())
+
+
+def _set_points(model: Dso7104B, points: float) -> None:
+    """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
+    words = {-1.0: ("NORM", 1000), -2.0: ("MAX", 8_000_000), -3.0: ("RAW", 8_000_000)}
+    if points in words:
+        model.state["WAV:MODE"], model.state["WAV:POIN"] = words[points]
+        return
+    most = 1000 if model.state["WAV:MODE"] == "NORM" else 8_000_000
+    model.state["WAV:POIN"] = _listed(clipped(model, points, 100, most))
+
+
+# --- scaling
+
+
+def _math(model: Dso7104B) -> MathTrace:
+    return math_trace(model.state, model.record, _points(model))
+
+
+def _vertical(model: Dso7104B) -> tuple[float, float]:
+    """Return range and offset of the source as it was acquired."""
+    if model.state["WAV:SOUR"] == "FUNC":
+        return math_scale(model.state)
+    view = model.record.views[int(model.state["WAV:SOUR"][4:])]
+    return view.range_v, view.offset_v
+
+
+def _horizontal(model: Dso7104B) -> tuple[float, float]:
+    """Return increment and origin, s; Hz of an FFT."""
+    if model.state["WAV:SOUR"] == "FUNC":
+        trace = _math(model)
+        return trace.step, trace.first
+    screen = model.record.screen
+    return screen.range_s / _points(model), screen.left_s
+
+
+def _scaling(model: Dso7104B) -> tuple[float, float, int, float, float, int]:
+    """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference."""
+    levels = _LEVELS[model.state["WAV:FORM"]]
+    range_, offset = _vertical(model)
+    return (*_horizontal(model), 0, range_ / levels, offset, levels // 2)
+
+
+def _preamble(model: Dso7104B) -> Any:
+    return model.look(lambda: _preamble_now(model))
+
+
+def _preamble_now(model: Dso7104B) -> str:
+    x_increment, x_origin, x_reference, y_increment, y_origin, y_reference = _scaling(model)
+    fields = (
+        signed_integer(_FORMATS[model.state["WAV:FORM"]]),
+        signed_integer(_TYPES[model.state["ACQ:TYPE"]]),
+        signed_integer(_points(model)),
+        signed_integer(_average_count(model)),
+        model.nr3(x_increment),
+        model.nr3(x_origin),
+        signed_integer(x_reference),
+        model.nr3(y_increment),
+        model.nr3(y_origin),
+        signed_integer(y_reference),
+    )
+    return ",".join(fields)
+
+
+def _average_count(model: Dso7104B) -> int:
+    return int(model.state["ACQ:COUN"]) if model.state["ACQ:TYPE"] == "AVER" else 1
+
+
+def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
+    def read(model: Dso7104B) -> Any:
+        def found() -> str:
+            value = _scaling(model)[index]
+            return signed_integer(value) if integer else model.nr3(value)
+
+        return model.look(found)
+
+    return Command(f"WAVeform:{name}", query=read)
+
+
+# --- data
+
+
+def _codes(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
+    """Yield the record of the waveform source, block by block, as unsigned codes of the waveform format."""
+    range_, offset = _vertical(model)
+    levels = _LEVELS[model.state["WAV:FORM"]]
+    for volts in _blocks(model):
+        yield _coded(volts, range_, offset, levels)
+
+
+def _blocks(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
+    if model.state["WAV:SOUR"] == "FUNC":
+        return iter((_math(model).values,))
+    channel, points = int(model.state["WAV:SOUR"][4:]), _points(model)
+    peak = model.state["ACQ:TYPE"] == "PEAK"
+    return model.record.peak_blocks(channel, points) if peak else model.record.blocks(channel, points)
+
+
+def _coded(volts: NDArray[np.float64], range_: float, offset: float, levels: int) -> NDArray[np.float64]:
+    """Return samples as whole codes: 1 is below the converter's range, the highest above."""
+    codes = np.subtract(volts, offset)
+    codes *= levels / range_
+    np.round(codes, out=codes)
+    codes += levels // 2
+    unit = levels // 256
+    if codes.min() < 2 * unit - unit / 2:
+        codes[codes < 2 * unit - unit / 2] = 1
+    if codes.max() > 254 * unit + unit / 2:
+        codes[codes > 254 * unit + unit / 2] = levels - 1
+    return codes
+
+
+def _data(model: Dso7104B) -> Any:
+    return model.look(lambda: model.sent(_asked(model), lambda: _data_now(model)))
+
+
+def _asked(model: Dso7104B) -> tuple[Any, ...]:
+    """Return all that what :WAVeform:DATA? sends of a record depends on."""
+    keys = ["WAV:SOUR", "WAV:FORM", "WAV:UNS", "WAV:BYT", "ACQ:TYPE"]
+    if model.state["WAV:SOUR"] == "FUNC":
+        keys += sorted(key for key in model.state if key.startswith(("FUNC:", "GOFT:")))
+    return (_points(model), *(model.state[key] for key in keys))
+
+
+def _data_now(model: Dso7104B) -> bytes:
+    form, unsigned = model.state["WAV:FORM"], model.state["WAV:UNS"]
+    if form == "ASC":
+        return block(",".join(chain.from_iterable(_as_text(model, codes) for codes in _codes(model))).encode(), 8)
+    half = 0 if unsigned else _LEVELS[form] // 2
+    order = ">" if model.state["WAV:BYT"] == "MSBF" else "<"
+    kind = ("u" if unsigned else "i") + ("1" if form == "BYTE" else "2")
+    return block(b"".join(_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)), 8)
+
+
+def _bytes(codes: NDArray[np.float64], half: int, kind: str) -> bytes:
+    if half:
+        codes -= half
+    return codes.astype(kind).tobytes()
+
+
+def _as_text(model: Dso7104B, codes: NDArray[np.float64]) -> Iterator[str]:
+    _, _, _, increment, origin, reference = _scaling(model)
+    return map(real(5, model.exponent_digits), ((codes - reference) * increment + origin).tolist())
+
+
+def _in_segments(of: Callable[[Dso7104B], str]) -> Callable[[Dso7104B], Any]:
+    return lambda model: model.look(lambda: of(model))
+
+
+def _time_tag(model: Dso7104B) -> str:
+    return model.nr3(model.time_tag_s())
+
+
+WAVEFORM_COMMANDS = (
+    setting("WAVeform:SOURce", "WAV:SOUR", SOURCE),
+    setting("WAVeform:FORMat", "WAV:FORM", Choice(("BYTE", "WORD", "ASCii"))),
+    setting("WAVeform:UNSigned", "WAV:UNS", Boolean(), boolean),
+    setting("WAVeform:BYTeorder", "WAV:BYT", Choice(("MSBFirst", "LSBFirst"))),
+    Command(
+        "WAVeform:POINts",
+        (Number(words={"NORMal": -1.0, "MAXimum": -2.0, "RAW": -3.0}),),
+        do=_set_points,
+        query=_points,
+        reply=signed_integer,
+    ),
+    setting("WAVeform:POINts:MODE", "WAV:MODE", Choice(("NORMal", "MAXimum", "RAW"))),
+    Command("WAVeform:PREamble", query=_preamble),
+    Command("WAVeform:DATA", query=_data, reply=bytes),
+    _scaled("XINCrement", 0),
+    _scaled("XORigin", 1),
+    _scaled("XREFerence", 2, integer=True),
+    _scaled("YINCrement", 3),
+    _scaled("YORigin", 4),
+    _scaled("YREFerence", 5, integer=True),
+    Command("WAVeform:COUNt", query=_average_count, reply=signed_integer),
+    Command("WAVeform:TYPE", query=lambda model: model.state["ACQ:TYPE"]),
+    Command("WAVeform:SEGMented:COUNt", query=_in_segments(lambda model: signed_integer(model.segments()))),
+    Command("WAVeform:SEGMented:TTAG", query=_in_segments(_time_tag)),
+    setting("WAVeform:VIEW", "WAV:VIEW", Choice(("MAIN",))),
+)
+"""What is said to :WAVeform."""

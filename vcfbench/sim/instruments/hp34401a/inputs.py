@@ -1,0 +1,353 @@
+"""What the 34401A's input stage makes of what is wired to it: a reading of any function, with the specimen's errors."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from vcfbench.sim.instruments.hp34401a import counter, ohms
+from vcfbench.sim.instruments.hp34401a.ac import SETTLING_S, Response, crest_limit, detect
+from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
+from vcfbench.sim.instruments.hp34401a.calibration import Corrections
+from vcfbench.sim.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
+from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
+from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, RESOLUTIONS, Function
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.sim.instruments.hp34401a.ac import Detected
+    from vcfbench.sim.instruments.hp34401a.setup import Setup
+    from vcfbench.sim.trace import History, Piece
+
+__all__ = ["Conditions", "Inputs", "MeterErrors", "Reading"]
+
+_FAST_APERTURE_S = {0.02: 400e-6, 0.2: 3e-3}
+"""Integration below one cycle does not depend on the line (p. 217)."""
+_OVERHEAD_S = {0.02: 0.6e-3, 0.2: 0.33e-3}
+"""What the published reading rates leave beside integration and delay (p. 217; inferred)."""
+_AC_READING_S = 0.02
+"""50 readings a second with the settling delays defeated (p. 219)."""
+_RANGING_S = 0.02
+"""How long an ac signal is looked at to find its range (unverified; p. 219 gives a limit for the whole)."""
+_CREST_FACTOR = 5.0
+"""Peaks beyond this times the range overload the ac amplifier (p. 218: crest factor 5:1 at full scale)."""
+_LEAST_AC_V = 0.01
+"""Below 10 % of the lowest range a counter sees no signal and reads 0 (p. 61)."""
+_LEAST_PART = 0.01
+"""So it does below this part of a fixed range (unverified)."""
+_AC_DIGIT = 1e-6
+"""Resolution of the ac functions as a part of the range: always 6.5 digits (p. 57)."""
+_AC_LIMIT_LOWEST, _AC_LIMIT = 4e-4, 3e-4
+"""Published error of range of ac voltage, on the lowest range and above (p. 218)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A reading under way: `value()` may be asked for from `end_s` on, and may be a further reading that it needs."""
+
+    end_s: float
+    value: Callable[[], float | Reading]
+
+
+class Conditions(NamedTuple):
+    """What a reading depends on beside function and setup.
+
+    Args:
+        autozero: whether a zero is taken with each reading.
+        high_impedance: whether the lower direct-voltage ranges have more than 10 Gohm.
+        filter_hz: the ac filter.
+        delay_s: from trigger, or a change of range, to the measurement.
+    """
+
+    autozero: bool = True
+    high_impedance: bool = False
+    filter_hz: float = 20.0
+    delay_s: float = 0.0
+
+
+class _Scale(NamedTuple):
+    """A range, how far beyond it readings go, and the resolution."""
+
+    range: float
+    over_range: float
+    resolution: float
+
+
+class Inputs:
+    """The input terminals on a node.
+
+    Args:
+        world: the World the node is in, or leads to it.
+        node: the node between the HI and LO terminals.
+        errors: imperfections of the specimen.
+        mains_hz: line frequency.
+        source_ohm: resistance of the node that the 10 Mohm of direct voltage load.
+        sense: the node between the sense terminals, None while they are open.
+    """
+
+    def __init__(
+        self, world: Any, node: str, errors: MeterErrors, *, mains_hz: float, source_ohm: float, sense: str | None
+    ) -> None:
+        self._world = world
+        self._node = node
+        self._sense = sense
+        self._errors = errors
+        self._mains_hz = mains_hz
+        self._source_ohm = source_ohm
+        self._noise = random.Random(errors.noise_seed)  # noqa: S311  (noise, not secrets)
+        self._history: History | None = None
+        self.corrections = Corrections()
+        """What calibrations have changed."""
+
+    def aperture_s(self, nplc: float) -> float:
+        """Return the integration time of `nplc` power line cycles."""
+        return _FAST_APERTURE_S.get(nplc, nplc / self._mains_hz)
+
+    def route(self, function: Function) -> None:
+        """Switch the input to a function: the ac path sees the signal from now on, and has to settle."""
+        if self._history is not None:
+            self._history.end()
+        wanted = function.alternating and function.unit != "A"
+        self._history = self._world.trace(max(SETTLING_S.values()) + 1.0) if wanted else None
+
+    # --- beginning a reading ------------------------------------------------------------------------------
+
+    def begin(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+        """Start a reading on a trigger at `start_s`; alternating ones find their range, which they leave in `setup`."""
+        if function.unit == "A":
+            return self._current(function, start_s, setup, conditions)
+        if function.alternating:
+            return self._ranged_ac(function, start_s, setup, conditions)
+        return self._integrated(function, start_s + conditions.delay_s, setup, conditions)
+
+    def autorange(self, function: Function, range_: float) -> float:
+        """Return the range for the signal now: up above 120 %, down below 10 % of the present one (p. 53)."""
+        if function.unit == "OHM":
+            return self._ohms_range(function, range_)
+        if function.unit == "A":
+            return _fitting(function, range_, 0.0)
+        return _fitting(function, range_, abs(self._world.value_v(self._node)))
+
+    def frequency_hz(self) -> float:
+        """Return the frequency of what the ac path saw in the last second, 0 without a signal."""
+        now, response = self._world.clock.now(), self._response(20.0)
+        return counter.mean_frequency_hz(self._pieces(), now - 1.0, now, response, _LEAST_AC_V)
+
+    def _ohms_range(self, function: Function, range_: float) -> float:
+        """The test current goes with the range, so what it shows is looked at range by range."""
+        if self._sense_open(function):
+            return function.ranges[-1]
+        node_v, source_ohm = self._world.value_v(self._node), self._world.source_ohm(self._node)
+        levels = {each: abs(ohms.resistance_ohm(node_v, source_ohm, each)) for each in function.ranges}
+        if 0.1 * range_ <= levels[range_] <= range_ * function.over_range_of(range_):
+            return range_
+        fits = (each for each, level in levels.items() if level <= each * function.over_range_of(each))
+        return next(fits, function.ranges[-1])
+
+    # --- direct voltage, ohms -----------------------------------------------------------------------------
+
+    def _integrated(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+        aperture = self.aperture_s(setup.nplc)
+        autozero = conditions.autozero or function.name in ("FRES", "VOLT:RAT")
+        end = start_s + aperture * (2 if autozero else 1) + _OVERHEAD_S.get(setup.nplc, 0.0)
+        window = self._world.window(self._node, start_s, start_s + aperture)
+        scale = _Scale(setup.range, function.over_range_of(setup.range), RESOLUTIONS[setup.nplc] * setup.range)
+        if function.name == "VOLT":
+            loading = self.loading(setup.range, high_impedance=conditions.high_impedance)
+            return Reading(end, lambda: self._as_read(window.mean_v() * loading, scale, autozero=autozero))
+        if function.name == "VOLT:RAT":
+            return self._ratio(window.mean_v, scale, start_s, setup.nplc)
+        return Reading(end, lambda: self._resistive(function, window.mean_v(), scale))
+
+    def loading(self, range_: float, *, high_impedance: bool) -> float:
+        """Return what the input resistance leaves of the node's open voltage (p. 53)."""
+        if math.isinf(self._errors.input_ohm) or (high_impedance and range_ <= 10.0):
+            return 1.0
+        return self._errors.input_ohm / (self._errors.input_ohm + self._source_ohm)
+
+    def _as_read(self, true_v: float, scale: _Scale, *, autozero: bool) -> float:
+        if abs(true_v) > scale.range * scale.over_range:
+            return math.copysign(OVERLOAD, true_v)
+        errors = self._errors
+        reading = true_v * (1.0 + errors.gain_error) + errors.offset_v * scale.range / 10.0
+        if not autozero:
+            reading += errors.unzeroed_offset_v
+        return self._shown(self.corrections.apply("VOLT", scale.range, reading), scale.resolution)
+
+    def _shown(self, reading: float, resolution: float) -> float:
+        """Return a reading with the converter's noise, in its steps."""
+        if self._errors.noise:
+            reading += self._noise.gauss(0.0, self._errors.noise * resolution)
+        if self._errors.quantised:
+            step = resolution / 10.0
+            reading = round(reading / step) * step
+        return reading
+
+    def _ratio(self, signal_v: Callable[[], float], scale: _Scale, start_s: float, nplc: float) -> Reading:
+        """Both inputs are read one after the other, each with its zero; the reference up to 12 V (p. 52, 217)."""
+        aperture = self.aperture_s(nplc)
+        middle, end = start_s + 2 * aperture, start_s + 4 * aperture + _OVERHEAD_S.get(nplc, 0.0)
+        if self._sense is None:
+            return Reading(end, lambda: OVERLOAD)
+        reference = self._world.window(self._sense, middle, middle + aperture)
+
+        def value() -> float:
+            below = self._as_read(reference.mean_v(), _Scale(10.0, 1.2, 10.0 * RESOLUTIONS[nplc]), autozero=True)
+            above = self._as_read(signal_v(), scale, autozero=True)
+            overloaded = OVERLOAD in (abs(below), abs(above)) or below == 0.0
+            return OVERLOAD if overloaded else above / below
+
+        return Reading(end, value)
+
+    def _sense_open(self, function: Function) -> bool:
+        return function.name == "FRES" and self._sense is None
+
+    def _resistive(self, function: Function, node_v: float, scale: _Scale) -> float:
+        source_ohm = self._world.source_ohm(self._node)
+        if function.name == "DIOD":
+            return self._diode(ohms.diode_v(node_v, source_ohm), scale)
+        if self._sense_open(function):
+            return OVERLOAD
+        leads = 0.0 if function.name == "FRES" else self._errors.ohms.lead_ohm
+        true_ohm = ohms.resistance_ohm(node_v, source_ohm + leads, scale.range)
+        if abs(true_ohm) > scale.range * scale.over_range:
+            return math.copysign(OVERLOAD, true_ohm)
+        errors, limits = self._errors.ohms, ohms.limits(scale.range)
+        reading = true_ohm * (1.0 + errors.reading_share * limits.reading)
+        reading += errors.range_share * limits.range * scale.range
+        name = "RES" if function.name == "CONT" else function.name
+        return self._shown(self.corrections.apply(name, scale.range, reading), scale.resolution)
+
+    def _diode(self, true_v: float, scale: _Scale) -> float:
+        if abs(true_v) > scale.range * scale.over_range:
+            return math.copysign(OVERLOAD, true_v)
+        errors = self._errors.ohms
+        reading = true_v * (1.0 + 1e-4 * errors.reading_share) + 2e-4 * errors.range_share * scale.range  # p. 216
+        return self._shown(reading, scale.resolution)
+
+    # --- current ------------------------------------------------------------------------------------------
+
+    def _current(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+        start_s += conditions.delay_s
+        range_, errors = setup.range, self._errors.current
+        if function.alternating:
+            own = self.corrections.apply(function.name, range_, open_ac_input_a(errors, range_))
+            return Reading(start_s + _AC_READING_S, lambda: self._shown(own, _AC_DIGIT * range_))
+        own = self.corrections.apply(function.name, range_, open_dc_input_a(errors, range_))
+        aperture = self.aperture_s(setup.nplc) * (2 if conditions.autozero else 1)
+        end = start_s + aperture + _OVERHEAD_S.get(setup.nplc, 0.0)
+        return Reading(end, lambda: self._shown(own, RESOLUTIONS[setup.nplc] * range_))
+
+    # --- alternating voltage, frequency, period -----------------------------------------------------------
+
+    def _ranged_ac(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+        if not setup.auto:
+            return self._ac(function, start_s + conditions.delay_s, setup, conditions)
+        ranged = function.voltage_ranged
+
+        def look() -> Reading:
+            level = self._detected(start_s, start_s + _RANGING_S, conditions.filter_hz)
+            better = _fitting(ranged, setup.range, level.rms_v, level.peak_v)
+            begun = start_s + _RANGING_S + (function.autorange_s if better != setup.range else 0.0)
+            setup.range = better
+            return self._ac(function, begun + conditions.delay_s, setup, conditions)
+
+        return Reading(start_s + _RANGING_S, look)
+
+    def _ac(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+        if function.gated:
+            return self._gate(function, start_s, setup, conditions)
+        stop = start_s + _AC_READING_S
+
+        def value() -> float | Reading:
+            seen = self._detected(stop - SETTLING_S[conditions.filter_hz], stop, conditions.filter_hz)
+            return self._again(function, setup, conditions, seen) or self._rms(function, setup.range, seen)
+
+        return Reading(stop, value)
+
+    def _again(self, function: Function, setup: Setup, conditions: Conditions, seen: Detected) -> Reading | None:
+        """Autorange that looked too briefly at a slow signal finds out in the end, and takes another range."""
+        ranged = function.voltage_ranged
+        if not setup.auto or not _overloads(ranged, setup.range, seen) or setup.range == ranged.ranges[-1]:
+            return None
+        setup.range = ranged.ranges[ranged.ranges.index(setup.range) + 1]
+        begun = self._world.clock.now() + function.autorange_s
+        return self._ac(function, begun + conditions.delay_s, setup, conditions)
+
+    def _rms(self, function: Function, range_: float, seen: Detected) -> float:
+        if _overloads(function, range_, seen):
+            return OVERLOAD
+        errors = self._errors.ac
+        crest = crest_limit(seen.peak_v / seen.rms_v) if seen.rms_v else 0.0
+        part = _AC_LIMIT_LOWEST if range_ == function.ranges[0] else _AC_LIMIT
+        reading = seen.rms_v * (1.0 + errors.crest_share * crest) + errors.range_share * part * range_
+        reading = self.corrections.apply(function.name, range_, reading)
+        if errors.noise:
+            reading += self._noise.gauss(0.0, errors.noise * range_)
+        if self._errors.quantised:
+            step = _AC_DIGIT * range_
+            reading = round(reading / step) * step
+        return max(reading, 0.0)
+
+    def _gate(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+        gate, ranged = setup.aperture_s, function.voltage_ranged
+
+        def value(stop: float) -> float | Reading:
+            seen = self._detected(start_s, stop, conditions.filter_hz)
+            if _overloads(ranged, setup.range, seen):
+                return self._again(function, setup, conditions, seen) or OVERLOAD
+            least = max(_LEAST_AC_V, _LEAST_PART * setup.range)
+            response = self._response(conditions.filter_hz)
+            frequency = counter.mean_frequency_hz(self._pieces(), start_s, stop, response, least)
+            longest = start_s + max(gate, counter.LONGEST_WAIT_S)
+            if frequency == 0.0 and stop < longest:
+                return Reading(longest, lambda: value(longest))
+            return self._counted(function, frequency, gate)
+
+        stop = start_s + gate
+        return Reading(stop + counter.OVERHEAD_S, lambda: value(stop))
+
+    def _counted(self, function: Function, frequency_hz: float, gate_s: float) -> float:
+        if frequency_hz == 0.0:
+            return 0.0
+        errors = self._errors.counter
+        low = min(3.0 / frequency_hz, 1.0) ** 2
+        error = errors.timebase_error + errors.low_frequency_error * low
+        if errors.noise:
+            error += self._noise.gauss(0.0, errors.noise * APERTURES_S[gate_s])
+        reading = self.corrections.apply("FREQ", 0.0, frequency_hz * (1.0 + error))
+        return reading if function.name == "FREQ" else 1.0 / reading
+
+    def _pieces(self) -> list[Piece]:
+        return [] if self._history is None else self._history.pieces(self._node)
+
+    def _detected(self, start_s: float, stop_s: float, filter_hz: float) -> Detected:
+        return detect(self._pieces(), start_s, stop_s, self._response(filter_hz))
+
+    def _response(self, filter_hz: float) -> Response:
+        source_ohm = 0.0 if math.isinf(self._errors.input_ohm) else self._world.source_ohm(self._node)
+        source_ohm = 0.0 if math.isinf(source_ohm) else source_ohm  # nothing is there, whatever loads it
+        errors = self._errors.ac
+        flatness = self.corrections.flatness
+        errors = replace(errors, flatness_error=errors.flatness_error + flatness) if flatness else errors
+        return Response(filter_hz, errors, source_ohm)
+
+
+def _overloads(function: Function, range_: float, seen: Detected) -> bool:
+    return seen.rms_v > range_ * function.over_range_of(range_) or seen.peak_v > _CREST_FACTOR * range_
+
+
+def _fitting(function: Function, range_: float, level: float, peak: float = 0.0) -> float:
+    """Return the range for a level: up above 120 %, down below 10 % of the present one (p. 53)."""
+
+    def holds(candidate: float) -> bool:
+        return level <= candidate * function.over_range_of(candidate) and peak <= _CREST_FACTOR * candidate
+
+    if not holds(range_):
+        return next((candidate for candidate in function.ranges if holds(candidate)), function.ranges[-1])
+    if level < 0.1 * range_:
+        return next(each for each in function.ranges if level <= each and peak <= _CREST_FACTOR * each)
+    return range_

@@ -1,0 +1,131 @@
+"""MEASure, CONFigure, READ, INITiate, FETCh and FUNCtion of the 34401A (User's Guide p. 107-120)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, BY_NAME, Function
+from vcfbench.sim.instruments.hp34401a.trigger import MEMORY
+from vcfbench.sim.scpi import RS232, Command, Number, Pending, ScpiError, Text, comma_list, quoted, real
+from vcfbench.sim.scpi.mnemonics import Mnemonic
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.setup import Setup
+    from vcfbench.sim.instruments.hp34401a.trigger import Sequence
+
+
+__all__ = ["COMMANDS"]
+
+_FUNCTION_CHANGE_S = 1 / 26
+"""Function changes a second over the bus (p. 217)."""
+_MESSAGE_AVAILABLE = 16
+_NR3 = real(8)
+_READINGS = comma_list(_NR3)
+
+
+def _require_remote(meter: Hp34401A) -> None:
+    if meter.local and meter.engine.interface is RS232:
+        raise ScpiError(550)
+
+
+def _running(meter: Hp34401A, sequence: Sequence, finish: Callable[[], Any]) -> Pending:
+    """Return what keeps the parser busy until `sequence` is through."""
+    return Pending(lambda: meter.clock.now() if meter.triggering.sequence is not sequence else None, finish)
+
+
+def _read(meter: Hp34401A) -> Pending:
+    _require_remote(meter)
+    if meter.triggering.source == "BUS":
+        raise ScpiError(-214)
+    nothing_before = not meter.engine.status_now() & _MESSAGE_AVAILABLE
+    sequence = meter.triggering.start(stored=False, streaming=nothing_before)
+    return _running(meter, sequence, lambda: sequence.readings)
+
+
+def _initiate(meter: Hp34401A) -> Pending:
+    if meter.triggering.feed and meter.triggering.readings_to_come > MEMORY:
+        raise ScpiError(531)
+    return _running(meter, meter.triggering.start(stored=True), lambda: None)
+
+
+def _fetch(meter: Hp34401A) -> list[float]:
+    if not meter.triggering.memory:
+        raise ScpiError(-230)
+    return meter.triggering.memory
+
+
+def _configure(function: Function) -> Callable[..., None]:
+    def configure(meter: Hp34401A, expected: Any = None, resolution: Any = None) -> None:
+        meter.configure(function, expected, resolution)
+
+    return configure
+
+
+def _measure(function: Function) -> Callable[..., Pending]:
+    def measure(meter: Hp34401A, expected: Any = None, resolution: Any = None) -> Pending:
+        meter.configure(function, expected, resolution)
+        return _read(meter)
+
+    return measure
+
+
+def _configuration(meter: Hp34401A) -> str:
+    setup, function = meter.setup, meter.function
+    resolution = _gate_resolution(setup, function) if not function.ranges else setup.resolution * setup.range
+    return f"{function.name} {_NR3(setup.range)},{_NR3(resolution)}"
+
+
+def _gate_resolution(setup: Setup, function: Function) -> float:
+    return setup.range * (APERTURES_S[setup.aperture_s] if function.gated else setup.resolution)
+
+
+def _set_function(meter: Hp34401A, name: str) -> None:
+    meter.choose(_function_named(name))
+
+
+def _function_named(text: str) -> Function:
+    """Return the function a string names, in short or long forms, `:DC` being optional."""
+    words = tuple(text.strip().upper().split(":"))
+    for function in BY_NAME.values():
+        if any(_spells(words, spelling) for spelling in function.spellings):
+            return function
+    raise ScpiError(-224)
+
+
+def _spells(words: tuple[str, ...], spelling: str) -> bool:
+    nodes = [Mnemonic.parse(node) for node in spelling.split(":")]
+    return len(nodes) == len(words) and all(word in node.spellings for word, node in zip(words, nodes, strict=True))
+
+
+def _function(meter: Hp34401A) -> str:
+    return meter.function.name
+
+
+def _measurement_commands(function: Function) -> tuple[Command, ...]:
+    """Declare CONFigure and MEASure of one function: `[<range>[,<resolution>]]`."""
+    number = Number(unit=function.unit, required=False, deferred=True)
+    parameters = () if function.name in ("CONT", "DIOD") else (number, number)
+    return (
+        Command(f"CONFigure:{function.header}", parameters, do=_configure(function), takes_s=_FUNCTION_CHANGE_S),
+        Command(
+            f"MEASure:{function.header}",
+            query=_measure(function),
+            query_parameters=parameters,
+            reply=_READINGS,
+            query_takes_s=_FUNCTION_CHANGE_S,
+        ),
+    )
+
+
+COMMANDS = (
+    # measuring
+    *(command for function in BY_NAME.values() for command in _measurement_commands(function)),
+    Command("CONFigure", query=_configuration, reply=quoted),
+    Command("READ", query=_read, reply=_READINGS),
+    Command("INITiate[:IMMediate]", do=_initiate),
+    Command("FETCh", query=_fetch, reply=_READINGS),
+    Command("[SENSe:]FUNCtion", (Text(),), do=_set_function, query=_function, reply=quoted, takes_s=_FUNCTION_CHANGE_S),
+)
