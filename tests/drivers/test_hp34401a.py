@@ -137,3 +137,15 @@ def test_configuring_may_take_as_long_as_a_reading_that_is_under_way() -> None:
         with pytest.raises(DeadlineExceeded):
             meter.configure_dc_voltage(10.0, 10.0)
         assert meter.clock.now() - begin_s == pytest.approx(1.0 + meter.reading_time_s)
+
+
+@pytest.mark.parametrize(("range_v", "found_v"), [(1000.0, 1000.0005), (0.1, 0.10000005)])
+def test_a_range_agrees_within_a_millionth(range_v: float, found_v: float) -> None:
+    exchanges: list[Exchange] = [
+        (f"CONF:VOLT:DC {range_v:g}", None),
+        *CONFIGURED[1:5],
+        ("VOLT:DC:RANG?", f"{found_v:+.8E}"),
+        CONFIGURED[6],
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
+        meter.configure_dc_voltage(range_v, 10.0)

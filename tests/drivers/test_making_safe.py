@@ -66,11 +66,14 @@ def test_a_lost_connection_is_made_anew_to_make_it_safe(
     assert again.clears >= 1
 
 
-def test_the_meter_is_cleared_before_it_is_called_idle() -> None:
+def test_the_meter_is_cleared_before_it_is_called_idle(monkeypatch: pytest.MonkeyPatch) -> None:
     """A reading of minutes is aborted, not waited for."""
     clock = VirtualClock()
     wire = ScriptedWire([*opening("HEWLETT-PACKARD,34401A,0,10-5-2"), ("*OPC?", "1")], clock=clock)
     meter = Hp34401A(Session(wire, name="multimeter", resource="SCRIPT", clock=clock, timeout_s=1.0))
-    before = wire.clears
+    done: list[str] = []
+    clear, send = wire.clear, wire.send
+    monkeypatch.setattr(wire, "clear", lambda deadline: (done.append("clear"), clear(deadline)))
+    monkeypatch.setattr(wire, "send", lambda data, deadline: (done.append(data.decode().strip()), send(data, deadline)))
     assert meter.make_safe(Deadline.after(clock, 5.0)).safe
-    assert wire.clears == before + 1
+    assert done == ["clear", "*OPC?"]
