@@ -262,7 +262,7 @@ def test_measuring_an_output_that_is_none_sends_nothing() -> None:
 @pytest.mark.parametrize(("output", "number"), [("P6V", 1), ("P25V", 2), ("N25V", 3)])
 def test_each_output_has_its_register_and_other_bits_do_not_matter(output: str, number: int) -> None:
     """Bits 0 and 1 say how it is regulated (guide p. 118)."""
-    with expected_exchange(OPEN, [*OPENING, (f"STAT:QUES:INST:ISUM{number}:COND?", "+18")]) as supply:
+    with expected_exchange(OPEN, [*OPENING, (f"STAT:QUES:INST:ISUM{number}:COND?", "+22")]) as supply:
         assert supply.regulation(output) is Regulation.CONSTANT_VOLTAGE
 
 
@@ -281,7 +281,7 @@ def test_a_terminal_that_discharges_is_waited_for_whatever_its_sign(live: str) -
     sign = -1.0 if live == "N25V" else 1.0
     safe: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     with expected_exchange(
-        OPEN, [*OPENING, *safe, *measured(5.0 * sign), *measured(0.6 * sign), *measured(0.4)]
+        OPEN, [*OPENING, *safe, *measured(5.0 * sign), *measured(0.6 * sign), *measured(0.4 * sign)]
     ) as supply:
         begin_s = supply.clock.now()
         report = supply.make_safe(Deadline.after(supply.clock, 10.0))
