@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.leads import Lead, Leads
 from vcfbench.sim.parameters import BenchParameters
-from vcfbench.sim.serve.adjust import Adjustment, adjustments_of
+from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.world import World
+
+if TYPE_CHECKING:
+    from vcfbench.sim.adjustment import Adjustment
 
 IDEAL = BenchParameters.ideal()
 

@@ -48,8 +48,7 @@ from collections import deque
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
-from vcfbench.sim.scpi import ScpiError, ScpiInstrument
+from vcfbench.sim.scpi import INFINITY, ScpiError, ScpiInstrument
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -219,7 +218,7 @@ class _Overdriven:
 
     def begin(self, *arguments: Any, **settings: Any) -> Any:
         reading = self._inputs.begin(*arguments, **settings)
-        return type(reading)(reading.end_s, lambda: OVERLOAD)
+        return type(reading)(reading.end_s, lambda: INFINITY)
 
 
 def _shift(device: Any, fault: Fault) -> Callable[[], None]:
@@ -247,7 +246,7 @@ class _Shifted:
             read = reading.value()
             if isinstance(read, type(reading)):  # it needs a further one
                 return self._shifted(read)
-            return read if abs(read) >= OVERLOAD else read + self._offset()
+            return read if abs(read) >= INFINITY else read + self._offset()
 
         return type(reading)(reading.end_s, value)
 

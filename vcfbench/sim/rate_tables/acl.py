@@ -23,7 +23,7 @@ from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from vcfbench.sim.serve.adjust import Adjustment
+    from vcfbench.sim.adjustment import Adjustment
 
 __all__ = ["AclTable", "AxisLimits", "Header", "TableErrors"]
 

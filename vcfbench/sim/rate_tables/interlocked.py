@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.rate_tables.axis import INTERLOCKS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from vcfbench.sim.rate_tables.axis import ServoAxis
-    from vcfbench.sim.serve.adjust import Adjustment
 
 __all__ = ["Interlocked", "interlock_adjustments"]
 
@@ -52,7 +52,6 @@ class Interlocked:
 
 def interlock_adjustments(table: Any, broken: Any, jammed: Any, latched: Any) -> list[Adjustment]:
     """Return the adjustments of a table; the last three are callables that say how it is."""
-    from vcfbench.sim.serve.adjust import Adjustment  # noqa: PLC0415  (only a served bench needs it)
 
     def throw(cause: str, value: Any) -> None:
         table.set_interlock(cause, faulty=_truth(value))

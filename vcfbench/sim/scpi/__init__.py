@@ -54,7 +54,7 @@ from vcfbench.sim.scpi.engine import (
     ScpiModel,
 )
 from vcfbench.sim.scpi.errors import ERROR_WORDS, ErrorQueue, ScpiError
-from vcfbench.sim.scpi.formats import bare_integer, block, boolean, comma_list, quoted, real, signed_integer
+from vcfbench.sim.scpi.formats import INFINITY, bare_integer, block, boolean, comma_list, quoted, real, signed_integer
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 from vcfbench.sim.scpi.parameters import (
     Block,
@@ -78,6 +78,7 @@ __all__ = [
     "COMMON_COMMANDS",
     "ERROR_WORDS",
     "GPIB",
+    "INFINITY",
     "LAN",
     "MASK_16",
     "RS232",

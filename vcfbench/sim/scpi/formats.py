@@ -8,9 +8,21 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-__all__ = ["NOT_A_NUMBER", "bare_integer", "block", "boolean", "comma_list", "quoted", "real", "signed_integer"]
+__all__ = [
+    "INFINITY",
+    "NOT_A_NUMBER",
+    "bare_integer",
+    "block",
+    "boolean",
+    "comma_list",
+    "quoted",
+    "real",
+    "signed_integer",
+]
 
+INFINITY = 9.9e37
 NOT_A_NUMBER = 9.91e37
+"""What stands for them on the wire (SCPI-99 vol. 1, 7.2.1.4)."""
 
 
 def signed_integer(value: float) -> str:
@@ -54,7 +66,7 @@ def block(data: bytes, digits: int | None = None) -> bytes:
 
 def _finite(value: float) -> float:
     if math.isinf(value):
-        return math.copysign(9.9e37, value)
+        return math.copysign(INFINITY, value)
     return NOT_A_NUMBER if math.isnan(value) else value + 0.0
 
 

@@ -9,7 +9,7 @@ One thread serves everything. The caller builds the bench on a :class:`ServedClo
         server.run()                                # until server.stop()
 """
 
-from vcfbench.sim.serve.adjust import Adjustable, Adjustment
+from vcfbench.sim.adjustment import Adjustable, Adjustment
 from vcfbench.sim.serve.clock import MAX_SPEED, ServedClock
 from vcfbench.sim.serve.remote import Control, ControlError, RemoteClock
 from vcfbench.sim.serve.server import BenchServer, Offer, Rs232, ServedBench, ServerSettings, Wires

@@ -8,40 +8,21 @@ device get its role in front.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.sim.adjustment import Adjustable, Adjustment
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
     from vcfbench.sim.leads import Leads
     from vcfbench.sim.world import World
 
-__all__ = ["Adjustable", "Adjustment", "adjustments_of"]
+__all__ = ["adjustments_of"]
 
 _SUDDEN_DEG_S2 = 1e4
-
-
-@dataclass(frozen=True, slots=True)
-class Adjustment:
-    """One quantity: its dotted name, unit, meaning, how to read it, and how to change it (None: it cannot be)."""
-
-    name: str
-    unit: str
-    meaning: str
-    read: Callable[[], Any]
-    write: Callable[[Any], None] | None = None
-
-
-@runtime_checkable
-class Adjustable(Protocol):
-    """What offers adjustments of its own."""
-
-    def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be seen and changed."""
-        ...
 
 
 def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.device import Device
     from vcfbench.sim.faults import Fault
-    from vcfbench.sim.serve.adjust import Adjustment
+    from vcfbench.sim.adjustment import Adjustment
     from vcfbench.sim.serve.clock import ServedClock
     from vcfbench.sim.world import World
 

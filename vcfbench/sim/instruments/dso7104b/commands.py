@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.scpi import Choice, Command, Integer, Limits, Number, Parameter, ScpiError, signed_integer
+from vcfbench.sim.scpi import INFINITY, Choice, Command, Integer, Limits, Number, Parameter, ScpiError, signed_integer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +30,7 @@ __all__ = [
     "setting",
 ]
 
-INVALID = 9.9e37
+INVALID = INFINITY
 CHANNEL = Choice(("CHANnel<1-4>",))
 VOLTS = Number(unit="V")
 SECONDS = Number(unit="S")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.instruments.e3631a.calibration import Calibration
 from vcfbench.sim.instruments.e3631a.commands import TABLE
 from vcfbench.sim.instruments.e3631a.errors import OutputErrors, SupplyErrors
@@ -22,7 +23,6 @@ from vcfbench.sim.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiIn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.sim.serve.adjust import Adjustment
     from vcfbench.sim.world import World
 
 __all__ = ["E3631A", "TABLE", "OutputErrors", "SupplyErrors"]
@@ -169,8 +169,6 @@ class E3631A(ScpiInstrument):
 
     def adjustments(self) -> list[Adjustment]:
         """Return what can be changed from outside the wire."""
-        from vcfbench.sim.serve.adjust import Adjustment  # noqa: PLC0415  (served benches only)
-
         return [Adjustment("fan_failed", "", "whether its fan has stopped", self.fan_failed, self.fail_fan)]
 
     def fan_failed(self) -> bool:

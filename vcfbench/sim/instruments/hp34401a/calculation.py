@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from vcfbench.sim.scpi import ScpiError
+from vcfbench.sim.scpi import INFINITY, ScpiError
 
 __all__ = ["MATH_RULES", "OVERLOAD", "Math", "MathResult"]
 
-OVERLOAD = 9.9e37
+OVERLOAD = INFINITY
 """What an overload reads as (p. 82)."""
 MATH_RULES = MappingProxyType(
     {

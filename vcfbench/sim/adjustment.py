@@ -1,0 +1,31 @@
+"""What a part of the simulated bench lets be seen and changed from outside the wire."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+__all__ = ["Adjustable", "Adjustment"]
+
+
+@dataclass(frozen=True, slots=True)
+class Adjustment:
+    """One quantity: its dotted name, unit, meaning, how to read it, and how to change it (None: it cannot be)."""
+
+    name: str
+    unit: str
+    meaning: str
+    read: Callable[[], Any]
+    write: Callable[[Any], None] | None = None
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """What offers adjustments of its own."""
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return what can be seen and changed."""
+        ...
