@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Protocol
 
-from vcfbench.sim.instruments.agilent33220a.arbitrary import ArbitraryMemory
+from vcfbench.sim.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
 from vcfbench.sim.instruments.agilent33220a.commands import TABLE
 from vcfbench.sim.instruments.agilent33220a.levels import Levels
 from vcfbench.sim.instruments.agilent33220a.modulation import Player
@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from vcfbench.sim.sources import Drive, Played
 
 __all__ = ["TABLE", "Agilent33220A", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+
+_LONGEST_LINE = 15 * MOST_POINTS + 1024
+"""Every point of the longest waveform as -1.2345678E-01 and a comma; what a real one takes is unverified."""
 
 
 class GeneratorWorld(Protocol):
@@ -83,7 +86,7 @@ class Agilent33220A(ScpiInstrument):
             self,
             TABLE,
             world.clock,
-            dialect=Dialect(out_of_range=clip),
+            dialect=Dialect(out_of_range=clip, input_limit=_LONGEST_LINE),
             interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
             status=Status({3: self._questionable}),
         )
