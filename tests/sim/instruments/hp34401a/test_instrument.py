@@ -430,3 +430,18 @@ def test_in_another_language_scpi_is_not_understood(language: str) -> None:
 
 def test_rs232_has_scpi_only() -> None:
     assert bench(interface="rs232").talk.refusals("L2") == [-113]
+
+
+def test_a_voltage_that_grows_while_it_is_measured_takes_a_higher_range() -> None:
+    ramp = bench()
+    ramp.world.slope_v_s = 40.0
+    ramp.talk.write("CONF:VOLT:DC")
+    assert 1.2 < abs(ramp.value()) < 100.0
+    assert float(ramp.talk.ask("VOLT:DC:RANG?") or "nan") in (10.0, 100.0)
+
+
+def test_a_fixed_range_is_overloaded_by_it() -> None:
+    ramp = bench()
+    ramp.world.slope_v_s = 40.0
+    ramp.talk.write("CONF:VOLT:DC 0.1")
+    assert ramp.value() == 9.9e37

@@ -157,10 +157,27 @@ class Inputs:
         scale = _Scale(setup.range, function.over_range_of(setup.range), RESOLUTIONS[setup.nplc] * setup.range)
         if function.name == "VOLT":
             loading = self.loading(setup.range, high_impedance=conditions.high_impedance)
-            return Reading(end, lambda: self._as_read(window.mean_v() * loading, scale, autozero=autozero))
+
+            def volts() -> float | Reading:
+                seen_v = window.mean_v() * loading
+                again = self._integrated_again(function, setup, conditions, seen_v)
+                return again or self._as_read(seen_v, scale, autozero=autozero)
+
+            return Reading(end, volts)
         if function.name == "VOLT:RAT":
             return self._ratio(window.mean_v, scale, start_s, setup.nplc)
         return Reading(end, lambda: self._resistive(function, window.mean_v(), scale))
+
+    def _integrated_again(
+        self, function: Function, setup: Setup, conditions: Conditions, seen_v: float
+    ) -> Reading | None:
+        """Autorange that meets an overload, because the voltage has changed meanwhile, takes a higher range."""
+        higher = _fitting(function, setup.range, abs(seen_v))
+        if not setup.auto or higher <= setup.range:
+            return None
+        setup.range = higher
+        begun = self._world.clock.now() + function.autorange_s
+        return self._integrated(function, begun + conditions.delay_s, setup, conditions)
 
     def loading(self, range_: float, *, high_impedance: bool) -> float:
         """Return what the input resistance leaves of the node's open voltage (p. 53)."""
