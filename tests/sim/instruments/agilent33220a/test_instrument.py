@@ -408,3 +408,53 @@ def test_every_query_answers_in_every_spelling_without_an_error(pattern: str) ->
     replies = {box.ask(f"{header}?") for header in spellings(pattern)}
     assert box.errors() == []
     assert len(replies) == 1 or pattern in CLEARING
+
+
+@pytest.mark.parametrize(
+    ("setup", "command", "amplitude", "offset"),
+    [
+        ("", "APPL:SIN 1000,MAX,MIN", 10.0, 0.0),
+        ("", "APPL:SIN 1000,8,MAX", 8.0, 1.0),
+        ("VOLT 8", "APPL:SQU 1000,2,MIN", 2.0, -4.0),
+        ("VOLT:UNIT VRMS", "APPL:SQU 1000,MAX", 5.0, 0.0),
+        ("VOLT:UNIT VRMS", "APPL:SIN 1000,MIN", 0.01 / 8**0.5, 0.0),
+    ],
+)
+def test_largest_and_smallest_of_apply_are_those_of_what_it_applies(
+    box: Socket, setup: str, command: str, amplitude: float, offset: float
+) -> None:
+    box.send(setup)
+    box.send(command)
+    assert float(box.ask("VOLT?")) == pytest.approx(amplitude, rel=1e-9)
+    assert float(box.ask("VOLT:OFFS?")) == pytest.approx(offset, abs=1e-9)
+    assert box.errors() == []
+
+
+@pytest.mark.parametrize(
+    ("period", "least"), [("1", 20e-9), ("10", 20e-9), ("20", 200e-9), ("200", 2e-6), ("1000", 2e-6), ("2000", 20e-6)]
+)
+def test_longer_periods_have_longer_pulses(box: Socket, period: str, least: float) -> None:
+    box.send(f"FUNC PULS;:PULS:PER {period};:FUNC:PULS:WIDT MIN")
+    assert float(box.ask("FUNC:PULS:WIDT?")) == pytest.approx(least)
+    box.send("FUNC:PULS:WIDT MAX")
+    assert float(box.ask("FUNC:PULS:WIDT?")) == pytest.approx(float(period) - least)
+    box.send("FUNC:PULS:DCYC MIN")
+    assert float(box.ask("FUNC:PULS:WIDT?")) == pytest.approx(least)
+    assert box.errors() == []
+
+
+def test_the_slowest_edge_is_that_of_the_pulse(box: Socket) -> None:
+    box.send("FUNC PULS;:FUNC:PULS:WIDT 80E-9;TRAN MAX")
+    assert float(box.ask("FUNC:PULS:TRAN?")) == pytest.approx(50e-9)
+    assert box.errors() == []
+
+
+@pytest.mark.parametrize(("width", "most"), [("100E-6", 99.98e-6), ("0.9E-3", 99.98e-6), ("20E-9", 0.0)])
+def test_modulated_pulses_keep_their_least_width(box: Socket, width: str, most: float) -> None:
+    box.send(f"FUNC PULS;:FUNC:PULS:WIDT {width}")
+    assert float(box.ask("PWM:DEV? MAX")) == pytest.approx(most, abs=1e-15)
+
+
+def test_only_the_volatile_waveform_can_be_copied(box: Socket) -> None:
+    box.send("DATA:COPY MINE, SINC")
+    assert box.errors() == ['+784,"Name of source arb waveform for copy must be VOLATILE"']

@@ -409,6 +409,24 @@ CONFLICTS = [
     ("FUNC DC", "BURS:STAT ON", "BURS:STAT?", 0, "not able to burst this function"),
     ("FUNC SIN", "PWM:STAT ON", "PWM:STAT?", 0, "not able to modulate this function"),
     ("FUNC NOIS", "FM:STAT ON", "FM:STAT?", 0, "not able to modulate this function"),
+    ("FREQ 1E-3;:TRIG:SOUR BUS", "BURS:STAT ON", "FREQ?", 2e-3, "frequency made compatible with burst mode"),
+    ("FREQ 1E-3;:BURS:INT:PER 500", "BURS:STAT ON", "FREQ?", 2.001e-3, "frequency made compatible with burst mode"),
+    ("FUNC PULS", "PULS:PER 50E-6", "FUNC:PULS:WIDT?", 49.98e-6, "pulse width decreased due to period"),
+    ("FUNC PULS", "PULS:PER 100.01E-6", "FUNC:PULS:WIDT?", 99.99e-6, "pulse width decreased due to period"),
+    (
+        "FUNC PULS;:FUNC:PULS:WIDT 20E-9",
+        "PULS:PER 200",
+        "FUNC:PULS:WIDT?",
+        2e-6,
+        "pulse width increased due to large period",
+    ),
+    (
+        "FUNC PULS;:PWM:STAT ON;DEV 80E-6",
+        "FUNC:PULS:WIDT 50E-6",
+        "PWM:DEV?",
+        49.98e-6,
+        "PWM deviation decreased due to pulse parameters",
+    ),
     ("SWE:STAT ON", "FUNC NOIS", "SWE:STAT?", 0, "not able to sweep this function"),
 ]
 
@@ -421,6 +439,15 @@ def test_settings_that_do_not_go_together(box: Socket, case: tuple[str, str, str
     box.send(command)
     assert float(box.ask(query)) == pytest.approx(reply, rel=1e-9)
     assert box.errors() == [f'-221,"Settings conflict; {words}"']
+
+
+def test_a_short_period_takes_from_the_edges_first_and_then_from_the_width(box: Socket) -> None:
+    box.send("FUNC PULS;:FUNC:PULS:WIDT 200E-9;TRAN 100E-9")
+    box.send("PULS:PER 250E-9")
+    assert float(box.ask("FUNC:PULS:TRAN?")) == pytest.approx(78.125e-9)
+    assert float(box.ask("FUNC:PULS:WIDT?")) == pytest.approx(125e-9)
+    words = ("edge time decreased due to period", "pulse width decreased due to period")
+    assert box.errors() == [f'-221,"Settings conflict; {each}"' for each in words]
 
 
 @pytest.mark.parametrize(

@@ -117,8 +117,10 @@ class ArbitraryMemory:
             raise ScpiError(-223)
         self._volatile = tuple(points)
 
-    def keep(self, name: str) -> None:
-        """Keep the volatile waveform under `name`."""
+    def keep(self, name: str, source: str = "VOLATILE") -> None:
+        """Keep `source`, which can only be the volatile waveform, under `name`."""
+        if source != "VOLATILE":
+            raise ScpiError(784, "Name of source arb waveform for copy must be VOLATILE")
         if name == "VOLATILE":
             raise ScpiError(788, "Cannot copy to VOLATILE arb waveform")
         if name in BUILT_IN:

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.agilent33220a.arbitrary import crest, mean
-from vcfbench.sim.instruments.agilent33220a.rules import SHORTEST_LOW_S, fm_limit_hz
+from vcfbench.sim.instruments.agilent33220a.rules import (
+    SHORTEST_EDGE_S,
+    fm_limit_hz,
+    longest_edge_s,
+    widest_swing_s,
+    width_limits_s,
+)
 from vcfbench.sim.instruments.agilent33220a.settings import FREQUENCY_HZ, FUNCTIONS, MAX_PEAK_V, MIN_VPP, conflict
 from vcfbench.sim.scpi import (
     COMMON_COMMANDS,
@@ -22,6 +28,7 @@ from vcfbench.sim.scpi import (
     Parameter,
     Quantity,
     ScpiError,
+    Special,
     Text,
     boolean,
     condition,
@@ -214,36 +221,36 @@ def _set_range_auto(model: _Model, state: object) -> None:
 def _apply(function: str) -> Command:
     """Declare APPLy for one function."""
 
-    def write(model: _Model, frequency: float | None, amplitude: Quantity | None, offset: float | None) -> None:
+    def write(model: _Model, frequency: float | None, amplitude: Any, offset: Any) -> None:
         model.state.update(mode="", trigger="IMM", duty=50.0, symmetry=100.0, range_auto=True, offset=0.0)
         low, high = FREQUENCY_HZ[function]
         model.state["freq"] = min(max(1000.0 if frequency is None else frequency, low), high)
         model.rules.select(function)
-        _apply_levels(model, amplitude, 0.0 if offset is None else offset)
+        _apply_levels(model, amplitude, offset)
         model.state["output"] = True
         model.update()
 
     return Command(f"APPLy:{FUNCTIONS[function]}", _apply_parameters(function), do=write, takes_s=_SWITCH_S)
 
 
-def _apply_levels(model: _Model, amplitude: Quantity | None, offset: float) -> None:
-    """Set amplitude, then the offset that fits it; direct voltage ignores the amplitude and keeps the old one."""
+def _apply_levels(model: _Model, amplitude: Any, offset: Any) -> None:
+    """Set amplitude, then the offset that fits it; direct voltage ignores the amplitude and keeps the old one.
+
+    What MIN and MAX stand for depends on the function, and those of the offset on the amplitude: both come late.
+    """
     if model.state["func"] != "DC":
-        model.levels.set_amplitude(0.1 if amplitude is None else _vpp_of(model, amplitude))
-    model.levels.set_offset(model.levels.rounded(offset))
+        given = Special.DEF if amplitude is None else amplitude
+        model.levels.set_amplitude(_vpp_of(model, _AMPLITUDE.settle(given, model)))
+    volts = _OFFSET.settle(Special.DEF if offset is None else offset, model)
+    model.levels.set_offset(model.levels.rounded(volts))
 
 
 def _apply_parameters(function: str) -> tuple[Parameter, ...]:
     limits = Limits(*FREQUENCY_HZ[function], default=1000.0)
     return (
         Number(unit="HZ", limits=limits, name="frequency", required=False),
-        Number(unit=_AMPLITUDE_UNITS, limits=_amplitude_limits, with_unit=True, required=False),
-        Number(
-            unit="V",
-            limits=lambda model: Limits(-model.levels.max_v(), model.levels.max_v(), 0.0),
-            name="offset",
-            required=False,
-        ),
+        Number(unit=_AMPLITUDE_UNITS, deferred=True, with_unit=True, required=False),
+        Number(unit="V", deferred=True, required=False),
     )
 
 
@@ -256,17 +263,27 @@ def _set_period(model: _Model, seconds: float) -> None:
     model.set_frequency(1.0 / seconds)
 
 
+def _width_limits(model: _Model) -> Limits:
+    """Return the widths that fit the period, s."""
+    return Limits(*width_limits_s(model.state))
+
+
 def _set_width(model: _Model, seconds: float) -> None:
-    period = 1.0 / model.state["freq"]
-    longest = period - max(SHORTEST_LOW_S, 1.6 * model.state["edge"])
-    if seconds > longest:
-        seconds = model.levels.clipped(seconds, Limits(20e-9, longest), "pulse width limited by period")
     model.state["width"] = seconds
     model.settle()
 
 
+def _duty_of_pulse_limits(model: _Model) -> Limits:
+    shortest, longest = width_limits_s(model.state)
+    return Limits(100.0 * shortest * model.state["freq"], 100.0 * longest * model.state["freq"])
+
+
 def _set_pulse_duty(model: _Model, percent: float) -> None:
     _set_width(model, percent / 100.0 / model.state["freq"])
+
+
+def _edge_limits(model: _Model) -> Limits:
+    return Limits(SHORTEST_EDGE_S, longest_edge_s(model.state))
 
 
 def _set_user(model: _Model, name: str) -> None:
@@ -280,15 +297,13 @@ def _take_phase_as_reference(model: _Model) -> None:
     model.take_phase_as_reference()
 
 
-def _widest_swing_s(model: _Model) -> float:
-    """Return how far a pulse's width may be modulated: neither to nothing nor beyond the period."""
-    width: float = model.state["width"]
-    return float(max(min(width, 1.0 / model.state["freq"] - width), 0.0))
+def _duty_swing_limits(model: _Model) -> Limits:
+    return Limits(0.0, 100.0 * widest_swing_s(model.state) * model.state["freq"])
 
 
 def _set_duty_swing(model: _Model, percent: float) -> None:
     model.state["PWM:dev"] = percent / 100.0 / model.state["freq"]
-    model.update()
+    model.settle()
 
 
 def _duty_limits(model: _Model) -> Limits:
@@ -439,6 +454,8 @@ def _preset_status(model: _Model) -> None:
 
 
 _AMPLITUDE_UNITS = ("VPP", "VRMS", "DBM", "V")
+_AMPLITUDE = Number(unit=_AMPLITUDE_UNITS, limits=_amplitude_limits, with_unit=True)
+_OFFSET = Number(unit="V", limits=_offset_limits, name="offset")
 _SOURCES = Choice(("INTernal", "EXTernal"))
 _SHAPE_WORDS = Choice(("SINusoid", "SQUare", "RAMP", "NRAMp", "TRIangle", "NOISe", "USER"))
 _SLOPES = Choice(("POSitive", "NEGative"))
@@ -475,7 +492,7 @@ TABLE = CommandTable(
     ),
     Command(
         "[SOURce:]VOLTage",
-        (Number(unit=_AMPLITUDE_UNITS, limits=_amplitude_limits, with_unit=True),),
+        (_AMPLITUDE,),
         do=_set_amplitude,
         query=_amplitude,
         reply=_number,
@@ -483,7 +500,7 @@ TABLE = CommandTable(
     ),
     Command(
         "[SOURce:]VOLTage:OFFSet",
-        (Number(unit="V", limits=_offset_limits, name="offset"),),
+        (_OFFSET,),
         do=_set_offset,
         query=_offset,
         reply=_number,
@@ -536,20 +553,20 @@ TABLE = CommandTable(
     ),
     Command(
         "[SOURce:]FUNCtion:PULSe:WIDTh",
-        (Number(unit="S", limits=Limits(20e-9, 2000.0)),),
+        (Number(unit="S", limits=_width_limits, name="pulse width limited by period"),),
         do=_set_width,
         query=lambda model: model.state["width"],
         reply=_number,
     ),
     Command(
         "[SOURce:]FUNCtion:PULSe:DCYCle",
-        (Number(unit="PCT", limits=Limits(0.0, 100.0), name="duty cycle"),),
+        (Number(unit="PCT", limits=_duty_of_pulse_limits, name="pulse duty cycle limited by period"),),
         do=_set_pulse_duty,
         query=lambda model: 100.0 * model.state["width"] * model.state["freq"],
         reply=_number,
     ),
     _setting("[SOURce:]FUNCtion:PULSe:HOLD", "hold", Choice(("WIDTh", "DCYCle"))),
-    _setting("[SOURce:]FUNCtion:PULSe:TRANsition", "edge", Number(unit="S", limits=Limits(5e-9, 100e-9)), _number),
+    _setting("[SOURce:]FUNCtion:PULSe:TRANsition", "edge", Number(unit="S", limits=_edge_limits), _number),
     # output
     _setting("OUTPut[:STATe]", "output", Boolean(), boolean, takes_s=_LEVEL_S),
     Command(
@@ -589,12 +606,12 @@ TABLE = CommandTable(
     _setting(
         "[SOURce:]PWM:DEViation",
         "PWM:dev",
-        Number(unit="S", limits=lambda model: Limits(0.0, _widest_swing_s(model))),
+        Number(unit="S", limits=lambda model: Limits(0.0, widest_swing_s(model.state))),
         _number,
     ),
     Command(
         "[SOURce:]PWM:DEViation:DCYCle",
-        (Number(unit="PCT", limits=lambda model: Limits(0.0, 100.0 * _widest_swing_s(model) * model.state["freq"])),),
+        (Number(unit="PCT", limits=_duty_swing_limits),),
         do=_set_duty_swing,
         query=lambda model: 100.0 * model.state["PWM:dev"] * model.state["freq"],
         reply=_number,
@@ -658,8 +675,8 @@ TABLE = CommandTable(
     _setting("FORMat:BORDer", "order", Choice(("NORMal", "SWAPped"))),
     Command(
         "DATA:COPY",
-        (_Name(), Choice(("VOLATILE",), required=False)),
-        do=lambda model, name, _: model.memory.keep(name),
+        (_Name(), _Name(required=False)),
+        do=lambda model, name, source: model.memory.keep(name, source or "VOLATILE"),
     ),
     Command("DATA:CATalog", query=lambda model: _names(model.memory.names())),
     Command("DATA:NVOLatile:CATalog", query=lambda model: _names(model.memory.kept_names())),

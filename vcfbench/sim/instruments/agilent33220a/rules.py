@@ -17,26 +17,51 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.settings import Settings
     from vcfbench.sim.scpi import ScpiError
 
-__all__ = ["SHORTEST_LOW_S", "Rules", "fm_limit_hz"]
+__all__ = ["SHORTEST_EDGE_S", "Rules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
 
 _NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user"}
 _MODE_WORDS = {"SWE": "sweep", "BURS": "burst"}
 _UNMODULATED = {"PULS", "NOIS", "DC"}
 _NOT_ABLE = {"SWE": "not able to sweep this function", "BURS": "not able to burst this function"}
+_ROUND_OFF = 1 + 1e-12
 _ABOVE_HZ = 100e3
 """How far FM may go above the function's highest frequency."""
 _BURST_HZ = (2e-3, 6e6)
 """Frequencies of counted bursts; only infinite ones go beyond 6 MHz."""
+_TIMED_BURST_HZ = 2.001e-3
+"""Lowest frequency of bursts of the internal timer: one cycle and the rest go into its longest period."""
 _BURST_REST_S = 200e-9
 LONGEST_PERIOD_S = 500.0
 _EDGE_SHARE = 0.625
 _NARROW_DUTY_HZ = 10e6
-SHORTEST_LOW_S = 20e-9
+SHORTEST_EDGE_S, _LONGEST_EDGE_S = 5e-9, 100e-9
+_SHORTEST_PULSE_S = {10.0: 20e-9, 100.0: 200e-9, 1000.0: 2e-6, math.inf: 20e-6}
+"""Least width, high and low, of pulses of a period up to so many seconds (general knowledge, unverified)."""
 
 
 def fm_limit_hz(settings: Settings) -> float:
     """Return the largest deviation of the function: 10.05 MHz of a sine, 150 kHz of a ramp."""
     return float(FREQUENCY_HZ[settings["func"]][1] + _ABOVE_HZ) / 2.0
+
+
+def width_limits_s(settings: Settings) -> tuple[float, float]:
+    """Return the least and the largest width of a pulse of the present period and edges, s."""
+    period = 1.0 / settings["freq"]
+    shortest = next(width for limit, width in _SHORTEST_PULSE_S.items() if period <= limit * _ROUND_OFF)
+    return shortest, period - max(shortest, settings["edge"] / _EDGE_SHARE)
+
+
+def longest_edge_s(settings: Settings) -> float:
+    """Return the largest edge time of a pulse of the present width and period, s."""
+    room: float = min(settings["width"], 1.0 / settings["freq"] - settings["width"])
+    return max(min(_LONGEST_EDGE_S, _EDGE_SHARE * room), SHORTEST_EDGE_S)
+
+
+def widest_swing_s(settings: Settings) -> float:
+    """Return how far a pulse's width may be modulated: high and low keep their least width."""
+    least, longest = width_limits_s(settings)
+    least = max(least, settings["edge"] / _EDGE_SHARE)
+    return float(max(min(settings["width"] - least, longest - settings["width"]), 0.0))
 
 
 class Rules:
@@ -120,37 +145,41 @@ class Rules:
         settings = self._settings
         if settings["func"] != "PULS":
             return
-        if settings["width"] > 1.0 / settings["freq"]:
-            settings["width"] = 0.5 / settings["freq"]
-            self._conflict("pulse width decreased due to period")
-        if settings["edge"] > _EDGE_SHARE * settings["width"] * (1 + 1e-12):
-            settings["edge"] = _EDGE_SHARE * settings["width"]
-            self._conflict("edge time decreased due to pulse width")
+        self._lower("edge", _EDGE_SHARE * 0.5 / settings["freq"], "edge time decreased due to period")
+        shortest, longest = width_limits_s(settings)
+        self._lower("width", longest, "pulse width decreased due to period")
+        if settings["width"] < shortest / _ROUND_OFF:
+            settings["width"] = shortest
+            self._conflict("pulse width increased due to large period")
+        self._lower("edge", _EDGE_SHARE * settings["width"], "edge time decreased due to pulse width")
+
+    def _lower(self, key: str, highest: float, words: str) -> None:
+        if self._settings[key] > highest * _ROUND_OFF:
+            self._settings[key] = highest
+            self._conflict(words)
 
     def _fit_deviation(self) -> None:
-        """Keep FM above 0 Hz and not too far above the highest frequency."""
+        """Keep FM above 0 Hz and not too far above the highest frequency, and PWM within the pulse."""
         settings = self._settings
-        if settings["mode"] != "FM":
-            return
-        highest = FREQUENCY_HZ[settings["func"]][1] + _ABOVE_HZ - settings["freq"]
-        if settings["FM:dev"] > settings["freq"]:
-            settings["FM:dev"] = settings["freq"]
-            self._conflict("FM deviation cannot exceed carrier")
-        if settings["FM:dev"] > highest:
-            settings["FM:dev"] = highest
-            self._conflict("FM deviation exceeds max frequency")
+        if settings["mode"] == "PWM":
+            self._lower("PWM:dev", widest_swing_s(settings), "PWM deviation decreased due to pulse parameters")
+        if settings["mode"] == "FM":
+            highest = FREQUENCY_HZ[settings["func"]][1] + _ABOVE_HZ - settings["freq"]
+            self._lower("FM:dev", settings["freq"], "FM deviation cannot exceed carrier")
+            self._lower("FM:dev", highest, "FM deviation exceeds max frequency")
 
     def _fit_burst(self) -> None:
         settings = self._settings
         if settings["mode"] != "BURS":
             return
-        low, high = _BURST_HZ
+        timed = settings["burst_mode"] == "TRIG" and settings["trigger"] == "IMM"
+        low, high = (_TIMED_BURST_HZ if timed else _BURST_HZ[0]), _BURST_HZ[1]
         if math.isinf(settings["cycles"]) or settings["func"] not in {"SIN", "SQU"}:
             high = FREQUENCY_HZ[settings["func"]][1]
         if not low <= settings["freq"] <= high:
             settings["freq"] = min(max(settings["freq"], low), high)
             self._conflict("frequency made compatible with burst mode")
-        if settings["burst_mode"] == "TRIG" and settings["trigger"] == "IMM":
+        if timed:
             self._fit_period()
 
     def _fit_period(self) -> None:
