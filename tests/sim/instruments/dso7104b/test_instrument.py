@@ -162,6 +162,26 @@ def test_formats_and_byte_orders_say_the_same(bench: Bench) -> None:
     assert volts == pytest.approx((np.array(signed)) * 4 / 65536, abs=1e-5)
 
 
+@pytest.mark.parametrize(("form", "kind"), [("BYTE", ">i1"), ("WORD", ">i2")])
+def test_signed_codes_are_counted_from_the_reference_that_the_preamble_tells(
+    bench: Bench, form: str, kind: str
+) -> None:
+    bench.send(f":CHAN1:OFFS 0.5;:DIG CHAN1;:WAV:FORM {form}")
+    _, volts = waveform(bench)
+    bench.send(":WAV:UNS 0")
+    preamble = [float(field) for field in bench.ask(":WAV:PRE?").split(",")]
+    codes = np.frombuffer(bench.raw(":WAV:DATA?")[10:-1], kind)
+    assert bench.number(":WAV:YREF?") == preamble[9]
+    assert (codes - preamble[9]) * preamble[7] + preamble[8] == pytest.approx(volts, abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "points"), [("NORM", 4_000_000), ("HRES", 4_000_000), ("AVER", 1000), ("PEAK", 1000)])
+def test_memory_is_read_of_samples_only(bench: Bench, kind: str, points: int) -> None:
+    bench.send(f":ACQ:TYPE {kind};:DIG CHAN1;:WAV:POIN:MODE RAW;:WAV:POIN 8000000")
+    assert bench.number(":WAV:POIN?") == points
+    assert float(bench.ask(":WAV:PRE?").split(",")[2]) == points
+
+
 def test_codes_beyond_the_converter_are_1_and_255(bench: Bench) -> None:
     bench.send(":CHAN1:RANG 2;:DIG CHAN1")
     codes = np.frombuffer(bench.raw(":WAV:DATA?")[10:-1], "u1")
@@ -171,7 +191,16 @@ def test_codes_beyond_the_converter_are_1_and_255(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "got"), [(100, 100), (600, 500), (999, 500), (1000, 1000), (30_000, 20_000), (8_000_000, 4_000_000)]
+    ("asked", "got"),
+    [
+        (100, 100),
+        (600, 500),
+        (999, 500),
+        (1000, 1000),
+        (30_000, 20_000),
+        (4_000_000, 4_000_000),
+        (8_000_000, 4_000_000),
+    ],
 )
 def test_points_are_listed_numbers(bench: Bench, asked: int, got: int) -> None:
     bench.send(":DIG CHAN1;:WAV:POIN:MODE RAW")

@@ -23,14 +23,15 @@ __all__ = ["WAVEFORM_COMMANDS"]
 _LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
 _FORMATS = {"BYTE": 0, "WORD": 1, "ASC": 4}
 _TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
+_SCREEN_POINTS = 1000
 _RECORD_LENGTHS = (
     *(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000),
-    *(1_000_000, 2_000_000, 5_000_000, 8_000_000),
+    *(1_000_000, 2_000_000, 4_000_000, 8_000_000),
 )
 
 
 def _listed(wanted: float) -> int:
-    """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 8000000 that is not above `wanted`."""
+    """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 4000000, 8000000 that is not above `wanted`."""
     return max(each for each in _RECORD_LENGTHS if each <= max(100, wanted))
 
 
@@ -38,19 +39,21 @@ def _points(model: Dso7104B) -> int:
     """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
     state = model.state
     wanted = state["WAV:POIN"]
-    if state["WAV:MODE"] == "NORM" or model.running or state["WAV:SOUR"] == "FUNC":
-        return max(each for each in (100, 250, 500, 1000) if each <= max(100, wanted))
-    # RAW and MAX read the memory, which only a stopped acquisition of NORM, AVER or HRES type holds
+    # RAW and MAX read the memory, which only a stopped acquisition of NORM or HRES type holds: averages have at most
+    # 1000 points, minima and maxima are those of the screen (siblings' guides)
+    shallow = state["ACQ:TYPE"] in {"AVER", "PEAK"} or state["WAV:SOUR"] == "FUNC"
+    if state["WAV:MODE"] == "NORM" or model.running or shallow:
+        return _listed(min(wanted, _SCREEN_POINTS))
     return min(_listed(wanted), model.memory())
 
 
 def _set_points(model: Dso7104B, points: float) -> None:
     """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
-    words = {-1.0: ("NORM", 1000), -2.0: ("MAX", 8_000_000), -3.0: ("RAW", 8_000_000)}
+    words = {-1.0: ("NORM", _SCREEN_POINTS), -2.0: ("MAX", 8_000_000), -3.0: ("RAW", 8_000_000)}
     if points in words:
         model.state["WAV:MODE"], model.state["WAV:POIN"] = words[points]
         return
-    most = 1000 if model.state["WAV:MODE"] == "NORM" else 8_000_000
+    most = _SCREEN_POINTS if model.state["WAV:MODE"] == "NORM" else 8_000_000
     model.state["WAV:POIN"] = _listed(clipped(model, points, 100, most))
 
 
@@ -79,10 +82,15 @@ def _horizontal(model: Dso7104B) -> tuple[float, float]:
 
 
 def _scaling(model: Dso7104B) -> tuple[float, float, int, float, float, int]:
-    """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference."""
+    """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference: the value sent where yorigin is."""
     levels = _LEVELS[model.state["WAV:FORM"]]
     range_, offset = _vertical(model)
-    return (*_horizontal(model), 0, range_ / levels, offset, levels // 2)
+    return (*_horizontal(model), 0, range_ / levels, offset, 0 if _signed(model) else levels // 2)
+
+
+def _signed(model: Dso7104B) -> bool:
+    """Tell whether codes are sent as signed integers; of ASCii numbers :WAVeform:UNSigned says nothing."""
+    return model.state["WAV:FORM"] != "ASC" and not model.state["WAV:UNS"]
 
 
 def _preamble(model: Dso7104B) -> Any:
@@ -167,12 +175,12 @@ def _asked(model: Dso7104B) -> tuple[Any, ...]:
 
 
 def _data_now(model: Dso7104B) -> bytes:
-    form, unsigned = model.state["WAV:FORM"], model.state["WAV:UNS"]
+    form, signed = model.state["WAV:FORM"], _signed(model)
     if form == "ASC":
         return block(",".join(chain.from_iterable(_as_text(model, codes) for codes in _codes(model))).encode(), 8)
-    half = 0 if unsigned else _LEVELS[form] // 2
+    half = _LEVELS[form] // 2 if signed else 0
     order = ">" if model.state["WAV:BYT"] == "MSBF" else "<"
-    kind = ("u" if unsigned else "i") + ("1" if form == "BYTE" else "2")
+    kind = ("i" if signed else "u") + ("1" if form == "BYTE" else "2")
     return block(b"".join(_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)), 8)
 
 
