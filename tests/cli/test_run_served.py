@@ -11,11 +11,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import serial
 from typer.testing import CliRunner
 
 from tests.ports import free_port
 from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.cli.main import app
+from vcfbench.drivers.rate_table.dialects import DIALECTS
 from vcfbench.sim.serve import Control
 
 if TYPE_CHECKING:
@@ -61,6 +63,24 @@ def require_wires(served: Path, wires: str) -> None:
     assert all(marks[wires] in getattr(description, role).resource for role in INSTRUMENTS)
 
 
+def speak(bench: Path, dialect: str) -> None:
+    """Let the table of `bench` speak `dialect`; one that only turns to and fro turns slowly."""
+    said = f'dialect = "{dialect}"' + ("\nsteps_per_deg = 1777.7777777777778" if dialect == "zaber" else "")
+    text = bench.read_text(encoding="utf-8").replace('dialect = "acl"', said)
+    if dialect == "aaaa":
+        text = text.replace("[100, 20, 0, -50]", "[20, 10, 0, -15]").replace("rate_deg_s = 20\n", "rate_deg_s = 10\n")
+    bench.write_text(text, encoding="utf-8")
+
+
+def on_terminals(served: Path, instruments: dict[str, dict[str, Any]]) -> None:
+    """Let a bench file name the terminals that there are."""
+    text = served.read_text(encoding="utf-8")
+    for wires in instruments.values():
+        if wires["pty"] is not None:
+            text = text.replace(f'"{wires["tcp"]}"', f'"{wires["pty"]}"')
+    served.write_text(text.replace("[power]", "[power]\nserial_pause_s = 0.0"), encoding="utf-8")
+
+
 @contextmanager
 def serving(bench: Path, *arguments: str) -> Iterator[Path]:
     """Serve `bench` in another process; the bench file that it writes."""
@@ -95,14 +115,33 @@ def test_turntable_over_real_wires_gives_the_same_bytes(short: Path, tmp_path: P
     assert json.dumps(over_wires) == json.dumps(alone)
 
 
-@pytest.mark.parametrize("dialect", ["dd16", "ruya"])
-def test_a_led_run_with_a_table_of_frames_or_unasked_status(dialect: str, tmp_path: Path) -> None:
-    ideal = tmp_path / "ideal.toml"
-    text = embedded_text("ideal").replace('dialect = "acl"', f'dialect = "{dialect}"')
-    ideal.write_text(text.replace("\n[procedure.drive]", SHORT), encoding="utf-8")
-    with serving(ideal) as served:
-        given = answer(tmp_path, "turntable", "--bench", str(served))
-    assert given["results"]["scale_factor"]["value"] == pytest.approx(-0.012542052, rel=1e-8)
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_turntable_with_every_table_gives_the_same_bytes(short: Path, tmp_path: Path, dialect: str) -> None:
+    """Frames, unasked status, answers in order: over TCP, and on the same server put back over a serial line."""
+    speak(short, dialect)
+    alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
+    with serving(short, "--seed", "7") as served:
+        told = load_bench(served).served
+        assert told is not None
+        over_wires = [answer(tmp_path, "turntable", "--bench", str(served))]
+        if hasattr(os, "openpty"):
+            with Control(told.address()[1]) as control:
+                control.request("reset")
+                on_terminals(served, control.request("status")["instruments"])
+            over_wires.append(answer(tmp_path, "turntable", "--bench", str(served)))
+    assert {json.dumps(each) for each in over_wires} == {json.dumps(alone)}
+
+
+@needs_ptys
+def test_a_led_run_begins_at_the_beginning_though_a_table_has_been_talking(short: Path, tmp_path: Path) -> None:
+    speak(short, "ruya")
+    alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
+    with serving(short, "--wires", "pty", "--seed", "7") as served:
+        described = load_bench(served)
+        with serial.Serial(described.rate_table.resource, timeout=10.0) as port:
+            assert len(port.read(40)) == 40
+        over_wires = answer(tmp_path, "turntable", "--bench", str(served))
+    assert json.dumps(over_wires) == json.dumps(alone)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ the same run on a bench simulated in this process, to the last digit.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.sim.serve import RemoteClock, ServedBench, ServedClock
+    from vcfbench.sim.serve import Control, RemoteClock, ServedBench, ServedClock
 
-__all__ = ["LedClock", "build_served", "led_clock", "on_wires"]
+__all__ = ["Led", "LedClock", "build_served", "led_bench", "on_wires"]
 
 _CONTROL = "control port"
 
@@ -55,9 +56,20 @@ class LedClock:
             raise LinkLost(str(error), instrument=_CONTROL, resource=self._address) from error
 
 
+@dataclass(frozen=True, slots=True)
+class Led:
+    """A served bench whose time this program leads."""
+
+    clock: LedClock
+    seed: int | None
+    """What it was built from."""
+    rate_table: str
+    """The port of its table, for pyserial."""
+
+
 @contextmanager
-def led_clock(served: Served) -> Iterator[tuple[LedClock, int | None]]:
-    """Lead the time of a served bench; yield its clock and the seed that it was built from.
+def led_bench(served: Served, rate_table: str) -> Iterator[Led]:
+    """Lead the time of a served bench whose table is at the resource `rate_table`.
 
     Raises:
         ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
@@ -71,10 +83,28 @@ def led_clock(served: Served) -> Iterator[tuple[LedClock, int | None]]:
         raise ConnectFailed(str(error), hint="start it with vcfbench sim serve") from error
     with control:
         try:
-            remote, seed = RemoteClock(control), control.request("status")["seed"]
+            wires = control.request("status")["instruments"]["rate_table"]
+            known = rate_table in {wires["tcp"], wires["pty"]}
+            remote, seed = RemoteClock(control, awaits=known), control.request("status")["seed"]
         except ControlError as error:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
-        yield LedClock(remote, served.control), seed
+        clock = LedClock(remote, served.control)
+        with _led_port(control, clock, rate_table) if known else nullcontext(rate_table) as url:
+            yield Led(clock, seed, url)
+
+
+@contextmanager
+def _led_port(control: Control, clock: LedClock, resource: str) -> Iterator[str]:
+    """Yield the URL of a port at `resource` that tells the server when it is waited on."""
+    from vcfbench.sim import serial_backend  # noqa: PLC0415
+    from vcfbench.sim.serve.led_port import LedPort  # noqa: PLC0415
+
+    handle = resource.removeprefix("socket://")
+    serial_backend.register_port(handle, LedPort(control, clock, "rate_table", resource))
+    try:
+        yield f"sim://{handle}"
+    finally:
+        serial_backend.unregister(handle)
 
 
 def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:

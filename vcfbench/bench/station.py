@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from vcfbench.bench.lock import station_lock
-from vcfbench.bench.served import led_clock
+from vcfbench.bench.served import led_bench
 from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
@@ -71,8 +71,9 @@ def _real(description: BenchDescription) -> Iterator[Station]:
 
 @contextmanager
 def _served(description: BenchDescription, served: Served) -> Iterator[Station]:
-    with led_clock(served) as (clock, seed):  # who leads the time has the bench; it needs no other lock
-        yield Station(clock, description.visa_library, description.rate_table.resource, seed)
+    # who leads the time has the bench; it needs no other lock
+    with led_bench(served, description.rate_table.resource) as led:
+        yield Station(led.clock, description.visa_library, led.rate_table, led.seed)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ the handler into pyserial's list.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import serial
 
@@ -17,22 +17,84 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
 
-__all__ = ["SimulatedSerial", "register", "unregister"]
+__all__ = ["FarEnd", "Port", "SimulatedSerial", "register", "register_port", "unregister"]
 
 _SCHEME = "sim://"
 _HANDLERS = "vcfbench.sim.serial_handlers"
 
 
+class FarEnd(Protocol):
+    """What a port writes to and reads from: a `Device`, or the part of it that a port needs."""
+
+    def write(self, data: bytes, /) -> None:
+        """Take bytes."""
+        ...
+
+    def read(self, limit: int, /) -> tuple[bytes, bool]:
+        """Return at most `limit` bytes that have come by now, and whether a message ends with them."""
+        ...
+
+    def wake_at(self) -> float | None:
+        """Return when something happens next by itself, None for never."""
+        ...
+
+
+class Port(Protocol):
+    """What stands behind the name of a port."""
+
+    @property
+    def device(self) -> FarEnd:
+        """The other end."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that reading waits on."""
+        ...
+
+    def connect(self) -> Port:
+        """Return the port once it is open; OSError if it cannot be."""
+        ...
+
+    def disconnect(self) -> None:
+        """Give the connection back."""
+        ...
+
+    def wait(self, deadline_s: float | None) -> bool:
+        """Let time pass until there may be more to read; False once the deadline has passed."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class _Port:
+    """A device in this process."""
+
     device: Device
     clock: Clock
+
+    def connect(self) -> Self:
+        return self
+
+    def disconnect(self) -> None:
+        """Do nothing: what the device has not sent yet stays with it."""
+
+    def wait(self, deadline_s: float | None) -> bool:
+        wake_s = self.device.wake_at()
+        if deadline_s is None:
+            if wake_s is None:
+                raise serial.SerialException("read without time-out, and the simulated device has nothing to send")
+            self.clock.sleep_until(wake_s)
+            return True
+        if self.clock.now() >= deadline_s:
+            return False
+        self.clock.sleep_until(deadline_s if wake_s is None else min(wake_s, deadline_s))
+        return True
 
 
 _PARITIES: dict[str, Parity] = {serial.PARITY_EVEN: "even", serial.PARITY_ODD: "odd"}
 
 # pyserial opens by name alone, so what a name means must live beside it
-_PORTS: dict[str, _Port] = {}
+_PORTS: dict[str, Port] = {}
 
 if _HANDLERS not in serial.protocol_handler_packages:
     serial.protocol_handler_packages.append(_HANDLERS)
@@ -40,15 +102,20 @@ if _HANDLERS not in serial.protocol_handler_packages:
 
 def register(handle: str, device: Device, clock: Clock) -> None:
     """Make `device` reachable as ``sim://handle``; a handle in use is replaced."""
-    _PORTS[handle.lower()] = _Port(device, clock)
+    register_port(handle, _Port(device, clock))
+
+
+def register_port(handle: str, port: Port) -> None:
+    """Make `port` reachable as ``sim://handle``; a handle in use is replaced."""
+    _PORTS[handle.strip("/").lower()] = port
 
 
 def unregister(handle: str) -> None:
     """Forget `handle`; ports that are open stay open."""
-    _PORTS.pop(handle.lower(), None)
+    _PORTS.pop(handle.strip("/").lower(), None)
 
 
-def _lookup(url: str) -> _Port:
+def _lookup(url: str) -> Port:
     handle = url[len(_SCHEME) :].strip("/") if url.lower().startswith(_SCHEME) else url
     port = _PORTS.get(handle.lower())  # pyserial lowers the URL it hands over in some versions
     if port is None:
@@ -63,7 +130,7 @@ class SimulatedSerial(serial.SerialBase):
     what they are on a real line; elsewhere they are accepted and have no effect.
     """
 
-    _port_behind: _Port
+    _port_behind: Port
     _received: bytearray
 
     def open(self) -> None:
@@ -72,23 +139,25 @@ class SimulatedSerial(serial.SerialBase):
             raise serial.SerialException("Port must be configured before it can be used.")
         if self.is_open:
             raise serial.SerialException("Port is already open.")
-        self._port_behind = _lookup(self.port)
+        self._port_behind = _lookup(self.port).connect()
         self._received = bytearray()
         self.is_open = True
         self._reconfigure_port()
         self._update_dtr_state()
 
     def close(self) -> None:
-        """Close the port; what the device has not sent yet stays with it."""
-        self.is_open = False
+        """Close the port."""
+        if self.is_open:
+            self.is_open = False
+            self._port_behind.disconnect()
 
     def read(self, size: int = 1, /) -> bytes:
         """Return up to `size` bytes, waiting at most the time-out in bench time."""
         self._require_open()
-        clock = self._port_behind.clock
-        deadline = None if self.timeout is None else clock.now() + self.timeout
+        port = self._port_behind
+        deadline = None if self.timeout is None else port.clock.now() + self.timeout
         self._pull()
-        while len(self._received) < size and self._wait(deadline):
+        while len(self._received) < size and port.wait(deadline):
             self._pull()
         return self._take(size)
 
@@ -159,19 +228,6 @@ class SimulatedSerial(serial.SerialBase):
         """The line that knows the time and the pins, if there is one."""
         device = self._port_behind.device
         return device if isinstance(device, SerialLine) else None
-
-    def _wait(self, deadline_s: float | None) -> bool:
-        """Let time pass until the device may have more; False once the deadline has passed."""
-        clock, wake_s = self._port_behind.clock, self._port_behind.device.wake_at()
-        if deadline_s is None:
-            if wake_s is None:
-                raise serial.SerialException("read without time-out, and the simulated device has nothing to send")
-            clock.sleep_until(wake_s)
-            return True
-        if clock.now() >= deadline_s:
-            return False
-        clock.sleep_until(deadline_s if wake_s is None else min(wake_s, deadline_s))
-        return True
 
     def _pull(self) -> None:
         while data := self._port_behind.device.read(65536)[0]:

@@ -24,7 +24,18 @@ class ServedClock:
     are those of a simulation in one process.
     """
 
-    __slots__ = ("_anchor_s", "_anchor_wall_s", "_led", "_now", "_paused", "_rate", "_speed", "_started", "_wall_now")
+    __slots__ = (
+        "_anchor_s",
+        "_anchor_wall_s",
+        "_led",
+        "_now",
+        "_paused",
+        "_rate",
+        "_speed",
+        "_started",
+        "_wall_now",
+        "attended",
+    )
 
     def __init__(self, speed: float = 1.0, wall: WallClock | None = None) -> None:
         self._wall_now = (WallClock() if wall is None else wall).now
@@ -33,10 +44,17 @@ class ServedClock:
         self._started = False
         self._paused = False
         self._led = False
+        self.attended = False
+        """Whether anybody has been here since time began."""
         self._anchor()
 
     def start(self) -> None:
         """Let time begin: the first client is here. So a run sees the same bench however long that took."""
+        self.attended = True
+        self.run_ahead()
+
+    def run_ahead(self) -> None:
+        """Let time begin though nobody may be here yet."""
         if not self._started:
             self._started = True
             self._anchor()
@@ -44,7 +62,7 @@ class ServedClock:
     def restart(self) -> None:
         """Stand at 0 again until :meth:`start`, unpaused; a lead goes on."""
         self._now = 0.0
-        self._started = self._paused = False
+        self._started = self._paused = self.attended = False
         self._anchor()
 
     def now(self) -> float:

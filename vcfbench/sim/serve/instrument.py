@@ -8,6 +8,8 @@ through (terminator, IEEE 488.2 message exchange), as in a box with several.
 from __future__ import annotations
 
 import math
+import sys
+import traceback
 from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
@@ -56,8 +58,17 @@ class Client:
     comes_and_goes = True
     """Whether it is there because somebody connected; a serial line always is."""
 
+    address: object = None
+    """What its other end calls itself, if that has a name: the number of a TCP port, the path of a terminal."""
+
     def __init__(self, instrument: Instrument, interface: Interface) -> None:
         self.instrument = instrument
+        self.taken = self.said = 0
+        """Bytes that came from the other end, and bytes that were sent there."""
+        self.heard = False
+        """Whether who leads the clock asks on the control port for what is said to it, and time waits for that."""
+        self.lost = False
+        """Whether the other end can see that the connection has ended."""
         self.interface = interface
         self.backlog: deque[tuple[bytes, bool, Any]] = deque()
         self.partial = bytearray()
@@ -76,8 +87,8 @@ class Client:
 
     @property
     def awaits(self) -> bool:
-        """Whether it waits for the answer that it is owed."""
-        return self.pushes
+        """Whether it waits for the answer that it is owed, so that time may jump there."""
+        return self.pushes and not self.heard
 
     @property
     def listens(self) -> bool:
@@ -241,6 +252,9 @@ class Instrument:
     def submit(self, client: Client, message: bytes, tag: Any = None) -> None:
         """Execute `message` now, or when its turn comes."""
         asks = self.asks(message)
+        if client.heard and self.holder is client:  # its answers come in order, whatever it asks meanwhile
+            self.execute(client, message, tag, asks=asks)
+            return
         if self._open() and not self.waiting and not client.blocked:
             self.execute(client, message, tag, asks=asks)
             return
@@ -282,6 +296,8 @@ class Instrument:
                 self._passed += 1
         elif not client.pushes:
             self.holder = client
+        elif self.speaks:
+            self._say_unasked()  # nothing that it says is an answer
         else:
             data, end = self._read(WHOLE_RESPONSE)
             if data:
@@ -407,6 +423,8 @@ class Instrument:
         """Whether the device works on a message."""
         if self.engine is not None:
             return self.engine.busy
+        if self.speaks:
+            return False
         if isinstance(self.device, LineDevice):
             return self.device.answering  # not merely turning
         return self.device.wake_at() is not None
@@ -508,7 +526,7 @@ class Instrument:
     def _say_unasked(self) -> None:
         """Hand what nobody has asked for to everybody who listens, as on one line; to the others it is lost."""
         while True:
-            data, end = self.device.read(WHOLE_RESPONSE)
+            data, end = self._read(WHOLE_RESPONSE)
             if not data:
                 return
             for client in tuple(self.clients):
@@ -572,6 +590,15 @@ def _scpi_size(data: Bytes) -> int:
     return find_message_end(data) + 1
 
 
+def _served(instrument: Instrument) -> None:
+    """Serve `instrument`; one that makes a mistake is left alone until somebody speaks to it, the others go on."""
+    try:
+        instrument.serve()
+    except Exception:  # noqa: BLE001  (as in the loop)
+        traceback.print_exc(file=sys.stderr)
+        instrument.due_s = _NOTHING
+
+
 class Passage:
     """Lets bench time pass, and looks in on the devices at the instants at which they do something by themselves."""
 
@@ -579,6 +606,8 @@ class Passage:
         self.clock = clock
         self.instruments: list[Instrument] = []
         self.next_due_s = _NOTHING
+        self.tells = False
+        """Whether who leads the clock tells when it waits for what comes unasked, so that nobody need guess."""
         self.errands: list[tuple[float, Callable[[], None]]] = []
         """Other things to do at bench times, in order (scheduled faults)."""
 
@@ -594,6 +623,8 @@ class Passage:
         self.clock.restart()
         if any(client.comes_and_goes for each in self.instruments for client in each.clients):
             self.clock.start()
+        elif any(each.speaks and each.clients for each in self.instruments):
+            self.clock.run_ahead()
         self.next_due_s = _NOTHING
         for each in self.instruments:
             each.touched()
@@ -619,17 +650,19 @@ class Passage:
             if due < _NOTHING:
                 self.jump_to(due)
                 return 0.0
-            if self.clock.led and self._next_unasked_s() < _NOTHING:
+            if self._next_unasked_s() < _NOTHING:
                 return _PATIENCE_S
         return self.clock.wall_until(self.next_due_s)
 
     def idle(self) -> None:
         """Go on to the next status that comes unasked, if who leads the clock seems to wait for it."""
         due = self._next_unasked_s()
-        if self.clock.led and self.clock.jumps and due < _NOTHING:
+        if self.clock.jumps and due < _NOTHING:
             self.jump_to(due)
 
     def _next_unasked_s(self) -> float:
+        if not self.clock.led or self.tells:
+            return _NOTHING
         return min((each.due_s for each in self.instruments if each.listened_to), default=_NOTHING)
 
     def jump_to(self, instant_s: float) -> None:
@@ -640,12 +673,29 @@ class Passage:
     def pass_to(self, instant_s: float) -> None:
         """Let time pass until `instant_s`."""
         while (due := self._earliest()) <= instant_s:
-            self.clock.move(due)
-            self._do_errands(due)
-            for each in self.instruments:
-                if each.due_s <= due:
-                    each.serve()
+            self._arrive(due)
         self.clock.move(instant_s)
+
+    def pass_until(self, done: Callable[[], bool], instant_s: float, most: int) -> bool:
+        """Let time jump from one thing that is due to the next until `done`, or `instant_s`; False after `most`."""
+        for _ in range(most):
+            if done():
+                instant_s = self.clock.now()
+            elif (due := self._earliest()) <= instant_s:
+                self._arrive(due)
+                continue
+            self.clock.sleep_until(instant_s)
+            return True
+        self.clock.sleep_until(self.clock.now())
+        return False
+
+    def _arrive(self, due_s: float) -> None:
+        """Do what is due."""
+        self.clock.move(due_s)
+        self._do_errands(due_s)
+        for each in self.instruments:
+            if each.due_s <= due_s:
+                _served(each)
 
     def _earliest(self) -> float:
         due = min((each.due_s for each in self.instruments), default=_NOTHING)

@@ -117,6 +117,7 @@ class Loop:
         self._timers: list[tuple[float, int, Timer]] = []
         self._numbers = count()
         self._last: list[Callable[[], None]] = []
+        self._slow: set[int] = set()
         self._running = True
         self._alarm, self._bell = socket.socketpair()
         for end in (self._alarm, self._bell):
@@ -142,8 +143,16 @@ class Loop:
         """Watch `fd` for something else."""
         self._poller.modify(fd, mask)
 
+    def look_at(self, fd: int) -> None:
+        """Read `fd` before what is done last, whether it says that it is ready or not.
+
+        What is written to a pseudo-terminal arrives a little later; reading from it waits for what is on its way.
+        """
+        self._slow.add(fd)
+
     def unwatch(self, fd: int) -> None:
         """Forget `fd`, before it is closed."""
+        self._slow.discard(fd)
         if self._handlers.pop(fd, None) is not None:
             with contextlib.suppress(OSError, KeyError):
                 self._poller.unregister(fd)
@@ -171,6 +180,8 @@ class Loop:
             seconds = wait()
             if self._timers:
                 seconds = min(seconds, self._run_timers())
+            if self._last:
+                seconds = 0.0
             ready = poll(None if seconds > _LONGEST_WAIT_S else seconds)
             tick()
             if not ready and seconds > 0:
@@ -196,11 +207,12 @@ class Loop:
 
     def _run_last(self) -> None:
         actions, self._last = self._last, []
-        for fd, mask in self._poller.poll(0):
+        ready = dict(self._poller.poll(0))
+        for fd in [*ready, *(self._slow - ready.keys())]:
             if fd in self._handlers:
-                _guarded(self._handlers[fd], mask)
+                _guarded(self._handlers[fd], ready.get(fd, READ))
         for action in actions:
-            action()
+            _done(action)
 
     def _run_timers(self) -> float:
         """Do what is due; return the seconds until the next."""
@@ -211,12 +223,20 @@ class Loop:
                 return remaining
             heapq.heappop(self._timers)
             if timer.action is not None:
-                timer.action()
+                _done(timer.action)
         return math.inf
 
     def _woken(self, _mask: int) -> None:
         with contextlib.suppress(OSError):
             self._alarm.recv(4096)
+
+
+def _done(action: Callable[[], None]) -> None:
+    """Do `action`; what goes wrong there is told, and ends nothing."""
+    try:
+        action()
+    except Exception:  # noqa: BLE001  (as in run)
+        traceback.print_exc(file=sys.stderr)
 
 
 def _guarded(handler: Callable[[int], None], mask: int) -> None:

@@ -66,6 +66,7 @@ class Stream(Client):
         del end
         if self.closed:
             return
+        self.said += len(data)
         sent = 0
         if not self._outbox.size:
             try:
@@ -99,6 +100,7 @@ class Stream(Client):
     def close(self) -> None:
         """End the connection."""
         if not self.closed:
+            self.lost = True
             self._detach()
             self._close()
 
@@ -107,6 +109,7 @@ class Stream(Client):
         self.leave()
 
     def _received(self, data: bytes) -> None:
+        self.taken += len(data)
         instrument = self.instrument
         asks = instrument.known.get(data)
         if asks is None or self.partial or self.overlong or instrument.engaged or self._outbox.size:
@@ -159,6 +162,7 @@ class TcpStream(Stream):
         self, loop: Loop, instrument: Instrument, connection: socket.socket, interface: Interface = SOCKET
     ) -> None:
         self._socket = connection
+        self.address = _peer_port(connection)
         super().__init__(
             loop, instrument, interface, connection.fileno(), receive=connection.recv, send=connection.send
         )
@@ -195,14 +199,15 @@ class Pty(Stream):
         import tty  # noqa: PLC0415  (there is none on Windows)
 
         if instrument.speaks:
-            instrument.clock.start()  # who opens the line may listen before saying anything
+            instrument.clock.run_ahead()  # who opens the line may listen before saying anything
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self.path = self.address = os.ttyname(self._slave)
         super().__init__(
             loop, instrument, RS232, self._master, receive=self._read, send=partial(os.write, self._master)
         )
+        loop.look_at(self._master)
 
     @property
     def listens(self) -> bool:
@@ -217,13 +222,27 @@ class Pty(Stream):
         waiting = fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4))
         return int.from_bytes(waiting, sys.byteorder)
 
+    def on_ready(self, mask: int) -> None:
+        """Receive, unless nothing is to be received for now: the loop looks whatever it was told."""
+        if mask != READ or self._mask == READ:
+            super().on_ready(mask)
+
     def _read(self, size: int) -> bytes:
+        data = os.read(self._master, size)
         self.instrument.clock.start()
-        return os.read(self._master, size)
+        return data
 
     def _close(self) -> None:
         os.close(self._master)
         os.close(self._slave)
+
+
+def _peer_port(connection: socket.socket) -> int | None:
+    """Return the port that a client connected from, None if it has gone already."""
+    try:
+        return int(connection.getpeername()[1])
+    except OSError:
+        return None
 
 
 def has_ptys() -> bool:

@@ -82,11 +82,17 @@ class Control:
 
 
 class RemoteClock:
-    """The bench time of a served bench, led by this program for as long as it is open: a `vcfbench.clock.Clock`."""
+    """The bench time of a served bench, led by this program for as long as it is open: a `vcfbench.clock.Clock`.
 
-    def __init__(self, control: Control) -> None:
+    Args:
+        control: the connection that leads.
+        awaits: whether the program says so when it waits for what an instrument says unasked
+            (:class:`~vcfbench.sim.serve.led_port.LedPort`); else the server guesses.
+    """
+
+    def __init__(self, control: Control, *, awaits: bool = False) -> None:
         self._control = control
-        control.request("lead")
+        control.request("lead", awaits=awaits)
 
     def now(self) -> float:
         """Return the bench time, s."""
@@ -94,4 +100,5 @@ class RemoteClock:
 
     def sleep_until(self, instant_s: float) -> None:
         """Let bench time jump to `instant_s`, with everything that happens in between."""
-        self._control.request("sleep_until", instant_s=instant_s)
+        if instant_s > 0.0:  # "since ever" is an instant too, which JSON cannot say
+            self._control.request("sleep_until", instant_s=instant_s)

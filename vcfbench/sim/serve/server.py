@@ -27,9 +27,9 @@ from vcfbench.sim.serve.wire import Listener
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from vcfbench.sim.adjustment import Adjustment
     from vcfbench.sim.device import Device
     from vcfbench.sim.faults import Fault
-    from vcfbench.sim.adjustment import Adjustment
     from vcfbench.sim.serve.clock import ServedClock
     from vcfbench.sim.world import World
 
@@ -345,6 +345,11 @@ class BenchServer:
         self.clock.speed = first_speed
         self.passage.restart()
         self.mishaps.begin()
+
+    def begin_anew(self) -> None:
+        """Put the bench back to its beginning if time has passed there though nobody was here."""
+        if not self.clock.attended and self.clock.now() > 0.0 and self.bench.rebuild is not None:
+            self.reset(self.bench.seed)
 
     def _adjustable(self) -> Iterator[Adjustment]:
         if self._adjustments is None:
