@@ -182,6 +182,22 @@ def test_memory_is_read_of_samples_only(bench: Bench, kind: str, points: int) ->
     assert float(bench.ask(":WAV:PRE?").split(",")[2]) == points
 
 
+def test_a_burst_rests_neither_at_its_top_nor_at_its_base(bench: Bench) -> None:
+    bench.nodes["drive"] = lambda t: np.where(t % 0.01 < 3e-3, 0.5 * np.sin(2 * np.pi * 1000.0 * t), 0.0)
+    bench.send(":CHAN1:RANG 2;:TRIG:LEV 0.1;:TIM:RANG 10E-3;:DIG CHAN1")
+    assert bench.number(":MEAS:VAMP?") == pytest.approx(1.0, rel=0.02)
+    assert bench.number(":MEAS:FREQ?") == pytest.approx(1000.0, rel=1e-3)
+
+
+def test_noise_is_no_faster_than_the_samples_are() -> None:
+    bench = Bench(errors_with(noise_div=0.1))
+    bench.send(":CHAN3:RANG 4;:TRIG:SOUR CHAN3;:WAV:SOUR CHAN3;:WAV:FORM WORD;:TIM:RANG 50E-9;:DIG CHAN3")
+    _, volts = waveform(bench)
+    assert volts.std() == pytest.approx(0.05 * math.sqrt(2 / 3), rel=0.25)  # joined by straight lines
+    # 200 samples behind 1000 points: a fifth of a sample apart they are nearly the same
+    assert np.diff(volts).std() == pytest.approx(0.05 * math.sqrt(2) / 5, rel=0.15)
+
+
 def test_codes_beyond_the_converter_are_1_and_255(bench: Bench) -> None:
     bench.send(":CHAN1:RANG 2;:DIG CHAN1")
     codes = np.frombuffer(bench.raw(":WAV:DATA?")[10:-1], "u1")

@@ -13,7 +13,7 @@ from vcfbench.sim.instruments.dso7104b.inputs import Signals, seen
 from vcfbench.sim.instruments.dso7104b.trigger import TriggerSearch
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -30,6 +30,7 @@ _BIAS_POINTS = 4000
 _BLOCK_POINTS = 1 << 16
 _DENSE_POINTS = 1024
 _LEAST_SAVING, _MOST_SAVING = 4, 4096
+_SAMPLE_RATE_HZ = 4e9
 _PEAK_SAMPLES = 8
 """Samples behind each point of a peak detection at least, and at most altogether."""
 _PEAK_MOST = 1 << 22
@@ -130,13 +131,13 @@ class Record:
         """Yield the samples in blocks: eight million at once would take hundreds of megabytes."""
         view = self.views[channel]
         bias_v, step = self._bias_v(channel), self._step_v(view)
-        noise = np.random.default_rng((self.number, channel))
+        noise = self._noise(channel, points)
         for start in range(0, points, block_points):
             count = min(block_points, points - start)
             volts = self._analogue(channel, points, start, count)
             volts -= bias_v
             if self._errors.noise_div:
-                volts += self._noise_v(view) * noise.standard_normal(count)
+                volts += self._noise_v(view) * noise(start, count)
             yield _stepped(volts, step, view.offset_v) if step else volts
 
     def peak_blocks(self, channel: int, points: int) -> Iterator[NDArray[np.float64]]:
@@ -196,6 +197,17 @@ class Record:
     def _real_s(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         # a fast clock samples early: what it calls t is really t / (1 + error)
         return self.trigger_s + times_s / (1.0 + self._errors.time_base_error) - self._errors.skew_s[channel - 1]
+
+    def _noise(self, channel: int, points: int) -> Callable[[int, int], NDArray[np.float64]]:
+        """Return what gives the noise of points from one on: a draw each, or what joins the draws of real samples."""
+        draws = np.random.default_rng((self.number, channel))
+        samples = self.screen.range_s * _SAMPLE_RATE_HZ
+        if samples >= points:
+            return lambda _, count: draws.standard_normal(count)
+        sampled = draws.standard_normal(math.ceil(samples) + 1)
+        return lambda start, count: np.interp(
+            np.arange(start, start + count) * (samples / points), np.arange(len(sampled)), sampled
+        )
 
     def _noise_v(self, view: ChannelView) -> float:
         return self._errors.noise_div * view.range_v / 8.0 / math.sqrt(self.averages)

@@ -76,8 +76,16 @@ class Spectrum:
         return cls(1.0 / (count * step_s), 20.0 * np.log10(np.maximum(rms, 10.0 ** (_FLOOR_DBV / 20.0))))
 
     def shown(self, start_hz: float, stop_hz: float, points: int) -> NDArray[np.float64]:
-        """Return levels at `points` frequencies from `start_hz` on: of several lines at one point the strongest."""
-        edges = start_hz + (np.arange(points + 1) - 0.5) * ((stop_hz - start_hz) / points)
+        """Return levels at `points` frequencies from `start_hz` on.
+
+        Of several lines at one point the strongest; between two lines what joins them.
+        """
+        step_hz = (stop_hz - start_hz) / points
+        if step_hz < self.step_hz:
+            lines_hz = self.step_hz * np.arange(len(self.dbv))
+            places_hz = start_hz + step_hz * np.arange(points)
+            return np.asarray(np.interp(places_hz, lines_hz, self.dbv, _FLOOR_DBV, _FLOOR_DBV))
+        edges = start_hz + (np.arange(points + 1) - 0.5) * step_hz
         places = np.clip(np.rint(edges / self.step_hz).astype(int), 0, len(self.dbv) - 1)
         levels = np.maximum.reduceat(self.dbv, places)[:-1]
         beyond = (edges[:-1] > self.step_hz * len(self.dbv)) | (edges[1:] < 0.0)

@@ -1,6 +1,6 @@
 """Measurements that an InfiniiVision oscilloscope takes from a record, on arrays.
 
-Definitions after the 7000B user's guide: top and base are the modes of the upper and lower half of the histogram where
+Definitions after the 7000B user's guide: top and base are the modes of the upper and lower part of the histogram where
 these stand out, else maximum and minimum; thresholds are 10, 50 and 90 % between them; what needs a cycle is taken on
 the one nearest the time reference. Whatever cannot be measured is None, which the instrument answers as 9.9E+37.
 """
@@ -22,6 +22,8 @@ __all__ = ["Edge", "Thresholds", "Trace"]
 _MODE_SHARE = 0.05
 """Part of all points that a histogram bin must hold to be top or base (the real criterion is unverified)."""
 _BINS = 256
+_OUTER_BINS = 102
+"""Where top and base are looked for, 40 % from each end (chosen): a burst rests in the middle, which is neither."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,10 +214,10 @@ class Trace:
         if high == low:
             return low, high
         counts, limits = np.histogram(self.volts, bins=_BINS, range=(low, high))
-        half = _BINS // 2
+        inner = _BINS - _OUTER_BINS
         return (
-            _flat_level(self.volts, counts[:half], limits[: half + 1], low),
-            _flat_level(self.volts, counts[half:], limits[half:], high),
+            _flat_level(self.volts, counts[:_OUTER_BINS], limits[: _OUTER_BINS + 1], low),
+            _flat_level(self.volts, counts[inner:], limits[inner:], high),
         )
 
     def _volts_of_thresholds(self) -> tuple[float, float, float]:
