@@ -5,10 +5,10 @@ drivers and from the guides of its siblings (33210A, 33250A, 33500 series), and 
 of a real 33250A. What only general knowledge supports (the words of -221 and -222, errors 781...788, times, which
 parameter wins a conflict) is unverified.
 
-The parts: `commands` is the command table, of the `..._commands` of each subsystem, `settings` what can be set, `levels` the
-amplitude and offset, `rules` what goes together, `arbitrary` the waveform memory.
-`modulation` makes of the settings what comes out: `waveforms` by `phases`, played by
-`playing`, or `noise`.
+The parts: `commands` is the command table, made of the `..._commands` of each subsystem,
+`settings` what can be set, `levels` the amplitude and offset, `rules` what goes
+together, `arbitrary` the waveform memory. `modulation` makes of the settings what comes
+out: `waveforms` by `phases`, played by `playing`, or `noise`.
 """
 
 from __future__ import annotations
