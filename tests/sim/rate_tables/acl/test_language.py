@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.sim.rate_tables.acl_language import COMMANDS, BadCommand, Request, parse_message
+from vcfbench.sim.rate_tables.acl.language import COMMANDS, BadCommand, Request, parse_message
 
 
 def one(text: str) -> Request:

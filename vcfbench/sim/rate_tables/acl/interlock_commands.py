@@ -1,0 +1,64 @@
+"""How the host closes and opens the servo of the ACUTROL3000's axis, and resets what has shut it down."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.rate_tables.acl.arguments import Action, Arguments, Query, check_axis
+from vcfbench.sim.rate_tables.acl.drive import NORMAL_UNSERVO_BIT
+from vcfbench.sim.rate_tables.acl.refusal import PARSING, Refusal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.sim.rate_tables.acl.drive import Drive
+    from vcfbench.sim.rate_tables.acl.protection import Protection
+    from vcfbench.sim.rate_tables.acl.status import Status
+
+__all__ = ["InterlockCommands"]
+
+
+class InterlockCommands:
+    """Interlock and all below it; `advance` does what is due of the whole controller."""
+
+    def __init__(self, drive: Drive, protection: Protection, status: Status, advance: Callable[[], None]) -> None:
+        self._drive = drive
+        self._protection = protection
+        self._status = status
+        self._advance = advance
+
+    def commands(self) -> dict[str, Action]:
+        """Return what can be told about the servo."""
+        return {"Interlock:Close": self._close, "Interlock:Open": self._open, "Interlock:Reset": self._reset}
+
+    def queries(self) -> dict[str, Query]:
+        """Return what can be asked about the servo."""
+        return {"Interlock": self._ask}
+
+    def _close(self, arguments: Arguments) -> None:
+        check_axis(arguments)
+        if self._drive.servoed_or_closing:
+            return
+        if self._protection.faulted:
+            self._status.summarise_interlock()
+        else:
+            self._drive.close()
+
+    def _open(self, arguments: Arguments) -> None:
+        check_axis(arguments)
+        self._drive.closing_at_s = None
+        if self._drive.servoed and not self._drive.aborting:
+            self._drive.abort(NORMAL_UNSERVO_BIT)
+            self._advance()
+
+    def _reset(self, arguments: Arguments) -> None:
+        if arguments:
+            raise Refusal(PARSING)
+        if not self._drive.servoed:  # no effect on a servoed axis
+            self._protection.reset()
+
+    def _ask(self, arguments: Arguments) -> str:
+        check_axis(arguments, everything=False)
+        if self._protection.faulted:
+            return "Fault"
+        return "Close" if self._drive.servoed else "Open"

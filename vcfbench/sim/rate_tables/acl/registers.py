@@ -1,0 +1,107 @@
+"""The condition registers of the ACUTROL3000, bit by bit (TM-8004-C appendix B)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.rate_tables.acl.arguments import MODES, Arguments, Query, integer
+from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
+
+if TYPE_CHECKING:
+    from vcfbench.sim.rate_tables.acl.demand import Demand
+    from vcfbench.sim.rate_tables.acl.drive import Drive
+    from vcfbench.sim.rate_tables.acl.front_panel import FrontPanel
+    from vcfbench.sim.rate_tables.acl.profiler import Profiler
+    from vcfbench.sim.rate_tables.acl.protection import Protection
+    from vcfbench.sim.rate_tables.acl.status import Status
+
+__all__ = ["Registers"]
+
+
+class Registers:
+    """Status:CSR: the registers as they stand, by name."""
+
+    def __init__(
+        self,
+        drive: Drive,
+        demand: Demand,
+        profiler: Profiler,
+        protection: Protection,
+        *,
+        status: Status,
+        panel: FrontPanel,
+    ) -> None:
+        self._drive = drive
+        self._demand = demand
+        self._profiler = profiler
+        self._protection = protection
+        self._status = status
+        self._panel = panel
+
+    def queries(self) -> dict[str, Query]:
+        """Return how a register is asked for."""
+        return {"Status:CSR": self._ask}
+
+    def _ask(self, arguments: Arguments) -> str:
+        if not 1 <= len(arguments) <= 2:
+            raise Refusal(OUT_OF_RANGE)
+        value = self._values().get(arguments[0].upper())
+        if value is None:
+            raise Refusal(OUT_OF_RANGE)
+        if len(arguments) == 1:
+            return str(value)
+        return str(value >> integer(arguments[1], 0, 15) & 1)
+
+    def _values(self) -> dict[str, int]:
+        state, dynamic = self._state(), self._dynamic()
+        interlocks, faults = self._protection.interlocks, self._protection.faults
+        axis = bool(state) | bool(dynamic) << 1
+        return {
+            "A1STATE": state,
+            "A1STATIC": state,
+            "A1DYN": dynamic,
+            "A1ERR": 0,
+            "A1SWFLT": faults,
+            "A1SWFAULT": faults,
+            "A1INTLK": interlocks,
+            "A1": axis,
+            "ACP": bool(axis) << 1,
+            "SI": bool(interlocks) << 2 | bool(faults) << 3,
+            "G1INTLK": (interlocks >> 7 & 3) | (interlocks >> 9 & 1) << 15,
+            "SUP": 1,
+            "SUP1": self._supervisor(),
+            "RI": 0,
+        }
+
+    def _state(self) -> int:
+        drive = self._drive
+        mode = "Abort" if drive.aborting else self._profiler.mode
+        reason = 0 if drive.servoed or not drive.unservo_bit else 1 << drive.unservo_bit
+        return MODES.index(mode) | drive.servoed << 4 | reason | self._protection.tripped << 8
+
+    def _dynamic(self) -> int:
+        if not self._drive.servoed:
+            return 0
+        return self._ramping() | self._limited() | self._profiling()
+
+    def _ramping(self) -> int:
+        direction = self._profiler.ramp_direction()
+        return (direction > 0) << 2 | (direction < 0) << 3
+
+    def _limited(self) -> int:
+        """Return the bits of what keeps the axis from its demand: rate limits and ends of travel."""
+        profiler, demanded = self._profiler, self._demand.rate_deg_s
+        complete = self._drive.motion.profile_complete()
+        limited = profiler.regulates_rate and complete and demanded != profiler.profiled_rate_deg_s()
+        return limited << (4 if demanded > 0 else 5) | (profiler.at_end > 0) << 6 | (profiler.at_end < 0) << 7
+
+    def _profiling(self) -> int:
+        """Return the bits of what profiler and synthesizer have come to."""
+        complete, swings = self._drive.motion.profile_complete(), self._drive.motion.oscillating
+        arrived = self._profiler.mode in {"Position", "Track"} and complete and not self._drive.moves.active
+        return arrived << 8 | (complete and not swings) << 9 | (swings and complete) << 10 | swings << 11
+
+    def _supervisor(self) -> int:
+        panel, status = self._panel, self._status
+        in_command = panel.remote_active << 1 | panel.remote_lockout << 2 | panel.lockout << 3
+        return 1 | in_command | status.full << 12 | status.empty << 13
