@@ -247,6 +247,13 @@ class TableMotion:
         """Return the rate at which the profile ends, deg/s; 0 of an oscillation, and with the servo open."""
         return self._goal_deg_s if self._servo_closed else 0.0
 
+    def beyond_s(self, rate_deg_s: float) -> float:
+        """Return the bench time from when on the trapezoid is above `rate_deg_s`, either way round; inf for never."""
+        if not abs(goal := self.goal_deg_s()) > rate_deg_s:
+            return math.inf
+        ramp = self._profiles[0]
+        return self._complete_s - (abs(goal) - rate_deg_s) / abs(ramp.slope_deg_s2) if ramp.slope_deg_s2 else -math.inf
+
     @property
     def oscillating(self) -> bool:
         """Whether the profile is an oscillation."""

@@ -59,6 +59,11 @@ class IdealMotion:
     def goal_deg_s(self) -> float:
         return self._target if self.servo_closed else 0.0
 
+    def beyond_s(self, rate_deg_s: float) -> float:
+        if abs(self.goal_deg_s()) <= rate_deg_s:
+            return math.inf
+        return self._t0 + self._ramp_s() - (abs(self._target) - rate_deg_s) / self._acceleration
+
     @property
     def oscillating(self) -> bool:
         return False

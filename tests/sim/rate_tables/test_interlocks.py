@@ -116,6 +116,37 @@ def test_the_measured_rate_trips_whoever_turns_the_axis(name: str) -> None:
     assert [each.read() for each in bench.table.adjustments() if each.name == "shut_down_by"] == [["over_rate"]]
 
 
+def first_beyond_s(trip_deg_s: float, goal_deg_s: float) -> float:
+    """Return how long a table whose rate nobody watches takes to be faster than that, turned by hand from RATE."""
+    bench = Bench("atl", over_rate_trip_deg_s=0.0)
+    bench.start()
+    adjustments_of(bench.world, {})["applied_rate_deg_s"].write(goal_deg_s)
+    begun_s = bench.clock.now()
+    while abs(bench.rate_deg_s) <= trip_deg_s:
+        bench.clock.sleep_until(bench.clock.now() + 1e-4)
+    return bench.clock.now() - begun_s
+
+
+@pytest.mark.parametrize("goal_deg_s", [200.0, -122.0])
+@pytest.mark.parametrize("name", TWINS)
+def test_a_table_turned_by_hand_trips_at_its_instant_though_nobody_asks(name: str, goal_deg_s: float) -> None:
+    """Within the 2 ms at which a controller looks at its rate."""
+    bench = Bench(name, **{} if name == "acl" else {"over_rate_trip_deg_s": 120.0})
+    bench.start()
+    if name == "acl":
+        bench.table.write(b":Limit:Vtrip R,1,120\n")
+    adjustments_of(bench.world, {})["applied_rate_deg_s"].write(goal_deg_s)
+    expected_s = bench.clock.now() + first_beyond_s(120.0, goal_deg_s)
+    while bench.world.table.servo_closed and bench.world.table.goal_deg_s() == goal_deg_s:
+        wake_s = bench.table.wake_at()
+        assert wake_s is not None
+        bench.clock.sleep_until(wake_s)
+        assert bench.clock.now() < expected_s + 1.0
+        bench.table.read(4096)
+    assert expected_s - 1e-3 < bench.clock.now() < expected_s + 2.5e-3
+    assert "over_rate" in next(each.read() for each in bench.table.adjustments() if each.name == "shut_down_by")
+
+
 @pytest.mark.parametrize("name", TWINS)
 def test_an_axis_that_is_held_stops_and_trips(name: str) -> None:
     bench = Bench(name)

@@ -28,12 +28,8 @@ INTERLOCKS = ("interlock", "door", "emergency_stop", "drive_fault")
 the power amplifier's own acknowledgement."""
 _POLL_S = 0.002
 """How often the measured rate is looked at when it decides what happens next."""
-_LAZY_POLL_S = 0.05
-"""The same at constant rate."""
 _AT_REST_DEG_S = 0.02
 """Measured rate at which an axis that is held is let go by its drive: what holds it goes on holding it."""
-_SELDOM_S = 0.25
-"""The same on the way there: the table may be turned by another hand than the controller's."""
 _LOCKED_DEG_S2 = 1e4
 """How fast an axis that is held, or has lost its steps, comes to rest (chosen)."""
 
@@ -84,6 +80,10 @@ class Motion(Protocol):
 
     def profile_complete(self) -> bool:
         """Tell whether the profile has reached the demand."""
+        ...
+
+    def beyond_s(self, rate_deg_s: float) -> float:
+        """Return the bench time from when on the profile is above `rate_deg_s`, either way round; inf for never."""
         ...
 
     @property
@@ -398,20 +398,13 @@ class ServoAxis(Axis):
         fastest = 0.0 if self.jammed else min(self._trip_deg_s, self._pull_out_deg_s)
         if "following_error" in self.latched:
             yield now + _POLL_S
-        if abs(goal) > fastest:
-            yield now + self._crossing_s(goal, fastest)
+        if abs(goal) > fastest:  # whoever has commanded it
+            yield max(self._motion.beyond_s(fastest), now + _POLL_S)
         if self._motion.oscillating and math.isfinite(min(fastest, self._travel_deg)):
             yield now + _POLL_S
         left = self._travel_deg - math.copysign(1.0, goal) * self.position_deg()
         if goal and math.isfinite(left):
             yield now + max(left / max(abs(goal), abs(self._motion.profile_rate_deg_s())), _POLL_S)
-
-    def _crossing_s(self, goal_deg_s: float, rate_deg_s: float) -> float:
-        """Return the time until the profile passes `rate_deg_s`, from when on the measured rate is polled, s."""
-        if self._motion.profile_complete():
-            return _LAZY_POLL_S
-        along = math.copysign(1.0, goal_deg_s) * self._motion.profile_rate_deg_s()
-        return min(max((rate_deg_s - along) / self.acceleration_deg_s2, _POLL_S), _SELDOM_S)
 
     def change_acceleration(self, acceleration_deg_s2: float) -> None:
         """Take another acceleration for the ramps that follow; the running one keeps its own."""
