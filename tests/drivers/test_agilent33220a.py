@@ -79,7 +79,8 @@ def test_a_level_that_reads_back_otherwise_is_an_error() -> None:
 
 def test_a_load_of_50_ohm_would_halve_all_voltages() -> None:
     exchanges: list[Exchange] = [*OPEN_CIRCUIT[:2], ("OUTP:LOAD?", "+5.0000000000000E+01")]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator, pytest.raises(InstrumentError, match="50 ohm"):
+    words = r"was set to a high-impedance load but reads back 50 ohm, command 'OUTP:LOAD\?'"
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator, pytest.raises(InstrumentError, match=words):
         generator.configure_dc(1.0)
 
 
@@ -122,13 +123,17 @@ def test_the_relay_closes_only_on_something_configured() -> None:
 def test_safe_is_the_relay_open_by_read_back() -> None:
     exchanges: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
-        assert generator.make_safe(Deadline.after(generator.clock, 3.0)).safe
+        report = generator.make_safe(Deadline.after(generator.clock, 3.0))
+        assert report.safe
+        assert report.detail == "output relay open"
 
 
 def test_a_relay_that_stays_closed_is_not_safe() -> None:
     exchanges: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "1")] * 3
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
-        assert not generator.make_safe(Deadline.after(generator.clock, 3.0)).safe
+        report = generator.make_safe(Deadline.after(generator.clock, 3.0))
+        assert not report.safe
+        assert "was set to off but reads back on, command 'OUTP?'" in report.detail
 
 
 def test_safe_is_reached_after_a_lost_answer_and_a_stale_error() -> None:
@@ -258,9 +263,9 @@ def test_a_relay_that_does_not_follow_is_an_error() -> None:
     ]
     with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *switched]) as generator:
         generator.configure_dc(0.0)
-        with pytest.raises(InstrumentError, match="was set to on but reads back off"):
+        with pytest.raises(InstrumentError, match=r"was set to on but reads back off, command 'OUTP\?'"):
             generator.enable_output()
-        with pytest.raises(InstrumentError, match="was set to off but reads back on"):
+        with pytest.raises(InstrumentError, match=r"was set to off but reads back on, command 'OUTP\?'"):
             generator.disable_output()
 
 
@@ -268,3 +273,43 @@ def test_a_relay_that_may_not_open_says_so() -> None:
     refused: list[Exchange] = [("OUTP OFF", None), ("SYST:ERR?", '-113,"Undefined header"'), NO_ERROR]
     with expected_exchange(OPEN, [*OPENING, *refused]) as generator, pytest.raises(InstrumentError, match="-113"):
         generator.disable_output()
+
+
+REFUSED: list[Exchange] = [("SYST:ERR?", '-221,"Settings conflict"'), NO_ERROR]
+
+
+@pytest.mark.parametrize(
+    "exchanges",
+    [[*ZERO_DC[:-2], *REFUSED], [*ZERO_DC[:-1], ("VOLT:OFFS?", "+1.0000000000000E+00")]],
+    ids=["refused", "reads back otherwise"],
+)
+def test_a_level_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        with pytest.raises(InstrumentError):
+            generator.configure_dc(0.0)
+        with pytest.raises(PlanError, match="nothing was sent"):
+            generator.enable_output()
+
+
+@pytest.mark.parametrize(
+    "exchanges",
+    [[*sine(1e3, 1.0, 0.0)[:-4], *REFUSED], sine(1e3, 1.0, 0.0, (1e3, 1.0, 0.5))],
+    ids=["refused", "reads back otherwise"],
+)
+def test_a_sine_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        with pytest.raises(InstrumentError):
+            generator.configure_sine(1e3, 1.0)
+        with pytest.raises(PlanError, match="nothing was sent"):
+            generator.enable_output()
+
+
+def test_a_frequency_agrees_within_a_microhertz_and_a_billionth() -> None:
+    """The resolution is 1 uHz; twelve digits come back."""
+    well = sine(1e-3, 1.0, 0.0, (1e-3 + 0.9e-6, 1.0, 0.0)) + sine(20e6, 1.0, 0.0, (20e6 + 0.02, 1.0, 0.0))
+    ill = sine(1e-3, 1.0, 0.0, (1e-3 + 1.05e-6, 1.0, 0.0))[:-2]
+    with expected_exchange(OPEN, [*OPENING, *well, *ill]) as generator:
+        generator.configure_sine(1e-3, 1.0)
+        generator.configure_sine(20e6, 1.0)
+        with pytest.raises(InstrumentError, match="reads back"):
+            generator.configure_sine(1e-3, 1.0)

@@ -43,8 +43,9 @@ class Agilent33220A(ScpiInstrument):
         self._require_voltage(voltage_v)
         self._select_open_circuit()
         self._session.write("FUNC DC", f"VOLT:OFFS {decimal(voltage_v)}")
+        found_v = self._offset_v(voltage_v)
         self._configured = True
-        return self._offset_v(voltage_v)
+        return found_v
 
     def set_dc(self, voltage_v: float) -> float:
         """Change the DC level; return the setting read back, V."""
