@@ -46,7 +46,12 @@ POWER_ON = {
     ":WAV:BYT?": "MSBF",
     ":OPER:COND?": "+8",
     ":TER?": "+0",
-    ":MEAS:SOUR?": "CHAN1,CHAN2",
+    ":MEAS:SOUR?": "CHAN1,NONE",
+    ":MEASure?": ":MEAS:SOUR CHAN1,NONE",
+    ":ACQuire?": ":ACQ:MODE RTIM;TYPE NORM;COMP 100;COUN 8;SEGM:COUN 2",
+    ":WAVeform?": ":WAV:UNS 1;VIEW MAIN;BYT MSBF;FORM BYTE;POIN +1000;SOUR CHAN1",
+    ":TRIGger?": ":TRIG:MODE EDGE;SWE AUTO;NREJ 0;HFR 0;HOLD +60.0000000000000E-09;"
+    ":TRIG:EDGE:SOUR CHAN1;LEV +0.00000E+00;SLOP POS;REJ OFF;COUP DC",
     "*OPT?": "0",
     "*TST?": "+0",
     ":CHANnel1?": ":CHAN1:RANG +40.0E+00;OFFS +0.00000E+00;COUP DC;IMP ONEM;DISP 1;BWL 0;INV 0;"
@@ -180,6 +185,31 @@ def test_memory_is_read_of_samples_only(bench: Bench, kind: str, points: int) ->
     bench.send(f":ACQ:TYPE {kind};:DIG CHAN1;:WAV:POIN:MODE RAW;:WAV:POIN 8000000")
     assert bench.number(":WAV:POIN?") == points
     assert float(bench.ask(":WAV:PRE?").split(",")[2]) == points
+
+
+@pytest.mark.parametrize("subsystem", ["ACQuire", "WAVeform", "TRIGger", "TIMebase", "CHANnel2", "FUNCtion"])
+def test_what_a_subsystem_tells_of_itself_can_be_sent_back(bench: Bench, subsystem: str) -> None:
+    told = bench.ask(f":{subsystem}?")
+    bench.send(told)
+    assert bench.errors() == []
+    assert bench.ask(f":{subsystem}?") == told
+
+
+def test_without_a_second_source_there_is_no_phase(bench: Bench) -> None:
+    bench.send(":DIG CHAN1,CHAN2")
+    assert bench.number(":MEAS:PHAS?") == 9.9e37
+    bench.send(":MEAS:SOUR CHAN1,CHAN2")
+    assert bench.number(":MEAS:PHAS?") == pytest.approx(40.0, abs=0.02)
+
+
+def test_means_are_of_a_cycle_where_there_is_one(bench: Bench) -> None:
+    bench.send(":DIG CHAN1,CHAN2")  # 3.49 periods on the screen
+    for asked in ("", "AUTO", "CYCL"):
+        assert bench.number(f":MEAS:VAV? {asked}") == pytest.approx(0.1, abs=1e-3)
+    assert abs(bench.number(":MEAS:VAV? DISP") - 0.1) > 0.01
+    bench.send(":TIM:RANG 200E-6;:DIG CHAN1")  # less than one
+    assert bench.number(":MEAS:VRMS?") == bench.number(":MEAS:VRMS? DISP")
+    assert bench.number(":MEAS:VRMS? CYCL") == 9.9e37
 
 
 def test_a_burst_rests_neither_at_its_top_nor_at_its_base(bench: Bench) -> None:

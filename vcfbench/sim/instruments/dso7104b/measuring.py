@@ -58,7 +58,7 @@ class _Definition(Parameter):
 class _Averaging(Choice):
     """A word or a source of VAVerage and VRMS."""
 
-    words: tuple[str, ...] = ("CYCLe", "DISPlay", "AC", "DC", "CHANnel<1-4>", "FUNCtion", "MATH")
+    words: tuple[str, ...] = ("CYCLe", "DISPlay", "AUTO", "AC", "DC", "CHANnel<1-4>", "FUNCtion", "MATH")
 
     def parse(self, token: Token) -> str:
         """Return the short form, FUNC for MATH."""
@@ -87,6 +87,8 @@ def _measured_pair(
     model: Dso7104B, first: str | None, second: str | None, of: Callable[[Trace, Trace], float | None]
 ) -> Any:
     one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
+    if two == "NONE":
+        return model.nr3(INVALID)
     return model.look(lambda: model.nr3(_try(lambda: of(model.trace(one), model.trace(two)))))
 
 
@@ -94,6 +96,8 @@ def _install(model: Dso7104B, name: str, sources: Sequence[str | None], of: Call
     """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
     defaults = model.state["MEAS:SOUR"]
     named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
+    if "NONE" in named:
+        raise ScpiError(-221)  # there is no second source to measure (number unverified)
     label = f"{name}({','.join(source.removeprefix('CHAN') for source in named)})"
     model.installed.append(Installed(label, named, of))
     del model.installed[:-_INSTALLED_MOST]
@@ -171,6 +175,11 @@ def _averaging(name: str, of: Callable[[Trace, set[str]], float | None]) -> Comm
     return Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
 
 
+def _of_cycle(trace: Trace, words: set[str]) -> bool:
+    """Tell whether one cycle is meant: by default where there is one on the screen (5000 series guide: AUTO)."""
+    return "CYCL" in words or ("DISP" not in words and trace.period() is not None)
+
+
 def _pair_measurement(name: str, of: Callable[[Trace, Trace], float | None]) -> Command:
     return Command(
         f"MEASure:{name}",
@@ -245,12 +254,17 @@ def _value_at(model: Dso7104B, seconds: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.voltage_at(seconds))
 
 
+def _sources(model: Dso7104B) -> str:
+    return ",".join(model.state["MEAS:SOUR"])
+
+
 MEASURE_COMMANDS = (
+    Command("MEASure", query=lambda model: f":MEAS:SOUR {_sources(model)}"),
     Command(
         "MEASure:SOURce",
         (SOURCE, OPTIONAL_SOURCE),
         do=_set_sources,
-        query=lambda model: ",".join(model.state["MEAS:SOUR"]),
+        query=_sources,
     ),
     Command("MEASure:DEFine", (Choice(("THResholds", "DELay")), _Definition()), do=_define, repeat=True),
     Command("MEASure:RESults", query=_results),
@@ -267,8 +281,8 @@ MEASURE_COMMANDS = (
     _measurement("VAMPlitude", Trace.amplitude),
     _measurement("VTOP", Trace.top),
     _measurement("VBASe", Trace.base),
-    _averaging("VAVerage", lambda trace, words: trace.average(cycle="CYCL" in words)),
-    _averaging("VRMS", lambda trace, words: trace.rms(cycle="CYCL" in words, ac="AC" in words)),
+    _averaging("VAVerage", lambda trace, words: trace.average(cycle=_of_cycle(trace, words))),
+    _averaging("VRMS", lambda trace, words: trace.rms(cycle=_of_cycle(trace, words), ac="AC" in words)),
     _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
     _measurement("OVERshoot", Trace.overshoot),
     _measurement("PREShoot", Trace.preshoot),

@@ -78,7 +78,7 @@ _TRIGGER = {
 }
 """Thresholds of time beside the edge's are not known for the default setup."""
 _MEASUREMENT = {
-    "MEAS:SOUR": ("CHAN1", "CHAN2"),
+    "MEAS:SOUR": ("CHAN1", "NONE"),
     "MEAS:THR": ("STAN", 90.0, 50.0, 10.0),
     "MEAS:DEL": (1, 1),
     "MEAS:STAT": "ON",

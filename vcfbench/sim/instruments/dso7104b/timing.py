@@ -48,12 +48,22 @@ def _analyze(model: Dso7104B) -> None:
     model.analysed = True
 
 
+def _acquire_learned(model: Dso7104B) -> str:
+    """Return how it acquires, in the shape of the siblings' guides (unverified for this model)."""
+    state = model.state
+    return (
+        f":ACQ:MODE {state['ACQ:MODE']};TYPE {state['ACQ:TYPE']};COMP {state['ACQ:COMP']};"
+        f"COUN {state['ACQ:COUN']};SEGM:COUN {state['SEGM:COUN']}"
+    )
+
+
 TIMING_COMMANDS = (
+    Command("ACQuire", query=_acquire_learned),
     Command("TIMebase", query=_learned),
     setting("TIMebase:MODE", "TIM:MODE", Choice(("MAIN", "WINDow", "XY", "ROLL"))),
-    number("TIMebase:RANGe", "TIM:RANG", _RANGE),
+    number("TIMebase[:MAIN]:RANGe", "TIM:RANG", _RANGE),
     _scale("TIMebase:SCALe", "TIM:RANG"),
-    number("TIMebase:POSition", "TIM:POS", _POSITION),
+    number("TIMebase[:MAIN]:POSition", "TIM:POS", _POSITION),
     number("TIMebase:DELay", "TIM:POS", _POSITION),
     setting("TIMebase:REFerence", "TIM:REF", Choice(("LEFT", "CENTer", "RIGHt"))),
     setting("TIMebase:VERNier", "TIM:VERN", Boolean(), boolean),

@@ -323,7 +323,25 @@ _PULSE_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
 _GREATER = Limits(10e-9, 10.0)
 _LESS = Limits(15e-9, 10.0)
 
+
+def _learned(model: Dso7104B) -> str:
+    """Return what all modes have in common, and the edge (siblings' guides; of other modes nothing is known)."""
+    state = model.state
+    general = (
+        f":TRIG:MODE {state['TRIG:MODE']};SWE {state['TRIG:SWE']};NREJ {boolean(state['TRIG:NREJ'])};"
+        f"HFR {boolean(state['TRIG:HFR'])};HOLD {state['TRIG:HOLD'] * 1e9:+.13f}E-09"
+    )
+    if state["TRIG:MODE"] != "EDGE":
+        return general
+    source = state["TRIG:SOUR"]
+    return (
+        f"{general};:TRIG:EDGE:SOUR {source};LEV {state[f'LEV:{source}']:+.5E};SLOP {state['TRIG:SLOP']};"
+        f"REJ {_reject(model)};COUP {state['TRIG:COUP']}"
+    )
+
+
 TRIGGER_COMMANDS = (
+    Command("TRIGger", query=_learned),
     Command(
         "TRIGger:MODE",
         (Choice((*("EDGE", "GLITch", "PATTern", "TV", "DURation", "EBURst", "SEQuence"), *_SERIAL, *_OPTIONS)),),

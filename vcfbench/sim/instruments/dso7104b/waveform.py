@@ -203,7 +203,17 @@ def _time_tag(model: Dso7104B) -> str:
     return model.nr3(model.time_tag_s())
 
 
+def _learned(model: Dso7104B) -> str:
+    """Return what is sent how, in the shape of the siblings' guides."""
+    state = model.state
+    return (
+        f":WAV:UNS {boolean(state['WAV:UNS'])};VIEW {state['WAV:VIEW']};BYT {state['WAV:BYT']};"
+        f"FORM {state['WAV:FORM']};POIN {signed_integer(_points(model))};SOUR {state['WAV:SOUR']}"
+    )
+
+
 WAVEFORM_COMMANDS = (
+    Command("WAVeform", query=_learned),
     setting("WAVeform:SOURce", "WAV:SOUR", SOURCE),
     setting("WAVeform:FORMat", "WAV:FORM", Choice(("BYTE", "WORD", "ASCii"))),
     setting("WAVeform:UNSigned", "WAV:UNS", Boolean(), boolean),
