@@ -125,7 +125,7 @@ def test_a_lower_range_than_asked_for_is_an_error_too(found: str) -> None:
 
 
 def test_before_it_is_configured_a_reading_takes_as_long_as_after_a_reset() -> None:
-    """10 power-line cycles (guide p. 61), at the 50 Hz that a bench has unless it says otherwise; and 50 ms around it."""
+    """10 power-line cycles (guide p. 61), of 50 Hz unless the bench says otherwise; and 50 ms around them."""
     with expected_exchange(OPEN, OPENING) as meter:
         assert meter.reading_time_s == pytest.approx(2 * 10 / 50.0 + 0.05)
 
@@ -149,3 +149,13 @@ def test_a_range_agrees_within_a_millionth(range_v: float, found_v: float) -> No
     ]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
         meter.configure_dc_voltage(range_v, 10.0)
+
+
+def test_an_integration_time_that_was_not_taken_is_not_waited_for() -> None:
+    exchanges = [*CONFIGURED[:6], ("VOLT:DC:NPLC?", "+1.00000000E+00")]
+    exchanges[1] = ("VOLT:DC:NPLC 100", None)
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
+        before_s = meter.reading_time_s
+        with pytest.raises(InstrumentError, match=r"was set to 100 but reads back 1, command 'VOLT:DC:NPLC\?'"):
+            meter.configure_dc_voltage(10.0, 100.0)
+        assert meter.reading_time_s == before_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import pytest
@@ -138,6 +139,27 @@ def test_errors_found_while_resynchronising_are_raised_at_the_next_check() -> No
             session.check_errors()
         assert "-410" not in str(caught.value)
         session.check_errors()
+
+
+@pytest.mark.parametrize(("number", "kept"), [(-399, True), (-400, False), (-499, False), (-500, True)])
+def test_only_query_errors_are_the_doing_of_a_broken_exchange(number: int, kept: bool) -> None:  # noqa: FBT001
+    """-400 to -499 are query errors (SCPI-99 vol. 2, 21.8.12); whatever else is queued is somebody's business."""
+    exchanges: list[Exchange] = [
+        ("*IDN?", IDENTITY),
+        ("READ?", None),
+        *SYNC[:2],
+        ("SYST:ERR?", f'{number},"Something"'),
+        SYNC[2],
+        ("A?", "1"),
+        SYNC[2],
+    ]
+    with expected_exchange(OPEN, exchanges) as session:
+        session.identify()
+        with pytest.raises(DeadlineExceeded):
+            session.query("READ?")
+        assert session.query("A?") == "1"
+        with pytest.raises(InstrumentError, match=str(number)) if kept else nullcontext():
+            session.check_errors()
 
 
 def test_no_time_left_sends_nothing_and_gives_nothing_up() -> None:
