@@ -458,3 +458,34 @@ def test_modulated_pulses_keep_their_least_width(box: Socket, width: str, most: 
 def test_only_the_volatile_waveform_can_be_copied(box: Socket) -> None:
     box.send("DATA:COPY MINE, SINC")
     assert box.errors() == ['+784,"Name of source arb waveform for copy must be VOLATILE"']
+
+
+LEARNT = [
+    "OUTP:LOAD INF;:FUNC DC;:VOLT:OFFS 9.5;:OUTP ON",
+    "FUNC RAMP;:FUNC:RAMP:SYMM 20;:FREQ 2E5;:VOLT:UNIT VRMS;:VOLT 1;:VOLT:OFFS -2;:OUTP:POL INV",
+    "FUNC SQU;:FUNC:SQU:DCYC 45;:FREQ 15E6;:VOLT:UNIT DBM;:VOLT 10;:OUTP:SYNC OFF",
+    "FUNC PULS;:PULS:PER 20;:FUNC:PULS:WIDT 3;TRAN 50E-9;HOLD DCYC;:PWM:DEV 1;INT:FUNC TRI;:PWM:STAT ON",
+    "UNIT:ANGL RAD;:PM:DEV 1;INT:FREQ 3;:PM:STAT ON;:PHAS -1",
+    "FREQ 5000;:FM:DEV 3000;SOUR EXT;:FM:STAT ON",
+    "FREQ:STAR 9000;STOP 200;:SWE:SPAC LOG;TIME 3;STAT ON;:MARK:FREQ 700;:MARK ON;:TRIG:SOUR BUS;:OUTP:TRIG ON",
+    "TRIG:SOUR BUS;DEL 2;:BURS:NCYC INF;PHAS 90;STAT ON",
+    "FREQ 2E3;:BURS:NCYC 70;INT:PER 0.2;:BURS:STAT ON",
+    "AM:DEPT 30;INT:FUNC USER;:AM:STAT ON;:FUNC:USER SINC;:FUNC USER;:VOLT:RANG:AUTO OFF",
+    "FSK:FREQ 5E3;INT:RATE 7;:FSK:STAT ON",
+]
+
+
+@pytest.mark.parametrize("settings", LEARNT)
+def test_what_is_learnt_brings_the_settings_back_without_an_error(box: Socket, settings: str) -> None:
+    box.send(settings)
+    assert box.errors() == []
+    learnt, state = box.ask("*LRN?"), dict(box.generator.state)
+    box.send("*RST;:FUNC NOIS;:BURS:MODE GAT;STAT ON")
+    box.send(learnt)
+    assert box.errors() == []
+    assert box.ask("*LRN?") == learnt
+    numbers = {key: value for key, value in box.generator.state.items() if isinstance(value, float)}
+    assert numbers == pytest.approx({key: state[key] for key in numbers}, rel=1e-12)
+    assert {key: value for key, value in box.generator.state.items() if key not in numbers} == {
+        key: value for key, value in state.items() if key not in numbers
+    }

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, Name, names_reply, nr3
-from vcfbench.sim.instruments.agilent33220a.level_commands import amplitude_shown, offset_shown
+from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, Name, names_reply
+from vcfbench.sim.instruments.agilent33220a.learning import learnt
 from vcfbench.sim.scpi import Boolean, Command, Integer, Limits, boolean, quoted, signed_integer
 
 if TYPE_CHECKING:
@@ -18,28 +18,12 @@ def _name_state(model: _Model, place: int, name: str | None) -> None:
     model.state_names[place] = name or f"STATE_{place}"
 
 
-def _learn(model: _Model) -> str:
-    """Return settings as commands: *RCL-able text; the real unit's is longer and unverified."""
-    state = model.state
-    parts = (
-        f":FUNC {state['func']}",
-        f":OUTP:LOAD {nr3(state['load'])}",
-        f":FREQ {nr3(state['freq'])}",
-        f":VOLT:UNIT {state['unit']}",
-        f":VOLT {nr3(amplitude_shown(model))}",
-        f":VOLT:OFFS {nr3(offset_shown(model))}",
-        f":OUTP:POL {state['polarity']}",
-        f":OUTP {boolean(state['output'])}",
-    )
-    return ";".join(parts)
-
-
 _STATES = Integer(limits=Limits(0, 4))
 
 COMMANDS = (
     Command("*SAV", (_STATES,), do=lambda model, place: model.save(place)),
     Command("*RCL", (_STATES,), do=lambda model, place: model.recall(place), takes_s=SWITCH_S),
-    Command("*LRN", query=_learn),
+    Command("*LRN", query=learnt),
     Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=5.0),
     Command(
         "MEMory:STATe:NAME",
