@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import pyvisa
 from msgspec import structs
-from pyvisa.constants import EventMechanism, EventType
+from pyvisa.constants import ControlFlow, EventMechanism, EventType, StopBits
 
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
@@ -389,6 +389,53 @@ def test_34401a_frequency_and_period(rack: Rack) -> None:
     assert number(meter.ask("MEAS:FREQ?"), METER) == pytest.approx(2500.0, rel=1e-4)
     assert number(meter.ask("MEAS:PER?"), METER) == pytest.approx(4e-4, rel=1e-4)
     assert number(meter.ask("MEAS:VOLT:AC? DEF,DEF"), METER) == pytest.approx(1.0 / math.sqrt(2.0), rel=1e-3)
+
+
+@contextmanager
+def serial_port_in_process() -> Iterator[Any]:
+    plain = bench()
+    description = structs.replace(plain, multimeter=structs.replace(plain.multimeter, resource="ASRL1::INSTR"))
+    with SimulatedBench.build(description, 0, VirtualClock()).registered() as handle:
+        manager = pyvisa.ResourceManager(f"{handle}@vcfbench")
+        with manager.open_resource("ASRL1::INSTR", flow_control=ControlFlow.dtr_dsr, stop_bits=StopBits.two) as port:
+            yield port
+        manager.close()
+
+
+@contextmanager
+def pseudo_terminal() -> Iterator[Any]:
+    with serve_simulated(bench(), seed=0) as served:
+        if served.wires["multimeter"].pty is None:
+            pytest.skip("there are no pseudo-terminals here")
+        manager = pyvisa.ResourceManager("@py")
+        with manager.open_resource(served.resource("multimeter", "pty")) as port:
+            yield port
+        manager.close()
+
+
+@pytest.mark.parametrize("opened", [serial_port_in_process, pseudo_terminal])
+def test_34401a_over_rs232(opened: Any) -> None:
+    """Chapter 6, p. 192, "RS-232 operation": remote first, who it is, a beep and a text, four readings at 4.5 digits.
+
+    Answers end with carriage return and newline (p. 150).
+    """
+    with opened() as port:
+        port.timeout = 20_000
+
+        def ask(message: str) -> str:
+            port.write_raw(message.encode() + b"\n")
+            answer = port.read_raw().decode("ascii")
+            assert answer.endswith("\r\n"), answer
+            return str(answer.removesuffix("\r\n"))
+
+        port.write_raw(b":SYST:REM\n")
+        assert re.fullmatch(r"HEWLETT-PACKARD,34401A,0,\d+-\d+-\d+", ask("*IDN?"))
+        assert ask(":SYST:VERS?") == "1991.0"
+        port.write_raw(b":SYST:BEEP;:DISP:TEXT '34401A'\n")
+        assert ask(":DISP:TEXT?") == '"34401A"'
+        port.write_raw(b":CONF:VOLT:DC 10,0.1;:SAMP:COUN 4\n")
+        assert numbers(ask(":READ?"), METER) == pytest.approx([0.0] * 4, abs=5e-3)
+        assert ask(":SYST:ERR?") == '+0,"No error"'
 
 
 # ------------------------------------------------------------------------------------------------ 33220A

@@ -229,3 +229,17 @@ def test_instants_count_from_the_reference_point() -> None:
     preamble = Preamble.parse((0.0, 0.0, 3.0, 1.0, 2.0, 5.0, 1.0, 0.5, 10.0, 100.0))
     assert preamble.times_s().tolist() == [3.0, 5.0, 7.0]
     assert preamble.voltages_v(np.array([98, 100, 102], np.uint8)).tolist() == [9.0, 10.0, 11.0]
+
+
+@pytest.mark.parametrize(("points", "mode"), [(100, "NORM"), (1000, "NORM"), (1001, "RAW")])
+def test_beyond_a_thousand_points_the_memory_is_read(points: int, mode: str) -> None:
+    exchanges: list[Exchange] = [
+        *DOWNLOAD[:3],
+        (f":WAV:POIN:MODE {mode}", None),
+        (f":WAV:POIN {points}", None),
+        NO_ERROR,
+        (":WAV:PRE?", PREAMBLE.replace("+1000", f"+{points}")),
+        (":WAV:DATA?", block(b"\x80" * points)),
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
+        assert scope.waveform(1, points).voltage_v.tolist() == [pytest.approx(0.0125)] * points
