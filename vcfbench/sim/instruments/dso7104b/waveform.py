@@ -195,7 +195,7 @@ def _as_text(model: Dso7104B, codes: NDArray[np.float64]) -> Iterator[str]:
     return map(real(5, model.exponent_digits), ((codes - reference) * increment + origin).tolist())
 
 
-def _in_segments(of: Callable[[Dso7104B], str]) -> Callable[[Dso7104B], Any]:
+def _looked_at(of: Callable[[Dso7104B], str]) -> Callable[[Dso7104B], Any]:
     return lambda model: model.look(lambda: of(model))
 
 
@@ -236,8 +236,8 @@ WAVEFORM_COMMANDS = (
     _scaled("YREFerence", 5, integer=True),
     Command("WAVeform:COUNt", query=_average_count, reply=signed_integer),
     Command("WAVeform:TYPE", query=lambda model: model.state["ACQ:TYPE"]),
-    Command("WAVeform:SEGMented:COUNt", query=_in_segments(lambda model: signed_integer(model.segments()))),
-    Command("WAVeform:SEGMented:TTAG", query=_in_segments(_time_tag)),
+    Command("WAVeform:SEGMented:COUNt", query=_looked_at(lambda model: signed_integer(model.segments()))),
+    Command("WAVeform:SEGMented:TTAG", query=_looked_at(_time_tag)),
     setting("WAVeform:VIEW", "WAV:VIEW", Choice(("MAIN",))),
 )
 """What is said to :WAVeform."""
