@@ -62,9 +62,7 @@ class AclTable(LineDevice):
         self._drive = Drive(world, errors, self._limits)
         oscillator = Oscillator(self._drive, self._limits, self._demand)
         self._profiler = Profiler(self._drive, self._limits, self._demand, oscillator)
-        self._protection = Protection(
-            self._drive, self._profiler, oscillator, self._limits, self._status, wired=errors.interlocks
-        )
+        self._protection = Protection(self._drive, oscillator, self._limits, self._status, wired=errors.interlocks)
         self._commands, self._queries = self._tables(oscillator)
 
     def _tables(self, oscillator: Oscillator) -> tuple[dict[str, Action], dict[str, Query]]:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.drive import Drive
     from vcfbench.sim.rate_tables.acl.limits import Limits
     from vcfbench.sim.rate_tables.acl.oscillator import Oscillator
-    from vcfbench.sim.rate_tables.acl.profiler import Profiler
     from vcfbench.sim.rate_tables.acl.status import Status
 
 __all__ = ["Protection"]
@@ -32,13 +31,10 @@ class Protection:
     `wired` tells whether the table has interlocks.
     """
 
-    def __init__(
-        self, drive: Drive, profiler: Profiler, oscillator: Oscillator, limits: Limits, status: Status, *, wired: bool
-    ) -> None:
+    def __init__(self, drive: Drive, oscillator: Oscillator, limits: Limits, status: Status, *, wired: bool) -> None:
         self._drive = drive
         self._motion = drive.motion
         self._clock = drive.clock
-        self._profiler = profiler
         self._oscillator = oscillator
         self._limits = limits
         self._status = status
