@@ -108,6 +108,9 @@ def test_a_status_comes_unasked_to_everybody(statuses: Served) -> None:
 def test_a_terminal_that_nobody_reads_does_not_fill_up(statuses: Served) -> None:
     terminal = next(client for client in statuses.server.instruments["table"].clients if isinstance(client, Pty))
     eventually(lambda: not terminal.listens)
-    assert terminal._unread() < 1024 + 64
+    held = terminal._unread()
+    with serial.serial_for_url(statuses.server.wires["table"].tcp, timeout=5.0) as other:
+        assert all(other.read_until(b"\n").startswith(b"$1") for _ in range(20))
+    assert terminal._unread() == held
     with serial.Serial(terminal.path, timeout=5.0) as port:
         assert port.read_until(b"\n").startswith(b"$1")

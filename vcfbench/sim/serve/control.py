@@ -196,13 +196,17 @@ class _Control(Connection):
         elif idle and self._requests:
             self._soon()
 
+    def relieved(self) -> None:
+        """Go on once the client has taken its replies."""
+        self._soon()
+
     def _soon(self) -> None:
         """Go on when what was sent to instruments before has been dealt with: it comes first."""
         self.loop.call_last(self._work)
 
     def _work(self) -> None:
         for _ in range(_AT_ONCE):
-            if self.closed or not self._requests:
+            if self.closed or self.blocked or not self._requests:
                 return
             try:
                 reply = self._reply(self._requests[0])
@@ -302,6 +306,8 @@ class _Control(Connection):
     def _wire(self, instrument: str, address: Any) -> Client:
         if instrument not in self._server.instruments:
             raise Refused(f"the bench has no {instrument!r}, only {', '.join(self._server.instruments)}")
+        if not isinstance(address, (int, str)):
+            raise Refused(f"an address is the number of a port or the path of a terminal, not {address!r}")
         known = (*self._heard, *self._server.instruments[instrument].clients)
         found = [client for client in known if client.address == address and client.instrument.role == instrument]
         if not found:

@@ -26,6 +26,10 @@ _PROLOGUE = b"HS"
 _MAX_PAYLOAD = 1 << 20
 """Of a message to the instrument, and of one from it until the client says what it takes."""
 _LARGEST_PAYLOAD = 1 << 28
+_SMALLEST_PAYLOAD = 16
+"""However little the client says that it takes; a waveform in messages of a byte would be 17 times as long."""
+_HELD_BACK = 1024
+"""Messages that wait for the instrument before no more are received."""
 _COPIED = 1 << 16
 """Answers up to here are put together with their header; longer ones are sent from where they are."""
 _VERSION = 0x0100
@@ -151,6 +155,15 @@ class _Session(Client):
         sharers = self._server.sharers(instrument)
         return instrument.lock not in (None, self) or (bool(sharers) and self not in sharers)
 
+    def relieved(self) -> None:
+        """Receive again."""
+        self._sync.hold(held=False)
+
+    @property
+    def complete(self) -> bool:
+        """Whether it has both its channels."""
+        return self._async is not None
+
     def attach(self, channel: _Channel) -> None:
         """Take the asynchronous channel; from here on the instrument can be talked to."""
         self._async = channel
@@ -200,6 +213,7 @@ class _Session(Client):
         elif message.kind in (_DATA, _DATA_END):
             self._check_interrupted(message)
             self.take(message.payload, end=message.kind == _DATA_END, tag=message.parameter)
+            self._sync.hold(held=len(self.backlog) > _HELD_BACK)
         elif message.kind == _TRIGGER:
             self._check_interrupted(message)
             self.tag = message.parameter
@@ -246,7 +260,8 @@ class _Session(Client):
 
     def _on_async(self, message: _Message) -> None:
         action = self._ASYNC.get(message.kind)
-        self._sync.receive()  # what was sent there before comes before
+        if not self._sync.blocked and not self._sync.held:
+            self._sync.receive()  # what was sent there before comes before
         if self._async is None or self.closed or message.kind in (_FATAL_ERROR, _ERROR):
             return
         if action is None:
@@ -257,7 +272,7 @@ class _Session(Client):
     def _limit(self, channel: _Channel, message: _Message) -> None:
         if len(message.payload) == 8:
             (size,) = struct.unpack("!Q", message.payload)
-            self._max_payload = max(1, min(size - _HEADER.size, _LARGEST_PAYLOAD))
+            self._max_payload = max(_SMALLEST_PAYLOAD, min(size - _HEADER.size, _LARGEST_PAYLOAD))
         channel.post(_MAX_SIZE_RESPONSE, 0, 0, struct.pack("!Q", _MAX_PAYLOAD + _HEADER.size))
 
     def _status(self, channel: _Channel, message: _Message) -> None:
@@ -386,7 +401,7 @@ class HislipServer:
         if instrument is None:
             channel.fail(_BAD_INITIALIZATION, f"there is no {name!r} here")
             return
-        number = next(self._numbers) & 0xFFFF
+        number = next(free for each in self._numbers if (free := each & 0xFFFF) not in self.sessions)
         session = _Session(self, instrument, channel, number)
         self.sessions[number] = session
         channel.session = session
@@ -396,8 +411,8 @@ class HislipServer:
     def join(self, channel: _Channel, message: _Message) -> None:
         """Give a session its asynchronous channel."""
         session = self.sessions.get(message.parameter & 0xFFFF)
-        if session is None:
-            channel.fail(_BAD_INITIALIZATION, "there is no such session")
+        if session is None or session.complete:
+            channel.fail(_BAD_INITIALIZATION, "there is no such session that waits for its second channel")
             return
         channel.session = session
         session.attach(channel)

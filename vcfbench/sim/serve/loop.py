@@ -25,6 +25,8 @@ READ = 1
 WRITE = 4
 """A file can be written."""
 _LONGEST_WAIT_S = 3600.0
+_CROWDED = 256
+"""Timers beyond which those that were cancelled are thrown out."""
 
 
 class _Poller(Protocol):
@@ -115,6 +117,7 @@ class Loop:
         self._poller = _poller()
         self._handlers: dict[int, Callable[[int], None]] = {}
         self._timers: list[tuple[float, int, Timer]] = []
+        self._crowded = _CROWDED
         self._numbers = count()
         self._last: list[Callable[[], None]] = []
         self._slow: set[int] = set()
@@ -159,6 +162,10 @@ class Loop:
 
     def call_later(self, seconds: float, action: Callable[[], None]) -> Timer:
         """Call `action` once `seconds` of wall time have passed."""
+        if len(self._timers) > self._crowded:
+            self._timers = [each for each in self._timers if each[2].action is not None]
+            heapq.heapify(self._timers)
+            self._crowded = _CROWDED + 2 * len(self._timers)
         timer = Timer(action)
         heapq.heappush(self._timers, (self.wall.now() + seconds, next(self._numbers), timer))
         return timer
@@ -249,6 +256,7 @@ def _guarded(handler: Callable[[int], None], mask: int) -> None:
 def _drop(handler: Callable[[int], None]) -> None:
     """Tell of the exception being handled, and end the connection that met it."""
     traceback.print_exc(file=sys.stderr)
-    close = getattr(getattr(handler, "__self__", None), "close", None)
-    if close is not None:
-        close()
+    owner = getattr(handler, "__self__", None)
+    drop = getattr(owner, "dropped", None) or getattr(owner, "close", None)
+    if drop is not None:
+        _done(drop)  # what has gone wrong once may go wrong again

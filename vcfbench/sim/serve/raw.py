@@ -101,8 +101,10 @@ class Stream(Client):
         """End the connection."""
         if not self.closed:
             self.lost = True
-            self._detach()
-            self._close()
+            try:
+                self._detach()
+            finally:
+                self._close()
 
     def _detach(self) -> None:
         self._loop.unwatch(self._fd)
@@ -194,6 +196,10 @@ class Pty(Stream):
     """
 
     comes_and_goes = False
+
+    def dropped(self) -> None:
+        """Go on after a mistake: a terminal cannot be opened anew."""
+        self.instrument.clear(self)
 
     def __init__(self, loop: Loop, instrument: Instrument) -> None:
         import tty  # noqa: PLC0415  (there is none on Windows)

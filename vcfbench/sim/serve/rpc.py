@@ -27,6 +27,8 @@ __all__ = [
 
 _LAST = 0x8000_0000
 _LONGEST_RECORD = 1 << 24
+_WAITING = 1 << 18
+"""Bytes of calls that may wait while another is being served."""
 _CALL, _RPC_VERSION = 0, 2
 _WORD = struct.Struct(">I")
 _CALL_HEADER = struct.Struct(">6I")
@@ -124,7 +126,7 @@ class RpcConnection(Connection):
     def __init__(self, loop: Loop, connection: socket.socket) -> None:
         self.programs: Mapping[tuple[int, int], Mapping[int, Callable[[Call], bytes | None]]] = {}
         self._input = bytearray()
-        self._record = b""
+        self._record = bytearray()
         self._calling: int | None = None
         super().__init__(loop, connection)
 
@@ -143,6 +145,11 @@ class RpcConnection(Connection):
     def _next_calls(self) -> None:
         while not self.closed and self._calling is None and (record := self._next_record()) is not None:
             self._serve(record)
+        self._hold()
+
+    def _hold(self) -> None:
+        """Receive no more while a call is being served and others wait already."""
+        self.hold(held=self._calling is not None and len(self._input) > _WAITING)
 
     def _next_record(self) -> bytes | None:
         """Put the fragments of a record together; None while it is incomplete."""
@@ -156,9 +163,11 @@ class RpcConnection(Connection):
                 return None
             fragment = bytes(self._input[4 : 4 + size])
             del self._input[: 4 + size]
-            self._record = self._record + fragment if self._record else fragment
+            if mark & _LAST and not self._record:
+                return fragment
+            self._record += fragment
             if mark & _LAST:
-                record, self._record = self._record, b""
+                record, self._record = bytes(self._record), bytearray()
                 return record
         return None
 

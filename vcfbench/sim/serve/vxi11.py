@@ -30,12 +30,14 @@ CORE, ABORT, PORT_MAPPER = 0x0607AF, 0x0607B0, 100000
 _WAIT_LOCK, _END, _TERMINATOR_SET = 1, 8, 128
 _BY_COUNT, _BY_TERMINATOR, _BY_END = 1, 2, 4
 _NO_ERROR, _NOT_ACCESSIBLE, _BAD_LINK, _PARAMETER, _NO_CHANNEL, _UNSUPPORTED = 0, 3, 4, 5, 6, 8
-_LOCKED, _NOT_LOCKED, _TIMEOUT, _ABORTED, _HAS_CHANNEL = 11, 12, 15, 23, 29
+_NO_RESOURCES, _LOCKED, _NOT_LOCKED, _TIMEOUT, _ABORTED, _HAS_CHANNEL = 9, 11, 12, 15, 23, 29
 _MAX_RECEIVE = 16384
 """Most bytes of a device_write: a DSO6014A's (public trace), sibling of the DSO7104B; the 33220A's is unverified."""
 _LONGEST_HANDLE = 40
 _UDP = 1
 _LONGEST_BACKLOG = 1024
+_MOST_LINKS = 256
+"""Links of a connection; those of the real instruments are fewer, how many is not known."""
 
 _INT = struct.Struct(">i")
 _CREATE = struct.Struct(">iII")
@@ -220,8 +222,8 @@ class _Core(RpcConnection):
         _client, lock, lock_timeout_ms = call.arguments.words(_CREATE)
         name = call.arguments.opaque().decode("latin-1").lower()
         instrument = self._server.instruments.get(name)
-        if instrument is None:
-            return _CREATED.pack(_NOT_ACCESSIBLE, 0, 0, 0)
+        if instrument is None or len(self._own) >= _MOST_LINKS:
+            return _CREATED.pack(_NOT_ACCESSIBLE if instrument is None else _NO_RESOURCES, 0, 0, 0)
         link = _Link(self, instrument, next(self._server.numbers))
         self._own[link.number] = self._server.links[link.number] = link
         created = _CREATED.pack(_NO_ERROR, link.number, self._server.port, _MAX_RECEIVE)
@@ -426,6 +428,8 @@ class _Core(RpcConnection):
     def _destroy(self, link: _Link) -> None:
         self._own.pop(link.number, None)
         self._server.links.pop(link.number, None)
+        if link.stop_waiting is not None:
+            link.stop_waiting(_ABORTED)  # else it would have the lock once it is free, and nobody could give it back
         if link.request is not None:
             link.request.timer.cancel()
             link.request = None
@@ -467,13 +471,18 @@ class PortMapper:
         self._ports = ports
         self._listener = Listener(loop, address, self._accept)
         self.port = self._listener.port
+        self._connections: set[RpcConnection] = set()
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening and end the connections."""
         self._listener.close()
+        for connection in self._connections:
+            connection.close()
 
     def _accept(self, connection: socket.socket) -> None:
+        self._connections = {each for each in self._connections if not each.closed}
         served: Any = RpcConnection(self._loop, connection)
+        self._connections.add(served)
         served.programs = {(PORT_MAPPER, 2): {3: self._port_of}}
 
     def _port_of(self, call: Call) -> bytes:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import socket
+from collections import deque
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.serve.loop import READ, WRITE
@@ -18,6 +20,8 @@ __all__ = ["Connection", "Listener", "Outbox"]
 _SENDMSG = hasattr(socket.socket, "sendmsg")
 _TOGETHER = 64
 """Parts sent at once; systems take some hundreds."""
+_BREATH_S = 0.1
+"""Wall time until the next try when the system has no more descriptors."""
 
 
 class Listener:
@@ -27,7 +31,7 @@ class Listener:
         self._loop = loop
         self._accept = accept
         family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-        self._socket = socket.create_server(address, family=family, backlog=128)
+        self._socket = socket.create_server(address, family=family, backlog=1024)
         self._socket.settimeout(0.0)
         self.port = int(self._socket.getsockname()[1])
         self.refusing = False
@@ -35,19 +39,43 @@ class Listener:
 
     def close(self) -> None:
         """Stop listening."""
-        self._loop.unwatch(self._socket.fileno())
-        self._socket.close()
+        if self._socket.fileno() >= 0:
+            self._loop.unwatch(self._socket.fileno())
+            self._socket.close()
+
+    def dropped(self) -> None:
+        """Go on: one connection that goes wrong is not the end of the others."""
 
     def _ready(self, _mask: int) -> None:
-        with contextlib.suppress(BlockingIOError):
-            while True:
+        while True:
+            try:
                 connection = self._socket.accept()[0]
-                if self.refusing:
-                    connection.close()
-                    continue
-                connection.settimeout(0.0)
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._accept(connection)
+            except (BlockingIOError, ConnectionError):
+                return
+            except OSError:
+                self._take_breath()
+                return
+            self._welcome(connection)
+
+    def _welcome(self, connection: socket.socket) -> None:
+        if self.refusing:
+            connection.close()
+            return
+        try:
+            connection.settimeout(0.0)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._accept(connection)
+        except OSError:  # it has gone already
+            connection.close()
+
+    def _take_breath(self) -> None:
+        """Listen again a little later: without descriptors left the socket would be ready all the time, for nothing."""
+        self._loop.unwatch(self._socket.fileno())
+        self._loop.call_later(_BREATH_S, self._listen_again)
+
+    def _listen_again(self) -> None:
+        if self._socket.fileno() >= 0:
+            self._loop.watch(self._socket.fileno(), self._ready)
 
 
 class Outbox:
@@ -56,7 +84,7 @@ class Outbox:
     __slots__ = ("_parts", "size")
 
     def __init__(self) -> None:
-        self._parts: list[memoryview] = []
+        self._parts: deque[memoryview] = deque()
         self.size = 0
 
     def add(self, data: bytes | memoryview) -> None:
@@ -75,7 +103,7 @@ class Outbox:
         """Send as much as `send` takes of several parts at once; raises OSError when the other side has gone."""
         with contextlib.suppress(BlockingIOError):
             while self._parts:
-                if not self._drop(send(self._parts[:_TOGETHER])):
+                if not self._drop(send(list(islice(self._parts, _TOGETHER)))):
                     return
 
     def _drop(self, sent: int) -> bool:
@@ -83,7 +111,7 @@ class Outbox:
         self.size -= sent
         while self._parts and sent >= len(self._parts[0]):
             sent -= len(self._parts[0])
-            del self._parts[0]
+            self._parts.popleft()
         if sent:
             self._parts[0] = self._parts[0][sent:]
         return not sent
@@ -103,6 +131,7 @@ class Connection:
         self._socket = connection
         self._fd = connection.fileno()
         self._outbox = Outbox()
+        self._held = False
         loop.watch(self._fd, self.on_ready)
 
     @property
@@ -114,8 +143,24 @@ class Connection:
         """Receive, send what is left, or notice that the other side has gone."""
         if mask & WRITE:
             self._flush()
-        if mask & ~WRITE and not self.closed:
+        if self.closed or not mask & ~WRITE:
+            return
+        if not self._held:
             self.receive()
+        elif mask & ~(READ | WRITE):
+            self.close()
+
+    @property
+    def held(self) -> bool:
+        """Whether nothing is received for now."""
+        return self._held
+
+    def hold(self, *, held: bool) -> None:
+        """Receive nothing for now, or again."""
+        if held is not self._held and not self.closed:
+            self._held = held
+            if not self._outbox.size:
+                self.loop.change(self._fd, 0 if held else READ)
 
     def receive(self) -> None:
         """Deal with what has come."""
@@ -190,5 +235,5 @@ class Connection:
             self.close()
             return
         if not self._outbox.size:
-            self.loop.change(self._fd, READ)
+            self.loop.change(self._fd, 0 if self._held else READ)
             self.relieved()
