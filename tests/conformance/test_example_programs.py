@@ -162,6 +162,9 @@ class InProcess:
         clock = self.built.clock
         clock.sleep_until(clock.now() + seconds)
 
+    def now(self) -> float:
+        return self.built.clock.now()
+
     def put(self, name: str, value: Any) -> None:
         write = adjustments_of(self.built.world, self.built.devices)[name].write
         assert write is not None
@@ -179,6 +182,9 @@ class OverSockets:
 
     def wait(self, seconds: float) -> None:
         self.served.ask("advance", seconds=seconds)
+
+    def now(self) -> float:
+        return float(self.served.ask("now"))
 
     def put(self, name: str, value: Any) -> None:
         self.served.ask("set", name=name, value=value)
@@ -503,6 +509,15 @@ def test_33220a_linear_sweep(rack: Rack) -> None:
     assert crossings(volts) == pytest.approx(10_050, rel=3e-3)
 
 
+def test_33220a_a_triggered_sweep_is_waited_for(rack: Rack) -> None:
+    """*TRG;*WAI, then *OPC?: the answer comes when the sweep has ended; the next program line may rely on it."""
+    play(rack, "FUNC SIN\nVOLT 2\nFREQ:STAR 100\nFREQ:STOP 1000\nSWE:TIME 2\nTRIG:SOUR BUS\nSWE:STAT ON")
+    begin_s = rack.behind.now()
+    rack.rate_source.write("*TRG;*WAI")
+    assert rack.rate_source.ask("*OPC?") == "1"
+    assert rack.behind.now() - begin_s == pytest.approx(2.0, abs=0.2)
+
+
 @pytest.mark.xfail(reason="the simulated edges take the edge time from 0 to 100 %", strict=False)
 def test_33220a_pulse_whose_edges_change_while_it_runs(rack: Rack) -> None:
     """Ten edge times from 10 ns on, from 10 to 90 %, seen on the screen one after the other."""
@@ -718,6 +733,20 @@ def test_e3631a_coupled_outputs_change_at_one_trigger(rack: Rack) -> None:
     assert supply.ask("INST:COUP?") == "P6V,P25V"
     assert number(supply.ask("VOLT?"), SUPPLY) == 7.0
     assert number(supply.ask("INST P6V;:VOLT?"), SUPPLY) == 3.0
+
+
+def test_e3631a_states_are_stored_and_recalled(rack: Rack) -> None:
+    """Chapter 3, p. 62: levels, switch and selection come back; a place that was never used is the reset state."""
+    supply = rack.power
+    say(supply, "*RST\n*CLS\nAPPL P25V,7.5,0.25\nOUTP ON\n*SAV 2\n*RST")
+    assert supply.ask("APPL? P25V") == '"0.000000,1.000000"'
+    assert supply.ask("OUTP?") == "0"
+    supply.write("*RCL 2")
+    rack.wait(2.0)
+    assert supply.ask("INST?;:OUTP?;:APPL?") == 'P25V;1;"7.500000,0.250000"'
+    assert rack.behind.value("rail.positive.voltage_v") == pytest.approx(7.5, abs=2e-3)
+    supply.write("*RCL 3")
+    assert supply.ask("INST?;:OUTP?;:APPL? P25V") == 'P6V;0;"0.000000,1.000000"'
 
 
 # ------------------------------------------------------------------------------------------------ DSO7104B

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 OUTPUTS, ZERO = ("P6V", "P25V", "N25V"), "+0.00000000E+00"
-SAFE: list[tuple[Callable[..., Any], str, list[Exchange]]] = [
+SAFE: list[tuple[Callable[..., Any], str, list[Exchange], str]] = [
     (
         E3631A,
         "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0",
@@ -29,24 +29,29 @@ SAFE: list[tuple[Callable[..., Any], str, list[Exchange]]] = [
             ("OUTP?", "0"),
             *((f"MEAS:VOLT? {name}", ZERO) for name in ("P6V", "P25V", "N25V")),
         ],
+        "outputs off, no more than 0 V at the terminals",
     ),
     (
         Agilent33220A,
         "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2",
         [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")],
+        "output relay open",
     ),
-    (Hp34401A, "HEWLETT-PACKARD,34401A,0,10-5-2", [("*OPC?", "1")]),
+    (Hp34401A, "HEWLETT-PACKARD,34401A,0,10-5-2", [("*OPC?", "1")], "idle"),
     (
         Dso7104B,
         "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003",
         [(":STOP", None), NO_ERROR, (":OPER:COND?", "+0")],
+        "stopped",
     ),
 ]
 
 
-@pytest.mark.parametrize(("driver", "identity", "safe"), SAFE, ids=lambda value: getattr(value, "__name__", ""))
+@pytest.mark.parametrize(
+    ("driver", "identity", "safe", "words"), SAFE, ids=lambda value: getattr(value, "__name__", "")
+)
 def test_a_lost_connection_is_made_anew_to_make_it_safe(
-    driver: Callable[..., Any], identity: str, safe: list[Exchange]
+    driver: Callable[..., Any], identity: str, safe: list[Exchange], words: str
 ) -> None:
     clock = VirtualClock()
     again = ScriptedWire([("*IDN?", identity), ("*OPC?", "1"), NO_ERROR, *safe], clock=clock)
@@ -62,6 +67,7 @@ def test_a_lost_connection_is_made_anew_to_make_it_safe(
     session.close()
     report = instrument.make_safe(Deadline.after(clock, 5.0))
     assert report.safe, report.detail
+    assert report.detail == words
     again.require_done()
     assert again.clears >= 1
 

@@ -93,6 +93,14 @@ def test_a_reset_is_a_reset_and_its_errors_are_read() -> None:
             meter.reset()
 
 
+def test_what_is_in_the_error_queue_is_raised_when_asked_for() -> None:
+    exchanges: list[Exchange] = [NO_ERROR, ("SYST:ERR?", '+550,"Command not allowed in local"'), NO_ERROR]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
+        meter.check_errors()
+        with pytest.raises(InstrumentError, match="550"):
+            meter.check_errors()
+
+
 def test_closing_gives_the_connection_back() -> None:
     clock = VirtualClock()
     wire = ScriptedWire(OPENING, clock=clock)
