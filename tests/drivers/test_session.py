@@ -15,6 +15,7 @@ from vcfbench.drivers.session import Session
 from vcfbench.errors import (
     BenchError,
     DeadlineExceeded,
+    FramingError,
     InstrumentError,
     LinkLost,
     MeasurementError,
@@ -24,7 +25,7 @@ from vcfbench.errors import (
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from vcfbench.drivers.wire import Interface
 
@@ -249,6 +250,63 @@ def test_a_raw_answer_that_does_not_end_runs_into_its_deadline() -> None:
     session = Session(PieceWire(clock, b"#210abc", 2), name="device", resource="PIECES", clock=clock, timeout_s=1.0)
     with pytest.raises(DeadlineExceeded, match=r"command 'ANY\?'"):
         session.query_raw("ANY?")
+    assert session.dirty
+
+
+@pytest.mark.parametrize("size", [1, 3, 7, 64])
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+def test_a_block_comes_whole_in_however_many_pieces(size: int, end: bytes) -> None:
+    """Newlines in the data are data; the one after it belongs to the message (IEEE 488.2, 8.7.9)."""
+    clock = VirtualClock()
+    wire = PieceWire(clock, b"#215" + b"a\nb#3\r\nefghijk\n" + end, size)
+    session = Session(wire, name="device", resource="PIECES", clock=clock, timeout_s=1.0)
+    assert session.query_block("ANY?") == b"a\nb#3\r\nefghijk\n"
+    assert not session.dirty
+    assert clock.now() == 0.0
+
+
+def test_a_block_may_be_ended_by_end_alone() -> None:
+    with expected_exchange(OPEN, [("D?", b"#13abc"), ("D?", b"#13abc\n")]) as session:
+        assert session.query_block("D?") == session.query_block("D?") == b"abc"
+
+
+def test_a_line_without_end_is_given_up_after_four_mebibytes() -> None:
+    clock = VirtualClock()
+    wire = PieceWire(clock, b"1" * 9_000_000, 1 << 20)
+    session = Session(wire, name="device", resource="PIECES", clock=clock, timeout_s=1.0)
+    with pytest.raises(FramingError, match=r"5242880 bytes came without an end of line, command 'ANY\?'"):
+        session.query("ANY?")
+    assert session.dirty
+
+
+def test_after_every_command_there_is_the_pause_that_the_instrument_needs() -> None:
+    opener = over_visa(lambda session: session, timeout_s=5.0, write_pause_s=0.4)
+    with expected_exchange(opener, [("A", None), ("B", None), ("C?", "1")]) as session:
+        session.send("A", "B")
+        assert session.clock.now() == pytest.approx(0.8)
+        session.query("C?")
+        assert session.clock.now() == pytest.approx(0.8)
+
+
+def test_a_session_that_was_closed_says_so_whatever_is_asked_of_it() -> None:
+    with expected_exchange(OPEN, []) as session:
+        session.close()
+        attempts: list[Callable[[], object]] = [session.clear, session.revive, session.resync, session.check_errors]
+        for attempt in attempts:
+            with pytest.raises(LinkLost, match=r"device at SCRIPT: the connection is closed \(the session is closed\)"):
+                attempt()
+
+
+def test_a_command_that_was_interrupted_leaves_the_session_dirty() -> None:
+    class Interrupted(PieceWire):
+        def send(self, data: bytes, deadline: Deadline) -> None:
+            del data, deadline
+            raise KeyboardInterrupt
+
+    clock = VirtualClock()
+    session = Session(Interrupted(clock, b"", 1), name="device", resource="X", clock=clock, timeout_s=1.0)
+    with pytest.raises(KeyboardInterrupt):
+        session.send("A")
     assert session.dirty
 
 
