@@ -84,3 +84,32 @@ def test_a_turning_axis_is_stopped_before_it_oscillates(attended: AttendedHost) 
     attended.wait(4.0)
     highest, lowest = extremes(attended, 2.0)
     assert (highest - lowest) / 2 == pytest.approx(2.0, rel=5e-3)
+
+
+@pytest.mark.parametrize("phase", [0, 90])
+def test_a_sinusoid_of_frequency_nought_stands_still(attended: AttendedHost, phase: int) -> None:
+    attended.servo("Position")
+    attended.wait(1.0)
+    assert attended.ask(f":Demand:Oscillator 1,5,0,{phase};:Mode:Synthesis 1") == "OK"
+    angle = attended.world.table.angle_deg()
+    attended.wait(5.0)
+    assert attended.world.table.angle_deg() == angle
+    assert attended.ask(":Demand:Oscillator 1,5,0.5,0") == "OK"
+    attended.wait(3.0)
+    highest, lowest = extremes(attended, 4.0)
+    assert (highest - lowest) / 2 == pytest.approx(5.0, rel=5e-3)
+    assert attended.ask(":Demand:Oscillator 1,5,0,0") == "OK"
+    attended.wait(5.0)
+    assert attended.world.table.rate_deg_s() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_axis_shut_down_on_its_way_to_synthesis_does_not_oscillate(attended: AttendedHost) -> None:
+    attended.servo("Rate")
+    attended.wait(1.0)
+    attended.ask(":Limit:Acceleration Abort,1,4000;:Limit:Acceleration Synthesis,1,10")
+    attended.ask(":Demand:Rate 1,50;:Demand:Oscillator 1,5,1,0")
+    attended.wait(10.0)
+    attended.acl.write(b":Mode:Synthesis 1;:Interlock:Open 1\n")
+    attended.wait(30.0)
+    assert not attended.world.table.servo_closed
+    assert attended.world.table.rate_deg_s() == 0.0

@@ -83,3 +83,19 @@ def test_an_oscillation_beyond_the_trip_trips(attended: AttendedHost) -> None:
     attended.wait(5.0)
     assert not attended.world.table.servo_closed
     assert attended.ask(":Status:CSR? A1SWFLT,1") == "1"
+
+
+def test_an_axis_that_is_held_takes_no_demand_until_its_servo_closes_again(attended: AttendedHost) -> None:
+    attended.servo("Rate")
+    attended.wait(1.0)
+    attended.ask(":Demand:Rate 1,50")
+    attended.wait(5.0)
+    attended.acl.jam(held=True)
+    assert attended.ask(":Mode:Position 1;:Demand:Position 1,90") == "OK"
+    attended.wait(5.0)
+    assert not attended.world.table.servo_closed
+    assert attended.world.table.rate_deg_s() == 0.0
+    attended.acl.jam(held=False)
+    attended.ask(":Interlock:Reset;:Interlock:Close 1")
+    attended.wait(10.0)
+    assert attended.world.table.angle_deg() % 360.0 == pytest.approx(90.0, abs=1e-3)

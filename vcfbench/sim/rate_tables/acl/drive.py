@@ -40,6 +40,8 @@ class Drive:
         """When the servo closes, if it is about to."""
         self.aborting = False
         """Whether the axis is on its way to rest, to open the servo there."""
+        self.locked = False
+        """Whether the axis comes to rest against what holds it, until the servo opens."""
         self.unservo_bit = 0
         """Bit of A1STATE that says why the servo is open; 0 before it was closed first."""
 
@@ -53,12 +55,18 @@ class Drive:
         """Tell whether the servo holds the axis or is about to."""
         return self.servoed or self.closing_at_s is not None
 
+    @property
+    def follows(self) -> bool:
+        """Tell whether the axis takes demands."""
+        return self.servoed and not self.aborting and not self.locked
+
     def at_rest(self) -> bool:
         """Tell whether the measured rate is one of rest."""
         return abs(self.axis.rate_deg_s()) <= _AT_REST_DEG_S
 
     def close(self) -> None:
         """Let the servo close after the delay of the power amplifier."""
+        self.locked = False
         self.unservo_bit = 0
         self.closing_at_s = self.clock.now() + _ENABLE_DELAY_S
 
@@ -101,6 +109,7 @@ class Drive:
     def lock(self) -> None:
         """Come to rest against what holds the axis; the servo stays closed until then."""
         self._give_up()
+        self.locked = True
         self.motion.demand_rate(0.0, _HELD_DEG_S2)
 
     def _give_up(self) -> None:

@@ -37,6 +37,7 @@ class Oscillator:
     """Oscillates about where the axis stands, by the demanded magnitude, frequency and phase."""
 
     def __init__(self, drive: Drive, limits: Limits, demand: Demand) -> None:
+        self._drive = drive
         self._clock = drive.clock
         self._motion = drive.motion
         self._limits = limits
@@ -61,10 +62,11 @@ class Oscillator:
         self.due_s = None
 
     def advance(self) -> None:
-        """Begin to oscillate if it is time."""
+        """Begin to oscillate if it is time; an axis that was shut down meanwhile does not."""
         if self.due_s is not None and self._clock.now() >= self.due_s:
             self.due_s = None
-            self._begin()
+            if self._drive.follows:
+                self._begin()
 
     def peak_deg_s(self) -> float:
         """Return the largest rate of the oscillation, deg/s."""
@@ -73,22 +75,28 @@ class Oscillator:
     def _begin(self) -> None:
         now, going = self._clock.now(), self._swing if self._motion.oscillating else None
         magnitude, frequency, phase = self._demand.oscillator
+        if not frequency:
+            self._stand()
+            return
         slew = self._setup.amplitude_slew / self._per_degree(frequency)
         present, phase_rad = (0.0, math.radians(phase)) if going is None else _state_of(going, now - self._swing_s)
         self._swing = Swing(present, self._amplitude_deg(magnitude, frequency), slew, frequency, phase_rad)
         self._swing_s = now
         self._motion.oscillate(self._swing)
 
+    def _stand(self) -> None:
+        """Stand still: a sinusoid of frequency 0 is a constant."""
+        self._swing = None
+        self._motion.demand_rate(0.0, self._limits.of("Synthesis").acceleration_deg_s2)
+
     def _per_degree(self, frequency_hz: float) -> float:
         """Return how much of the regulated state a degree of amplitude is."""
         power = {"Position": 0, "Rate": 1, "Acceleration": 2}[self._setup.amplitude_of]
-        return (2 * math.pi * frequency_hz) ** power if frequency_hz else 1.0
+        return (2 * math.pi * frequency_hz) ** power
 
     def _amplitude_deg(self, magnitude: float, frequency_hz: float) -> float:
         """Return the amplitude that the limits of SYNTHESIS mode leave of what was demanded, deg."""
         limits, turning = self._limits.of("Synthesis"), 2 * math.pi * frequency_hz
-        if not turning:
-            return 0.0  # a sinusoid of frequency 0 is a constant
         most = min(limits.rate_deg_s / turning, limits.acceleration_deg_s2 / turning**2)
         return max(-most, min(most, magnitude / self._per_degree(frequency_hz)))
 

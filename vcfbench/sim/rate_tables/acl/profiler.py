@@ -59,7 +59,7 @@ class Profiler:
     def follow(self) -> None:
         """Let the profiler act on the demand of the present mode; a zero acceleration limit inhibits every change."""
         limits = self.limits
-        if not self._motion.servo_closed or self._drive.aborting or limits.acceleration_deg_s2 == 0.0:
+        if not self._drive.follows or limits.acceleration_deg_s2 == 0.0:
             return
         self._moves.cancel()
         self._oscillator.cancel()
