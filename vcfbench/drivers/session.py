@@ -430,17 +430,16 @@ class Session:
         return received[:cut]
 
     def _read_block(self, deadline: Deadline) -> bytes:
-        received, self._received = self._received, b""
+        received, self._received, end = self._received, b"", False
         while (lengths := replies.block_length(received)) is None:
-            received += self._wire.receive(deadline)[0]
+            more, end = self._wire.receive(deadline)
+            received += more
         header, count = lengths
         parts, excess = [received[header:]], len(received) - header - count
-        while excess <= 0:  # the newline after the data belongs to the message
+        while excess < 0 or (excess == 0 and not end):  # the newline after the data belongs to the message
             more, end = self._wire.receive(deadline)
             parts.append(more)  # joined once at the end: a waveform has megabytes
             excess += len(more)
-            if end and excess == 0:
-                break
         last = parts.pop()
         cut = len(last) - excess  # up to the last part there was no more than the data
         self._received = _after_terminator(last[cut:])
