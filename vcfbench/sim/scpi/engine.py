@@ -34,6 +34,7 @@ __all__ = [
     "ScpiEngine",
     "ScpiInstrument",
     "ScpiModel",
+    "Stream",
 ]
 
 _CACHED_MESSAGES = 2048
@@ -97,19 +98,35 @@ class Dialect:
     takes_blocks: bool = True
 
 
+class Stream(Protocol):
+    """The answer to a query that is sent while it comes about."""
+
+    def waiting(self) -> bool:
+        """Whether a part can be sent now."""
+        ...
+
+    def take(self) -> bytes:
+        """Return what can be sent now, to be followed by what the query's reply is in the end."""
+        ...
+
+
 class Pending:
     """A command that is not finished: the parser stays busy until `ready_at()`.
 
     Args:
         ready_at: returns the bench time at which it is finished, or None while that is not known (no trigger yet).
         finish: called then, for the query's value (or None, or a further Pending); may raise ScpiError.
+        stream: parts of the answer that are sent before.
     """
 
-    __slots__ = ("finish", "ready_at")
+    __slots__ = ("finish", "ready_at", "stream")
 
-    def __init__(self, ready_at: Callable[[], float | None], finish: Callable[[], Any]) -> None:
+    def __init__(
+        self, ready_at: Callable[[], float | None], finish: Callable[[], Any], stream: Stream | None = None
+    ) -> None:
         self.ready_at = ready_at
         self.finish = finish
+        self.stream = stream
 
     @classmethod
     def at(cls, instant_s: float, finish: Callable[[], Any] = lambda: None) -> Pending:
@@ -191,6 +208,7 @@ class ScpiEngine:
         self._replies: list[str | bytes] = []
         self._output: deque[bytes] = deque()
         self._offset = 0
+        self._begun = bytearray()
         self._unterminated = False
         self._deadlocked = False
         self._announce_completion = False
@@ -218,8 +236,10 @@ class ScpiEngine:
             self.model.service()
             self._advance()
         if not self._output:
-            self._complain_unterminated()
-            return b"", False
+            part = self._read_stream(limit)
+            if not part:
+                self._complain_unterminated()
+            return part, False
         message = self._output[0]
         if not self._offset and len(message) <= limit:
             self._output.popleft()
@@ -279,7 +299,10 @@ class ScpiEngine:
 
     def status_now(self) -> int:
         """Return the status byte without bit 6."""
-        return self.status.byte(message_available=bool(self._output or self._replies))
+        available = bool(self._output or self._replies or self._begun)
+        if not available and self._pending is not None and self._pending.stream is not None:
+            available = self._pending.stream.waiting()
+        return self.status.byte(message_available=available)
 
     def announce_completion(self) -> None:
         """*OPC: set the operation complete bit once nothing is pending."""
@@ -480,13 +503,28 @@ class ScpiEngine:
         if self._deadlocked:
             replies.clear()
             return
-        if len(replies) == 1:  # as most have: a waveform of megabytes is copied no more than once
+        if self._begun:
+            data = bytes(self._begun) + _joined(replies)
+            self._begun.clear()
+        elif len(replies) == 1:  # as most have: a waveform of megabytes is copied no more than once
             part = replies[0]
             data = part if isinstance(part, bytes) else part.encode("latin-1")
         else:
-            data = b";".join([part if isinstance(part, bytes) else part.encode("latin-1") for part in replies])
+            data = _joined(replies)
         replies.clear()
         self._output.append(data + self.interface.terminator)
+
+    def _read_stream(self, limit: int) -> bytes:
+        """Return at most `limit` bytes of an answer that is sent while it comes about, with what comes before it."""
+        if self._pending is None or self._pending.stream is None:
+            return b""
+        if self._replies:
+            self._begun += _joined(self._replies) + b";"
+            self._replies.clear()
+        self._begun += self._pending.stream.take()
+        part = bytes(self._begun[:limit])
+        del self._begun[:limit]
+        return part
 
     def _read_part(self, message: bytes, limit: int) -> tuple[bytes, bool]:
         start = self._offset
@@ -506,6 +544,10 @@ class ScpiEngine:
         self._unterminated = True
         self._partial.clear()
         self.report(ScpiError(-420))
+
+
+def _joined(replies: list[str | bytes]) -> bytes:
+    return b";".join([part if isinstance(part, bytes) else part.encode("latin-1") for part in replies])
 
 
 class ScpiInstrument:

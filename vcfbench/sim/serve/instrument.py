@@ -88,7 +88,7 @@ class Client:
     @property
     def awaits(self) -> bool:
         """Whether it waits for the answer that it is owed, so that time may jump there."""
-        return self.pushes and not self.heard
+        return self.pushes and not self.heard and not self.blocked
 
     @property
     def listens(self) -> bool:
@@ -270,6 +270,9 @@ class Instrument:
         if client.backlog and not client.queued and not client.blocked:
             client.queued = True
             self.waiting.append(client)
+        if self.holder is client:
+            self._drain()
+            self.touched()
         self.turn()
 
     def asks(self, message: bytes) -> bool:
@@ -515,7 +518,7 @@ class Instrument:
             self._say_unasked()
         if holder is None or not holder.pushes:
             return
-        while True:
+        while not holder.blocked:  # else what it does not take would pile up
             data, end = self.device.read(WHOLE_RESPONSE)
             if not data:
                 break

@@ -62,6 +62,34 @@ def test_more_than_the_memory_holds_comes_through_as_one_message() -> None:
     assert made.talk.errors() == []
 
 
+@pytest.mark.parametrize("interface", ["gpib", "rs232"])
+def test_what_is_asked_before_and_after_is_in_the_same_message(interface: str) -> None:
+    made = fast(interface)
+    made.talk.write("SAMP:COUN 600;COUN?;:READ?;:TRIG:COUN?")
+    received, end = b"", False
+    while not end:
+        data, end = made.meter.read(100)
+        received += data
+        if not data:
+            made.world.clock.sleep_until(made.world.clock.now() + 0.05)
+    assert received.decode().strip() == ";".join(["+600", ",".join([READING] * 600), "+1.00000000E+00"])
+    assert made.talk.errors() == []
+
+
+def test_the_message_available_bit_while_readings_stream() -> None:
+    """Set by the first reading that can go out (20 ms to arm, 1 ms each, the last kept back), cleared by taking it."""
+    made = fast()
+    made.talk.write("TRIG:COUN INF;:READ?")
+    started_s = made.world.clock.now()
+    seen = []
+    for waited_s in (0.0, 0.021, 0.025):
+        made.world.clock.sleep_until(started_s + waited_s)
+        seen.append(made.meter.status_byte() & 16)
+    assert seen == [0, 0, 16]
+    assert made.meter.read(1000)[0].startswith(READING.encode())
+    assert made.meter.status_byte() & 16 == 0
+
+
 def test_small_reads_lose_nothing() -> None:
     made = fast()
     made.talk.write("SAMP:COUN 600;:READ?")

@@ -95,7 +95,6 @@ class Hp34401A(ScpiInstrument):
         """1 is SCPI, 2 that of the HP 3478A, 3 of the Fluke 8840A; non-volatile. Only SCPI is simulated."""
         self.beeper = True
         self.beeps = 0
-        self._streamed = bytearray()
         self._calibrating = False
         self.reset()
 
@@ -133,7 +132,6 @@ class Hp34401A(ScpiInstrument):
     def abort(self) -> None:
         """Device clear: the trigger system goes idle (p. 116), a calibration is given up (705)."""
         self.triggering.abort()
-        self._streamed.clear()
         if self._calibrating:
             self._calibrating = False
             self.engine.report(ScpiError(705))
@@ -146,14 +144,8 @@ class Hp34401A(ScpiInstrument):
             self.engine.write(data, end=end)
 
     def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return at most `limit` bytes that are ready; a READ? of more than fits sends while it measures."""
-        data, end = self.engine.read(limit) if self.language == _SCPI else (b"", False)
-        if data or end:
-            return data, end
-        self._streamed += b"".join(_NR3(value).encode() + b"," for value in self.triggering.take_streamed())
-        part = bytes(self._streamed[:limit])
-        del self._streamed[:limit]
-        return part, False
+        """Return at most `limit` bytes that are ready."""
+        return self.engine.read(limit) if self.language == _SCPI else (b"", False)
 
     # --- measuring ----------------------------------------------------------------------------------------
 

@@ -14,16 +14,27 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
     from vcfbench.sim.instruments.hp34401a.setup import Setup
-    from vcfbench.sim.instruments.hp34401a.trigger import Sequence
+    from vcfbench.sim.instruments.hp34401a.trigger import Sequence, TriggerSystem
 
 
 __all__ = ["COMMANDS"]
 
 _FUNCTION_CHANGE_S = 1 / 26
 """Function changes a second over the bus (p. 217)."""
-_MESSAGE_AVAILABLE = 16
 _NR3 = real(8)
 _READINGS = comma_list(_NR3)
+
+
+class _Readings:
+    """Readings that go out while others are taken (p. 84)."""
+
+    def __init__(self, triggering: TriggerSystem) -> None:
+        self._triggering = triggering
+        self.waiting = triggering.streams
+
+    def take(self) -> bytes:
+        """Return those that can go out, each with its comma; the last of all ends the answer."""
+        return b"".join(_NR3(value).encode() + b"," for value in self._triggering.take_streamed())
 
 
 def _require_remote(meter: Hp34401A) -> None:
@@ -40,9 +51,10 @@ def _read(meter: Hp34401A) -> Pending:
     _require_remote(meter)
     if meter.triggering.source == "BUS":
         raise ScpiError(-214)
-    nothing_before = not meter.engine.status_now() & _MESSAGE_AVAILABLE
-    sequence = meter.triggering.start(stored=False, streaming=nothing_before)
-    return _running(meter, sequence, lambda: sequence.readings)
+    sequence = meter.triggering.start(stored=False)
+    running = _running(meter, sequence, lambda: sequence.readings)
+    running.stream = _Readings(meter.triggering) if sequence.streamed else None
+    return running
 
 
 def _initiate(meter: Hp34401A) -> Pending:

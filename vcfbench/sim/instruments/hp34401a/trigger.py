@@ -75,13 +75,13 @@ class TriggerSystem:
         """How many readings a sequence gives, infinity for ever."""
         return self.sample_count * self.trigger_count
 
-    def start(self, *, stored: bool, streaming: bool = False) -> Sequence:
-        """Leave idle; -213 when measuring already. With `streaming`, readings beyond the memory can go out at once."""
+    def start(self, *, stored: bool) -> Sequence:
+        """Leave idle; -213 when measuring already. Readings of READ? that the memory would not hold go out at once."""
         if self.sequence is not None:
             raise ScpiError(-213)
         if stored:
             self.memory = []
-        streamed = streaming and self.readings_to_come > MEMORY
+        streamed = not stored and self.readings_to_come > MEMORY
         armed = self._clock.now() + _ARMING_S
         self.sequence = Sequence(self.trigger_count, self.sample_count, stored, streamed, armed)
         if self.source == "IMM":
@@ -130,6 +130,10 @@ class TriggerSystem:
         if self.sequence is None or self.sequence.current is None:
             return None
         return self.sequence.current.end_s
+
+    def streams(self) -> bool:
+        """Whether a reading can go out while others are taken."""
+        return self.sequence is not None and self.sequence.streamed and len(self.sequence.readings) > 1
 
     def take_streamed(self) -> list[float]:
         """Return readings that can go out while others are taken; the last stays until there is another."""
