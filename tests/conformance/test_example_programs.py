@@ -518,7 +518,6 @@ def test_33220a_a_triggered_sweep_is_waited_for(rack: Rack) -> None:
     assert rack.behind.now() - begin_s == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.xfail(reason="the simulated edges take the edge time from 0 to 100 %", strict=False)
 def test_33220a_pulse_whose_edges_change_while_it_runs(rack: Rack) -> None:
     """Ten edge times from 10 ns on, from 10 to 90 %, seen on the screen one after the other."""
     generator, scope = rack.rate_source, rack.oscilloscope
@@ -628,7 +627,6 @@ def test_33220a_states_are_stored_and_recalled(rack: Rack) -> None:
     assert (volts.max(), volts.min()) == pytest.approx((2.0, -1.0), abs=0.07)
 
 
-@pytest.mark.xfail(reason="only a serial poll notices that the burst is over", strict=False)
 def test_33220a_service_when_a_burst_is_complete(rack: Rack) -> None:
     """The status registers: *OPC after a triggered burst requests service when its last period is out."""
     play(rack, "FUNC SIN\nFREQ 1000\nVOLT 2\nBURS:MODE TRIG\nBURS:NCYC 3000\nTRIG:SOUR BUS\nBURS:STAT ON")

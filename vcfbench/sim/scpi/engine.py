@@ -253,6 +253,8 @@ class ScpiEngine:
             self._advance()
         own = self.model.next_event_s()
         ready = None if self._pending is None else self._pending.ready_at()
+        if self._announce_completion and (end := self._operations_end()) is not None:
+            ready = end if ready is None else min(ready, end)
         if own is None or ready is None:
             return own if ready is None else ready
         return min(own, ready)
@@ -394,6 +396,8 @@ class ScpiEngine:
 
     def _advance(self) -> None:
         """Execute what can be executed now."""
+        if self._announce_completion:
+            self._settle_completion()
         while True:
             if self._pending is not None and not self._complete():
                 self._execute_urgent()

@@ -71,7 +71,8 @@ def test_every_waveform_comes_out_exactly(setup: str, wanted: Callable[[Values],
 def test_edges_are_as_fast_as_they_are_set(box: Socket) -> None:
     box.send("FUNC PULS;:FREQ 1E6;:FUNC:PULS:WIDT 300E-9;TRAN 50E-9")
     times = np.arange(0, 1000) * 1e-9
-    wanted = np.interp(times, [0, 50e-9, 300e-9, 350e-9, 1e-6], [-1.0, 1.0, 1.0, -1.0, -1.0])
+    # 50 ns from 10 to 90 %
+    wanted = np.interp(times, [0, 62.5e-9, 300e-9, 362.5e-9, 1e-6], [-1.0, 1.0, 1.0, -1.0, -1.0])
     np.testing.assert_allclose(box.volts(times), wanted, atol=1e-9)
     high_s = np.count_nonzero(box.volts(np.arange(0, 10000) * 1e-10) > 0) * 1e-10
     assert high_s == pytest.approx(300e-9, abs=1e-10)  # from middle to middle

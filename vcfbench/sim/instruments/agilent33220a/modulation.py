@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Player"]
 
-_SQUARE_EDGE_S = 13e-9
-"""Edges of a square wave (data sheet, unverified: below 13 ns)."""
+_TIMED_SHARE = 0.8
+"""The edge time is from 10 to 90 % (33250A guide p. 168; for this model unverified)."""
+_SQUARE_EDGE_S = 13e-9 / _TIMED_SHARE
+"""Edges of a square wave from end to end (data sheet, unverified: below 13 ns from 10 to 90 %)."""
 _NOISE_POINTS = 1 << 16
 _NOISE_CYCLES_HZ = 2.0
 """Modulating noise is 65536 values, over and over, each held for 7.6 us; of the real one no more is known."""
@@ -124,7 +126,7 @@ class Player:
                 return shapes.Pulse(settings["duty"] / 100.0, _SQUARE_EDGE_S * hz)
             case "PULS":
                 duty = min(settings["width"] * hz, 1.0)
-                return shapes.Pulse(duty, min(settings["edge"] * hz, duty, 1.0 - duty))
+                return shapes.Pulse(duty, min(settings["edge"] / _TIMED_SHARE * hz, duty, 1.0 - duty))
         return self._memory.waveform(settings["user"])
 
     def _depth(self) -> float | None:
