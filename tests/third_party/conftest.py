@@ -51,36 +51,48 @@ def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.Complete
     )
 
 
-def environment(folder: Path, *packages: str, alone: tuple[str, ...] = ()) -> Path:
-    """Make an environment; with packages `alone`, without what they say they need, it stands on our own."""
+def environment(folder: Path) -> Path:
+    """Make an environment; return its interpreter."""
     venv.create(folder, with_pip=True)
-    python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
-    if alone:
-        ours = sysconfig.get_path("purelib")
-        place = command(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip()
-        (Path(place) / "ours.pth").write_text(f"import site; site.addsitedir({ours!r})\n", encoding="utf-8")
-    for words in (packages, ("--no-deps", *alone)) if alone else (packages,):
-        done = command(python, "-m", "pip", "install", "--quiet", *words)
-        assert done.returncode == 0, done.stderr[-2000:]
+    return folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+
+
+def install(python: Path, *words: str) -> Path:
+    """Add packages to an environment; return its interpreter."""
+    done = command(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *words)
+    assert done.returncode == 0, done.stderr[-2000:]
     return python
 
 
 @pytest.fixture(scope="session")
-def pymeasure(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Interpreter of an environment with PyMeasure."""
-    return environment(tmp_path_factory.mktemp("pymeasure"), PYMEASURE, *TOOLS, "pytest")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Interpreter of the environment of all whose pins permit it; each is added when it is first needed."""
+    return environment(tmp_path_factory.mktemp("shared"))
 
 
 @pytest.fixture(scope="session")
-def qcodes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pymeasure(shared: Path) -> Path:
+    """Interpreter of an environment with PyMeasure."""
+    return install(shared, PYMEASURE, *TOOLS, "pytest")
+
+
+@pytest.fixture(scope="session")
+def qcodes(shared: Path) -> Path:
     """Interpreter of an environment with QCoDeS."""
-    return environment(tmp_path_factory.mktemp("qcodes"), QCODES, *TOOLS)
+    return install(shared, QCODES, *TOOLS)
 
 
 @pytest.fixture(scope="session")
 def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Interpreter of an environment with python-ivi, InstrumentKit, oscope-scpi, keyoscacquire and pylablib."""
-    return environment(tmp_path_factory.mktemp("libraries"), *NEEDED, alone=LIBRARIES)
+    """Interpreter of an environment with python-ivi, InstrumentKit, oscope-scpi, keyoscacquire and pylablib.
+
+    They are installed without what they say they need; the environment stands on our own.
+    """
+    python = environment(tmp_path_factory.mktemp("libraries"))
+    ours = sysconfig.get_path("purelib")
+    place = command(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip()
+    (Path(place) / "ours.pth").write_text(f"import site; site.addsitedir({ours!r})\n", encoding="utf-8")
+    return install(install(python, *NEEDED), "--no-deps", *LIBRARIES)
 
 
 @pytest.fixture(scope="session")

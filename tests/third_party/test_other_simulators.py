@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.third_party.conftest import environment
+from tests.third_party.conftest import install
 from tests.third_party.test_driver_methods import CLIENTS
 from vcfbench.clock import WallClock
 from vcfbench.drivers.hp34401a import Hp34401A
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-@pytest.fixture(scope="module")
-def instro(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="session")
+def instro(shared: Path) -> Path:
     """Interpreter of an environment with instro."""
-    return environment(tmp_path_factory.mktemp("instro"), "instro==1.22.0")
+    return install(shared, "instro==1.22.0")
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.third_party.conftest import environment
+from tests.third_party.conftest import install
 from tests.third_party.test_driver_methods import check, methods
 from vcfbench.bench.file import embedded_text
 
@@ -25,9 +25,9 @@ WIRES = ["tcp", pytest.param("pty", marks=pytest.mark.skipif(sys.platform == "wi
 
 
 @pytest.fixture(scope="session")
-def zaber(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def zaber(shared: Path) -> Path:
     """Interpreter of an environment with the library of the maker."""
-    return environment(tmp_path_factory.mktemp("zaber"), "zaber-motion==10.2.0")
+    return install(shared, "zaber-motion==10.2.0")
 
 
 @contextmanager

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from tests.third_party.conftest import Served, command, environment
+from tests.third_party.conftest import Served, command, install
 
 pytestmark = pytest.mark.skipif(sys.version_info >= (3, 13), reason="python-vxi11 0.9 needs xdrlib, which has gone")
 
 
 @pytest.fixture(scope="session")
-def vxi11(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def vxi11(shared: Path) -> Path:
     """Interpreter of an environment with python-vxi11."""
-    return environment(tmp_path_factory.mktemp("vxi11"), "python-vxi11==0.9")
+    return install(shared, "python-vxi11==0.9")
 
 
 def port(resource: str) -> str:
