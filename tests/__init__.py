@@ -1,6 +1,14 @@
-"""The tests. How long an example takes is the machine's affair, and no failure."""
+"""The tests. How long an example takes, and what a shell makes of signals, is the machine's affair and no failure."""
+
+import signal
 
 from hypothesis import settings
 
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
+
+# A shell without job control has its background jobs ignore SIGINT, nohup SIGHUP, and children inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
