@@ -421,17 +421,18 @@ class ScpiEngine:
             self.status.note(self.status_now())
 
     def _complete(self) -> bool:
-        pending, step = self._pending, self._pending_step
-        assert pending is not None  # noqa: S101  (for the type checker)
-        assert step is not None  # noqa: S101
-        ready = pending.ready_at()
-        if ready is None or ready > self.clock.now():
-            return False
-        self._pending = None
-        try:
-            self._take(step, pending.finish())
-        except ScpiError as error:
-            self._refuse(error)
+        """Finish what is due, and what that leads to; False while something takes its time."""
+        step = self._pending_step
+        assert step is not None  # noqa: S101  (for the type checker)
+        while (pending := self._pending) is not None:
+            ready = pending.ready_at()
+            if ready is None or ready > self.clock.now():
+                return False
+            self._pending = None
+            try:
+                self._take(step, pending.finish())
+            except ScpiError as error:
+                self._refuse(error)
         return True
 
     def _execute(self, step: Step) -> None:
@@ -485,6 +486,7 @@ class ScpiEngine:
         self.report(error)
         if not -299 <= error.number <= -200 and error.number < 0:
             self._steps = ()
+            self._next = 0
 
     def _execute_urgent(self) -> None:
         """Let a trigger through to a sequence that waits for one."""
