@@ -35,28 +35,44 @@ class Wire:
 
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
-        self.lines = connection.makefile("rb")
 
     def send(self, message: str) -> None:
         self.connection.sendall(message.encode() + b"\n")
 
     def ask(self, message: str) -> str:
         self.send(message)
-        return self.lines.readline().decode().rstrip("\r\n")
+        return self.line()
+
+    def line(self, timeout_s: float = 30.0) -> str:
+        """Return the next line without its end."""
+        self.connection.settimeout(timeout_s)
+        data = b""
+        while not data.endswith(b"\n"):
+            data += self.connection.recv(1)
+        return data.decode().rstrip("\r\n")
 
     def error(self) -> int:
         return int(self.ask("SYST:ERR?").partition(",")[0])
 
 
 @contextmanager
+def plain_wire_to(lab: ServedLab, role: str) -> Iterator[Wire]:
+    """Connect to an instrument."""
+    port = int(lab.resource(role).split("::")[-2])
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        yield Wire(connection)
+
+
+@contextmanager
 def wire_to(lab: ServedLab, role: str) -> Iterator[Wire]:
     """Connect to an instrument in its *RST state, with nothing in its queue."""
-    port = int(lab.resource(role).split("::")[-2])
-    with socket.create_connection(("127.0.0.1", port), timeout=30.0) as connection:
-        wire = Wire(connection)
+    with plain_wire_to(lab, role) as wire:
         assert wire.ask("*RST;*CLS;*OPC?") == "1"
         yield wire
 
+
+CLEARS = ["\x03", "++clr\n", "++CLR\r\n"]
+WAITING = [("multimeter", "TRIG:SOUR BUS;:INIT"), ("multimeter", "TRIG:SOUR EXT;:READ?"), ("power", "*TST?")]
 
 _BENCH = partial(simulated, parameters="ideal", errors="none")
 
@@ -91,5 +107,39 @@ def test_any_message_is_answered_in_order_up_to_its_error(role: str, lab: Served
     with wire_to(lab, role) as wire:
         wire.send(text(units))
         if (expected := answers(units)) is not None:
-            assert re.fullmatch(expected, wire.lines.readline().decode().rstrip("\r\n"))
+            assert re.fullmatch(expected, wire.line())
         assert [wire.error() for _ in [*errors(units), 0]] == [*errors(units), 0]
+
+
+@pytest.mark.parametrize("clear", CLEARS)
+@pytest.mark.parametrize(("role", "message"), WAITING)
+def test_what_keeps_an_instrument_behind_a_converter_is_ended_by_its_device_clear(
+    role: str, message: str, clear: str, slow_lab: ServedLab
+) -> None:
+    with wire_to(slow_lab, role) as wire:
+        wire.send(message)
+        wire.send("SYST:ERR?")
+        with pytest.raises(TimeoutError):
+            wire.line(0.1)
+        wire.connection.sendall(clear.encode() + b"*OPC?;:SYST:ERR?\n")
+        assert wire.line() == '1;+0,"No error"'
+
+
+@pytest.mark.parametrize("clear", CLEARS)
+def test_a_client_frees_the_meter_for_the_others(clear: str, slow_lab: ServedLab) -> None:
+    with wire_to(slow_lab, "multimeter") as gone:
+        gone.send("TRIG:SOUR BUS;:INIT")
+    with plain_wire_to(slow_lab, "multimeter") as waiting, plain_wire_to(slow_lab, "multimeter") as other:
+        waiting.send("TRIG:SOUR?")
+        with pytest.raises(TimeoutError):
+            waiting.line(0.1)
+        other.connection.sendall(clear.encode())
+        assert other.ask("TRIG:SOUR?") == "BUS"
+        assert waiting.ask("TRIG:SOUR?") == "BUS"  # what waited in the input buffer is gone with it
+
+
+def test_a_socket_of_an_instrument_with_a_clear_of_its_own_takes_every_byte(lab: ServedLab) -> None:
+    with wire_to(lab, "rate_source") as wire:
+        wire.connection.sendall(b"DATA:DAC VOLATILE, #216" + bytes([0, 3]) * 8 + b"\n")
+        assert wire.error() == 0
+        assert wire.ask("DATA:ATTR:POIN? VOLATILE") == "+8"

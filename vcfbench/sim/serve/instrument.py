@@ -25,11 +25,13 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
     from vcfbench.sim.serve.clock import ServedClock
 
-__all__ = ["HISLIP", "RS232", "SOCKET", "VXI11", "Client", "Instrument", "Passage"]
+__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "Client", "Instrument", "Passage"]
 
 Bytes: TypeAlias = bytes | bytearray
 
 SOCKET = Interface("lan", message_exchange=False)
+CONVERTER = Interface("converter", message_exchange=False, break_byte=b"\x03")
+"""The socket of a converter, behind which a GPIB or serial instrument is: both have a device clear."""
 HISLIP = Interface("hislip", message_exchange=False)
 VXI11 = Interface("vxi11")
 
@@ -39,6 +41,10 @@ _KNOWN_MESSAGES = 2048
 _KNOWN_LENGTH = 256
 _LONGEST_LINE = 1 << 16
 _TRIGGER = b"*TRG"
+_CLEAR = b"++clr"
+"""What GPIB converters (Prologix and those like it) take for themselves: selected device clear."""
+_NEVER_KNOWN = (b"#", b"\x03", b"++")
+"""What is in messages that must be looked at each time: blocks, breaks, words to a converter."""
 _NOTHING = math.inf
 _PATIENCE_S = 0.005
 """Wall time without a word from anybody after which a led clock goes on to the next status that comes unasked."""
@@ -251,6 +257,11 @@ class Instrument:
 
     def submit(self, client: Client, message: bytes, tag: Any = None) -> None:
         """Execute `message` now, or when its turn comes."""
+        if client.interface is CONVERTER and message.strip().lower() == _CLEAR:
+            rest = bytes(client.partial)  # the converter passes on what stands behind
+            self.clear(client)
+            client.partial += rest
+            return
         asks = self.asks(message)
         if client.heard and self.holder is client:  # its answers come in order, whatever it asks meanwhile
             self.execute(client, message, tag, asks=asks)
@@ -283,7 +294,7 @@ class Instrument:
         if len(message) <= _KNOWN_LENGTH and message not in self.known and message.endswith(b"\n"):
             if len(self.known) >= _KNOWN_MESSAGES:
                 self.known.clear()
-            if message.count(b"\n") == 1 and b"#" not in message and b"\x03" not in message:
+            if message.count(b"\n") == 1 and not any(mark in message for mark in _NEVER_KNOWN):
                 self.known[message] = asks
         return asks
 

@@ -16,7 +16,7 @@ from vcfbench.sim.faults import FaultScript
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
 from vcfbench.sim.serve.hislip import HislipServer
-from vcfbench.sim.serve.instrument import Instrument, Passage
+from vcfbench.sim.serve.instrument import CONVERTER, SOCKET, Instrument, Passage
 from vcfbench.sim.serve.loop import Loop
 from vcfbench.sim.serve.mishaps import Mishaps, require_roles
 from vcfbench.sim.serve.raw import Pty, Stream, TcpStream, has_ptys
@@ -251,8 +251,12 @@ class BenchServer:
         self._listeners[role].append(listener)
 
     def _tcp(self, instrument: Instrument, ports: _Ports) -> int:
+        on_converter = self.bench.models[instrument.role] not in DEFAULT_OFFERS
+        text_only = instrument.engine is not None and not instrument.engine.dialect.takes_blocks
+        interface = CONVERTER if on_converter and text_only else SOCKET
+
         def accept(connection: socket.socket) -> None:
-            TcpStream(self.loop, instrument, connection)
+            TcpStream(self.loop, instrument, connection, interface)
 
         listener = Listener(self.loop, (self.settings.host, ports.take()), accept)
         self._open.callback(listener.close)
