@@ -338,9 +338,9 @@ def test_a_strange_unknown_key_stays_on_one_line(key: str) -> None:
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         load_bench(tmp_path / "none.toml")
-    with pytest.raises(ConfigError, match="expected a readable bench file"):
+    with pytest.raises(ConfigError, match="expected a bench file, "):
         load_bench(tmp_path)
-    with pytest.raises(ConfigError, match="expected a readable bench file"):
+    with pytest.raises(ConfigError, match="expected a bench file, "):
         load_bench("a\0b")
     (tmp_path / "latin.toml").write_bytes(b'name = "caf\xe9"')
     with pytest.raises(ConfigError, match="expected UTF-8 text, came byte 0xe9"):

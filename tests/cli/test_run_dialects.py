@@ -57,7 +57,7 @@ def test_a_profile_beside_the_bench_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("told", "words"),
     [
-        (None, "lab.toml: expected a readable profile of a rate table: No such file or directory"),
+        (None, "lab.toml: expected a profile of a rate table, there is no such file"),
         ("title = 1", "lab.toml: title: expected a text, came 1"),
     ],
 )

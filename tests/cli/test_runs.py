@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+import os
+from pathlib import Path
+
+import pytest
 
 from tests.cli.test_run import Station, call, station
+from vcfbench.cli.runs import list_
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 __all__ = ["Station", "station"]
 
@@ -52,11 +53,97 @@ def test_a_record_that_cannot_be_read_does_not_hide_the_others(station: Station,
     assert station.opened
 
 
-def test_settings_of_another_version_are_one_sentence(station: Station, tmp_path: Path) -> None:
+def test_settings_of_another_version_cost_the_results_not_the_points(station: Station, tmp_path: Path) -> None:
     call("run", "turntable", "--quiet")
     journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
     journal.write_bytes(journal.read_bytes().replace(b'"settings":{', b'"settings":{},"before":{', 1))
-    shown = call("runs", "show", "last")
+    shown = json.loads(call("runs", "show", "last", "--json").stdout)
+    assert (shown["results"], len(shown["points"])) == ({}, 17)
+    assert "not those of this version" in shown["no_results"]
+    assert "not those of this version" in call("runs", "show", "last").stdout
+    assert station.opened
+
+
+def test_a_damaged_record_is_shown_without_results_and_refused(station: Station, tmp_path: Path) -> None:
+    call("run", "turntable", "--quiet")
+    journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([*lines[:20], *lines[23:]]))
+    shown = call("runs", "show", "last", "--json")
+    answer = json.loads(shown.stdout)
+    assert (answer["status"], answer["damage"], answer["results"]) == (
+        "damaged",
+        "line 21 is step 23, after step 19",
+        {},
+    )
     assert isinstance(shown.exception, ConfigError)
-    assert "header is not one of this version" in str(shown.exception)
+    assert shown.exception.exit_code == 2
+    assert "journal.jsonl: the record is damaged: line 21 is step 23, after step 19" in str(shown.exception)
+    text = call("runs", "show", "last")
+    assert ": damaged: line 21 is step 23, after step 19, turntable, bench" in text.stdout
+    assert "no results: the record is damaged" in text.stdout
+    assert "damaged: line 21 is step 23, after step 19" in call("runs", "list").stdout
+    assert json.loads(call("runs", "list", "--json").stdout)["runs"][0]["status"] == "damaged"
+    assert station.opened
+
+
+def test_one_bad_record_does_not_end_the_list(station: Station, tmp_path: Path) -> None:
+    call("run", "turntable", "--quiet")
+    whole = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
+    deep = tmp_path / "runs" / "20200101T000000Z-turntable-000000"
+    deep.mkdir()
+    (deep / "journal.jsonl").write_bytes(
+        whole.read_bytes().splitlines(keepends=True)[0] + b"[" * 3000 + b"]" * 3000 + b"\n"
+    )
+    (tmp_path / "runs" / "fifo").mkdir()
+    os.mkfifo(tmp_path / "runs" / "fifo" / "journal.jsonl")
+    listed = call("runs", "list", "--json")
+    assert listed.exception is None
+    lines = {line["run"]: line for line in json.loads(listed.stdout)["runs"]}
+    assert lines[deep.name]["damage"] == "line 2 is no JSON object"
+    assert lines["fifo"]["status"] == "unreadable"
+    assert lines[whole.parent.name]["status"] == "complete"
+    assert "this is a pipe" in listed.stderr
+    assert station.opened
+
+
+def test_a_record_is_shown_without_the_procedure_that_made_it(station: Station, tmp_path: Path) -> None:
+    call("run", "turntable", "--quiet")
+    journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(b'"procedure":"turntable"', b'"procedure":"hysteresis"', 1))
+    shown = call("runs", "show", "last")
+    assert shown.exception is None
+    assert "hysteresis, bench" in shown.stdout
+    assert "no results: the procedure 'hysteresis' is not known here" in shown.stdout
+    assert shown.stdout.count("  10\n") == 17
+    answer = json.loads(call("runs", "show", "last", "--json").stdout)
+    assert (answer["procedure"], answer["results"], len(answer["points"])) == ("hysteresis", {}, 17)
+    assert station.opened
+
+
+def test_a_record_without_name_is_not_the_only_one(station: Station) -> None:
+    call("run", "turntable", "--quiet")
+    assert "came nothing" in str(call("runs", "show", "").exception)
+    assert station.opened
+
+
+def test_a_record_does_not_write_on_the_terminal(station: Station, tmp_path: Path) -> None:
+    call("run", "turntable", "--quiet")
+    journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(b'"procedure":"turntable"', b'"procedure":"\\u001b[2J"', 1))
+    assert "\x1b" not in call("runs", "show", "last").stdout + call("runs", "list").stdout
+    assert station.opened
+
+
+@pytest.mark.parametrize(("width", "lines"), [(60, 6), (200, 3)])
+def test_a_narrow_terminal_gets_a_block_a_record(
+    station: Station, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], width: int, lines: int
+) -> None:
+    call("run", "turntable", "--quiet")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", str(width))
+    list_(Path("runs"))
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == lines
+    assert max(map(len, out)) <= width
     assert station.opened

@@ -55,3 +55,34 @@ def test_runs_that_began_in_one_second_are_listed_in_the_order_of_their_end(tmp_
         journal.touch()
         os.utime(journal, ns=(0, number))
     assert [run.run for run in list_runs(tmp_path)] == names
+
+
+def begun(runs: Path, name: str, utc: str) -> None:
+    (runs / name).mkdir()
+    (runs / name / "journal.jsonl").write_text(f'{{"type":"header","format":1,"utc":"{utc}"}}\n')
+
+
+def test_runs_are_listed_by_their_headers_whatever_they_are_called(tmp_path: Path) -> None:
+    begun(tmp_path, "20260821T142530Z-turntable-renamed", "2024-01-01T00:00:00+00:00")
+    begun(tmp_path, "first", "2023-01-01T00:00:00.5+00:00")
+    begun(tmp_path, "20200101T000000Z-turntable-000000", "not a time")
+    assert [run.run for run in list_runs(tmp_path)] == [
+        "20200101T000000Z-turntable-000000",
+        "first",
+        "20260821T142530Z-turntable-renamed",
+    ]
+    assert find_run(tmp_path, "last").run.endswith("renamed")
+
+
+def test_which_run_is_the_last_is_not_guessed_after_the_clock_was_set_back(tmp_path: Path) -> None:
+    begun(tmp_path, "before", "2999-01-01T00:00:00+00:00")
+    begun(tmp_path, "after", "2024-01-01T00:00:00+00:00")
+    with pytest.raises(ConfigError, match="before began at 2999-01-01 00:00:00 UTC, which is still to come"):
+        find_run(tmp_path, "last")
+    assert find_run(tmp_path, "after").run == "after"
+
+
+def test_no_name_is_no_run(tmp_path: Path) -> None:
+    begun(tmp_path, "only", "2024-01-01T00:00:00+00:00")
+    with pytest.raises(ConfigError, match="came nothing"):
+        find_run(tmp_path, "")

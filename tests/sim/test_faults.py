@@ -8,6 +8,7 @@ import pytest
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.errors import ConfigError
 from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, FaultyDevice, parse_script, read_faults, read_script
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def test_a_script_is_read(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_script_is_told(text: str, words: str) -> None:
-    with pytest.raises(ValueError, match=r"^f: ") as caught:
+    with pytest.raises(ConfigError, match=r"^f: ") as caught:
         parse_script(text, "f")
     assert words in str(caught.value)
 

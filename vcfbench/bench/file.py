@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import math
 import re
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +14,10 @@ from msgspec import inspect
 from vcfbench.bench.consistency import misfits
 from vcfbench.bench.description import ADDRESS_PATTERN, DIALECT_PATTERN, NAME_PATTERN, BenchDescription
 from vcfbench.errors import ConfigError
+from vcfbench.files import dotted, parse_toml, read_text, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
 __all__ = ["EMBEDDED", "embedded_text", "load_bench", "parse_bench", "template"]
 
@@ -40,7 +39,7 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
         return _embedded("paper")
     if str(path) in EMBEDDED and not Path(path).exists():
         return _embedded(str(path))
-    return _beside(parse_bench(_read(Path(path)), str(path)), Path(path))
+    return _beside(parse_bench(read_text(path, "a bench file"), shown(path)), Path(path))
 
 
 def _beside(description: BenchDescription, path: Path) -> BenchDescription:
@@ -61,8 +60,7 @@ def parse_bench(text: str, source: str) -> BenchDescription:
 
 
 def _described(text: str, source: str) -> BenchDescription:
-    raw = _decode(text, source)
-    _refuse_non_finite(raw, (), source)
+    raw = parse_toml(text, source)
     try:
         return msgspec.convert(raw, BenchDescription)
     except msgspec.ValidationError as error:
@@ -84,37 +82,6 @@ def _embedded(name: str) -> BenchDescription:
     return _described(embedded_text(name), f"embedded {name} bench")
 
 
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: expected a bench file, there is no such file") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: expected UTF-8 text, came byte 0x{error.object[error.start]:02x}") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"{str(path)!r}: expected a readable bench file: {reason}") from None
-
-
-def _decode(text: str, source: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else _one_line(str(error))
-        raise ConfigError(f"{source}: expected TOML: {reason}") from None
-
-
-def _refuse_non_finite(value: object, keys: Keys, source: str) -> None:
-    if isinstance(value, float) and not math.isfinite(value):
-        raise _error(source, _dotted(keys), "a finite number", _words(value))
-    if isinstance(value, dict):
-        for key, item in value.items():
-            _refuse_non_finite(item, (*keys, key), source)
-    elif isinstance(value, list):
-        for index, item in enumerate(value):
-            _refuse_non_finite(item, (*keys, index), source)
-
-
 # --- msgspec's words into ours. Its message ends in " - at `$.path`"; the value and the type are looked up there. ---
 
 _AT = re.compile(r" - at `\$(?P<path>.*)`$", re.DOTALL)
@@ -131,14 +98,14 @@ def _explain(message: str, raw: dict[str, Any], source: str) -> ConfigError:
         return _unknown_key((*keys, unknown["key"]), _field_names(keys), source)
     if missing := _MISSING.search(what):
         path = (*keys, missing["key"])
-        return _error(source, _dotted(path), _expectation(_type_at(path)), "nothing")
-    return _error(source, _dotted(keys), _expectation(_type_at(keys)), _words(_value_at(raw, keys)))
+        return _error(source, dotted(path), _expectation(_type_at(path)), "nothing")
+    return _error(source, dotted(keys), _expectation(_type_at(keys)), _words(_value_at(raw, keys)))
 
 
 def _unknown_key(keys: Keys, known: Sequence[str], source: str) -> ConfigError:
     close = difflib.get_close_matches(str(keys[-1]), known, n=1)
     expected = f"{close[0]!r}" if close else f"one of {', '.join(known)}"
-    return _error(source, _dotted(keys), f"a known key ({expected}?)" if close else expected, "an unknown key")
+    return _error(source, dotted(keys), f"a known key ({expected}?)" if close else expected, "an unknown key")
 
 
 def _error(source: str, path: str, expected: str, came: str) -> ConfigError:
@@ -148,16 +115,6 @@ def _error(source: str, path: str, expected: str, came: str) -> ConfigError:
 def _keys(path: str) -> Keys:
     steps = (match["key"] or int(match["index"]) for match in _STEP.finditer(path) if match["index"] != "...")
     return tuple(steps)
-
-
-def _dotted(keys: Iterable[str | int]) -> str:
-    parts = (f"[{key}]" if isinstance(key, int) else f".{_bare(key)}" for key in keys)
-    return "".join(parts).removeprefix(".")
-
-
-def _bare(key: str) -> str:
-    """Return a key as TOML would have it written."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else repr(key)
 
 
 def _value_at(raw: object, keys: Keys) -> object:
@@ -176,10 +133,6 @@ def _words(value: object) -> str:
     if isinstance(value, str | int | float | list):
         return text if len(text) <= 60 else f"{text[:57]}..."
     return f"{type(value).__name__} {value}"
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
 
 
 # --- the expected type, in words ---

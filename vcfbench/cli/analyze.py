@@ -48,16 +48,9 @@ def analyze(
 def read_series(file: Path) -> dict[str, Series]:
     """Read the table in `file`; raises ConfigError with file, line and column."""
     from vcfbench.analysis.csv_table import decode, parse_table  # noqa: PLC0415
+    from vcfbench.files import MOST_TABLE, read_file, shown  # noqa: PLC0415
 
-    try:
-        raw = file.read_bytes()
-    except FileNotFoundError as error:
-        raise ConfigError(f"{file}: there is no such file") from error
-    except IsADirectoryError as error:
-        raise ConfigError(f"{file}: this is a directory, not a CSV file") from error
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
-    return parse_table(decode(raw, str(file)), str(file))
+    return parse_table(decode(read_file(file, "a CSV file", MOST_TABLE), shown(file)), shown(file))
 
 
 def compared_columns(asked: str | None, columns: list[str], file: Path) -> tuple[str, str] | None:

@@ -9,6 +9,7 @@ import typer
 
 from vcfbench.cli.answer import print_json
 from vcfbench.errors import ConfigError
+from vcfbench.files import shown
 
 if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
@@ -52,6 +53,8 @@ def show(
         print_json(_answer(directory, record))
     else:
         _print_record(directory, record)
+    if record.damage is not None:
+        raise ConfigError(f"{shown(directory.journal)}: the record is damaged: {record.damage}")
 
 
 def _line(directory: RunDirectory) -> dict[str, Any]:
@@ -60,6 +63,7 @@ def _line(directory: RunDirectory) -> dict[str, Any]:
         "run": directory.run,
         "procedure": record.header.get("procedure"),
         "status": record.status.value,
+        "damage": record.damage,
         "bench": record.header.get("bench", {}).get("name"),
         "seed": record.header.get("seed"),
         "points": len(record.points),
@@ -72,18 +76,45 @@ def _line_or_why_not(directory: RunDirectory) -> dict[str, Any]:
         return _line(directory)
     except ConfigError as error:
         typer.echo(f"vcfbench: {error}", err=True)
-        unknown = dict.fromkeys(("procedure", "status", "bench", "seed", "points"))
+        unknown = dict.fromkeys(("procedure", "status", "damage", "bench", "seed", "points"))
         return {"run": directory.run, **unknown, "status": "unreadable"}
 
 
 def _print_list(known: list[dict[str, Any]]) -> None:
     from vcfbench.report.table import columns  # noqa: PLC0415
 
-    typer.echo(columns(list(known[0]), ([str(value) for value in line.values()] for line in known)))
+    cells = [{**line, "status": _status(line)} for line in known]
+    head = [name for name in cells[0] if name != "damage"]
+    table = columns(head, ([_plain(line[name]) for name in head] for line in cells))
+    if _fits(table):
+        typer.echo(table)
+        return
+    for line in cells:
+        typer.echo(_plain(line["run"]))
+        typer.echo("".join(f"  {name}: {_plain(line[name])}\n" for name in head[1:]), nl=False)
+
+
+def _status(line: dict[str, Any]) -> str:
+    return str(line["status"]) if line["damage"] is None else f"{line['status']}: {line['damage']}"
+
+
+def _fits(table: str) -> bool:
+    """Tell whether lines fit where they are printed; into a pipe or a file any do."""
+    import sys  # noqa: PLC0415
+    from shutil import get_terminal_size  # noqa: PLC0415
+
+    return not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns
+
+
+def _plain(value: object) -> str:
+    """Return what a record says as it can be printed: a file must not write on the terminal by itself."""
+    text = str(value)
+    return text if text.isprintable() else ascii(text)
 
 
 def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     footer = record.footer or {}
+    results, why_none = _results(record)
     return {
         **_line(directory),
         "simulated": record.header.get("simulated"),
@@ -91,37 +122,47 @@ def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
         "bench_seconds": footer.get("bench_seconds"),
         "physical_minimum_s": footer.get("physical_minimum_s"),
         "points": [point.as_json() for point in record.points],
-        "results": _results(record),
-        "errors": [error["error"] for error in record.errors],
+        "results": results,
+        "no_results": why_none,
+        "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
         "versions": record.header.get("versions", {}),
     }
 
 
-def _results(record: JournalRecord) -> dict[str, Any]:
-    """Compute the results again from the points of a complete run; of any other there are none."""
-    from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
+def _results(record: JournalRecord) -> tuple[dict[str, Any], str | None]:
+    """Compute the results again from the points; where there are none, say why in words."""
+    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
     from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
     from vcfbench.record.schema import Status  # noqa: PLC0415
 
     if record.status is not Status.COMPLETE:
-        return {}
+        return {}, f"the record is {record.status.value}"
+    name = record.header.get("procedure")
+    if not isinstance(name, str) or name not in PROCEDURES:
+        return {}, f"the procedure {name!r} is not known here"
     try:
         settings = CalibrationSettings.from_json(record.header["settings"])
-        name = str(record.header["procedure"])
     except (KeyError, ValueError) as error:  # msgspec.ValidationError is a ValueError
-        raise ConfigError(f"the record's header is not one of this version: {error!r}") from error
-    return procedure(name).results(settings, record.points)
+        return {}, f"its settings are not those of this version: {_plain(repr(error))}"
+    try:
+        return PROCEDURES[name].results(settings, record.points), None
+    except (ConfigError, ArithmeticError, ValueError) as error:
+        return {}, f"the points give no result: {_plain(error)}"
 
 
 def _print_record(directory: RunDirectory, record: JournalRecord) -> None:
     from vcfbench.report.table import summary  # noqa: PLC0415
 
     line = _line(directory)
+    results, why_none = _results(record)
     typer.echo(
-        f"{line['run']}: {line['status']}, bench {line['bench']}, seed {line['seed']}, {line['points']} points\n"
+        f"{_plain(line['run'])}: {_status(line)}, {_plain(line['procedure'])}, bench {_plain(line['bench'])}, "
+        f"seed {_plain(line['seed'])}, {line['points']} points, began {_plain(record.header.get('utc'))}\n"
     )
-    typer.echo(summary(str(line["procedure"]), record.points, _results(record)))
+    typer.echo(summary(str(line["procedure"]), record.points, results))
+    if why_none is not None:
+        typer.echo(f"\nno results: {why_none}")
     for error in record.errors:
-        typer.echo(f"\nerror: {error['error']}")
-    typer.echo(f"\nrecord: {directory.path}")
+        typer.echo(f"\nerror: {_plain(error.get('error'))}")
+    typer.echo(f"\nrecord: {shown(directory.path)}")

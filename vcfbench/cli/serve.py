@@ -193,10 +193,7 @@ def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
     if ports != "auto" and not (ports.isdigit() and 0 < int(ports) < 65536):
         raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
     base = None if ports == "auto" else int(ports)
-    try:
-        planned = FaultScript(()) if faults is None else read_script(faults)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--faults {error}") from error
+    planned = FaultScript(()) if faults is None else read_script(faults)
     return ServerSettings(host, base, faults=planned)
 
 

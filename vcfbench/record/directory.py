@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import secrets
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.record.journal import JournalRecord, read_journal
+from vcfbench.files import shown
+from vcfbench.record.journal import JournalRecord, read_header, read_journal
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 __all__ = ["RunDirectory", "create_run", "find_run", "list_runs"]
+
+_STAMP = "%Y%m%dT%H%M%SZ"
+_STAMP_LENGTH = len("20260821T142530Z")
+_CLOCKS_DIFFER = timedelta(minutes=1)
+"""Two hosts that share a directory need not agree to the second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +51,7 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
     Raises:
         ConfigError: it cannot be made.
     """
-    path = runs / f"{utc_now():%Y%m%dT%H%M%SZ}-{procedure}-{secrets.token_hex(3)}"
+    path = runs / f"{utc_now():{_STAMP}}-{procedure}-{secrets.token_hex(3)}"
     try:
         path.mkdir(parents=True)
     except OSError as error:
@@ -52,27 +60,61 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
 
 
 def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
-    """Return the runs under `runs`, oldest first; none when the directory is not there."""
-    return tuple(RunDirectory(journal.parent) for journal in sorted(runs.glob("*/journal.jsonl"), key=_age))
+    """Return the runs under `runs`, oldest first by what their headers say; none when the directory is not there.
+
+    Names can be changed and files copied, so the name's stamp and the file's time count only where there is no header.
+    """
+    return tuple(sorted((RunDirectory(journal.parent) for journal in runs.glob("*/journal.jsonl")), key=_age))
 
 
-def _age(journal: Path) -> tuple[str, int]:
-    """Return what sorts runs by their start, those of one second by their end."""
-    return journal.parent.name[: len("20260821T142530Z")], journal.stat().st_mtime_ns
+def _age(run: RunDirectory) -> tuple[datetime, int, str]:
+    """Return what sorts runs by their start, those of one instant by their end."""
+    try:
+        changed_ns = run.journal.stat().st_mtime_ns
+    except OSError:  # gone since, or a link to nowhere: reading it will say so
+        changed_ns = 0
+    return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
+
+
+def _started(run: RunDirectory) -> datetime | None:
+    """Return when a run began, by its header or else its name; None if neither tells."""
+    with suppress(ConfigError, KeyError, TypeError, ValueError):
+        return _instant(datetime.fromisoformat(read_header(run.journal)["utc"]))
+    with suppress(ValueError):
+        return _instant(datetime.strptime(run.run[:_STAMP_LENGTH], _STAMP))  # noqa: DTZ007  # the stamp is in UTC
+    return None
+
+
+def _instant(told: datetime) -> datetime:
+    return told if told.tzinfo is not None else told.replace(tzinfo=UTC)
 
 
 def find_run(runs: Path, name: str) -> RunDirectory:
-    """Return the one run whose name begins or ends with `name`, or `last`.
+    """Return the one run whose name begins or ends with `name`, or `last`, the one that began last.
 
     Raises:
-        ConfigError: there is none, or more than one.
+        ConfigError: there is none, or more than one, or which is the last cannot be known: the newest lies in the
+            future, so the clock was set back since it began.
     """
+    if not name:
+        raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last', came nothing")
     known = list_runs(runs)
     if name == "last" and known:
-        return known[-1]
+        return _last(known[-1])
     exact = [run for run in known if run.run == name]
     found = exact or [run for run in known if run.run.startswith(name) or run.run.endswith(name)]
     if len(found) != 1:
         what = f"{len(found)} runs are called" if found else "there is no run"
-        raise ConfigError(f"{runs}: {what} {name!r}", hint="vcfbench runs list shows them")
+        raise ConfigError(f"{shown(runs)}: {what} {name!r}", hint="vcfbench runs list shows them")
     return found[0]
+
+
+def _last(newest: RunDirectory) -> RunDirectory:
+    started = _started(newest)
+    if started is not None and started > utc_now() + _CLOCKS_DIFFER:
+        raise ConfigError(
+            f"which run is the last cannot be told: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which is "
+            "still to come: the clock was set back",
+            hint="give the run's name; vcfbench runs list shows them",
+        )
+    return newest

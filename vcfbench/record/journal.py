@@ -3,26 +3,34 @@
 The first line (`header`) says who ran what on which bench; each further one (`step`) holds one step with its result,
 every raw reading included, or (`error`) the step that failed; the last (`footer`) says how the run ended. A run that
 was cut has no footer. Bench time is in `t_s` and `end_s`, the time of day in `utc`.
+
+A reader ignores keys and types of lines that it does not know, so that a later version can add some.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import IO, TYPE_CHECKING, Any
 
 import msgspec
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import opened, shown
+from vcfbench.record.damage import first_damage
 from vcfbench.record.schema import FORMAT, Point, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["Journal", "JournalRecord", "read_journal"]
+__all__ = ["Journal", "JournalRecord", "read_header", "read_journal"]
+
+_EXPECTED = "the journal of a run"
+_LONGEST_LINE = 1 << 24
+"""Bytes: a window of 100 000 readings, the most that a bench file can ask for, has some 5 MB."""
 
 _sync = os.fsync if sys.platform in {"darwin", "win32"} else os.fdatasync
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
@@ -79,17 +87,24 @@ def _stamp() -> str:
 
 @dataclass(frozen=True, slots=True)
 class JournalRecord:
-    """What a journal holds; `torn` tells that it ends in the middle of a line, or has one that is none."""
+    """What a journal holds.
+
+    `torn` tells that it ends in the middle of a line, as that of a run that was cut does; `damage` says in words what a
+    journal cannot have by itself, however the run ended: somebody, or a disk, has changed it since.
+    """
 
     header: Mapping[str, Any]
     steps: tuple[Mapping[str, Any], ...]
     errors: tuple[Mapping[str, Any], ...]
     footer: Mapping[str, Any] | None
     torn: bool
+    damage: str | None = None
 
     @property
     def status(self) -> Status:
         """How the run ended; a record without a readable last line is incomplete."""
+        if self.damage is not None:
+            return Status.DAMAGED
         if self.footer is None or self.torn:
             return Status.INCOMPLETE
         return Status(self.footer["status"])
@@ -106,42 +121,58 @@ def read_journal(path: Path) -> JournalRecord:
     Raises:
         ConfigError: the file is not there, is no journal of a known format, or was not written by a Journal.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    record = _record(data, path)
+    with opened(path, _EXPECTED) as file:
+        lines, torn, unreadable = _whole_lines(file)
+    record = _record(lines, path, torn=torn)
     try:
         _ = record.status, record.points, dict(record.header.get("bench", {}))
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{path}: no record of this program: {error!r}") from error
-    return record
+        return replace(record, damage=unreadable if (damage := first_damage(lines)) is None else damage)
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{shown(path)}: no record of this program: {error!r}") from error
 
 
-def _record(data: bytes, path: Path) -> JournalRecord:
-    lines = list(_whole_lines(data))
+def read_header(path: Path) -> Mapping[str, Any]:
+    """Return the first line of a journal, empty when it is none; ConfigError when it is no file that can be read."""
+    with opened(path, _EXPECTED) as file:
+        line = file.readline(_LONGEST_LINE)
+    header = _decoded(line) if line.endswith(b"\n") else None
+    return header if header is not None and header.get("type") == "header" else {}
+
+
+def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> JournalRecord:
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
     if header.get("format", FORMAT) != FORMAT:
-        raise ConfigError(f"{path}: a record of format {header.get('format')}; this version reads format {FORMAT}")
+        raise ConfigError(
+            f"{shown(path)}: a record of format {header.get('format')!r}; this version reads format {FORMAT}"
+        )
     footers = _of_type(lines, "footer")
     return JournalRecord(
-        header,
-        _of_type(lines, "step"),
-        _of_type(lines, "error"),
-        footers[-1] if footers else None,
-        torn=not data.endswith(b"\n") or len(lines) != data.count(b"\n"),
+        header, _of_type(lines, "step"), _of_type(lines, "error"), footers[-1] if footers else None, torn=torn
     )
 
 
-def _whole_lines(data: bytes) -> Iterator[dict[str, Any]]:
-    """Yield the lines up to the first that is not a whole JSON object: what comes after a torn line proves nothing."""
-    *whole, _rest = data.split(b"\n")
-    for line in whole:
-        try:
-            yield msgspec.json.decode(line, type=dict[str, Any])
-        except msgspec.DecodeError:
-            return
+def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | None]:
+    """Return the lines up to the first that is not a whole JSON object, whether that is torn, and what is wrong else.
+
+    What comes after such a line proves nothing.
+    """
+    lines: list[dict[str, Any]] = []
+    while line := file.readline(_LONGEST_LINE):
+        if not line.endswith(b"\n"):
+            too_long = f"line {len(lines) + 1} has more than {_LONGEST_LINE} bytes"
+            return lines, True, too_long if len(line) == _LONGEST_LINE else None
+        if (values := _decoded(line)) is None:
+            return lines, False, f"line {len(lines) + 1} is no JSON object"
+        lines.append(values)
+    return lines, not lines, None
 
 
-def _of_type(lines: list[dict[str, Any]], kind: str) -> tuple[dict[str, Any], ...]:
+def _decoded(line: bytes) -> dict[str, Any] | None:
+    try:
+        return msgspec.json.decode(line, type=dict[str, Any])
+    except (msgspec.DecodeError, RecursionError):
+        return None
+
+
+def _of_type(lines: Sequence[Mapping[str, Any]], kind: str) -> tuple[Mapping[str, Any], ...]:
     return tuple(line for line in lines if line.get("type") == kind)

@@ -16,11 +16,12 @@ FORMAT = 1
 
 
 class Status(Enum):
-    """How a run ended. A journal without its last line is `INCOMPLETE`, whatever is in it."""
+    """How a run ended. A journal without its last line is `INCOMPLETE`, one that was changed since `DAMAGED`."""
 
     COMPLETE = "complete"
     ABORTED = "aborted"
     INCOMPLETE = "incomplete"
+    DAMAGED = "damaged"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +53,30 @@ class Point:
 
     @classmethod
     def from_json(cls, values: Mapping[str, float]) -> Point:
-        """Return the point that :meth:`as_json` wrote."""
+        """Return the point that :meth:`as_json` wrote; KeyError, TypeError or ValueError if it did not."""
         return cls(
-            int(values["step"]),
-            float(values["rate_deg_s"]),
-            float(values["v_vc_v"]),
-            float(values["output_v"]),
-            float(values["std_v"]),
-            int(values["n"]),
+            _whole(values["step"]),
+            _measured(values["rate_deg_s"]),
+            _measured(values["v_vc_v"]),
+            _measured(values["output_v"]),
+            _measured(values["std_v"]),
+            _whole(values["n"]),
         )
+
+
+_MOST = 1e9
+"""No table turns so many deg/s, no wire carries so many volts, and squares of what is below are numbers still."""
+
+
+def _measured(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"expected a number, came {value!r}")
+    if not -_MOST <= value <= _MOST:
+        raise ValueError(f"expected a number of at most {_MOST:g} either sign, came {value:g}")
+    return float(value)
+
+
+def _whole(value: object) -> int:
+    if type(value) is not int or not 0 <= value <= _MOST:
+        raise ValueError(f"expected a whole number from 0 to {_MOST:g}, came {value!r}")
+    return value

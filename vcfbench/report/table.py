@@ -26,7 +26,18 @@ def summary(procedure: str, points: Sequence[Point], results: Mapping[str, Any])
         return _plain_points(points)
     if procedure == "virtual-coriolis":
         return "\n\n".join([_table_1(points), _virtual_coriolis(results)])
-    return "\n\n".join([_one_column(points), _fit("turntable", results)])
+    if procedure == "turntable":
+        return "\n\n".join([_one_column(points), _fit("turntable", results)])
+    return "\n\n".join([_plain_points(points), _plain_results(results)])
+
+
+def _plain_results(results: Mapping[str, Any], prefix: str = "") -> str:
+    """Return the results of a procedure of one's own, a line each under their names."""
+    lines = (
+        _plain_results(value, f"{prefix}{name}.") if isinstance(value, dict) else f"{prefix}{name} = {value}"
+        for name, value in results.items()
+    )
+    return "\n".join(lines)
 
 
 def _plain_points(points: Sequence[Point]) -> str:

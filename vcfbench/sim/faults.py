@@ -43,11 +43,14 @@ real fault. From `power_cycle` on they are faults of the bench, not of a wire, a
 from __future__ import annotations
 
 import random
-import tomllib
 from collections import deque
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+import msgspec
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import parse_toml, read_text, shown
 from vcfbench.sim.scpi import INFINITY, ScpiError, ScpiInstrument
 
 if TYPE_CHECKING:
@@ -67,6 +70,7 @@ __all__ = [
     "Kind",
     "Ongoing",
     "begin_on_bench",
+    "fault_from",
     "parse_script",
     "read_faults",
     "read_script",
@@ -99,6 +103,8 @@ Kind = Literal[
 
 _WHOLE = 1 << 25
 _POWER_ON = 128
+_MOST = 1e9
+"""Of times and offsets: thirty years, or more volts than there are; beyond, sums of floats lose what is asked for."""
 _AT_ONCE = frozenset({"disconnect", "error"})
 """Kinds that happen and are over."""
 CUTTING = frozenset({"disconnect", "unreachable", "power_cycle"})
@@ -144,6 +150,10 @@ class Fault:
             raise ValueError("a count is of answers, above 0, of a fault that spoils them")
         if not self.load_ohm > 0:
             raise ValueError(f"a load has more than 0 ohm, not {self.load_ohm}")
+        for name in ("at_s", "duration_s", "delay_s", "number", "offset", "drift_s"):
+            value = getattr(self, name)
+            if value is not None and not abs(value) <= _MOST:
+                raise ValueError(f"{name} is at most {_MOST:g} either sign, not {value:g}")
         if self.at_s < 0 or self.delay_s < 0 or (self.duration_s is not None and self.duration_s <= 0):
             raise ValueError("a fault begins at 0 s or later, and lasts")
 
@@ -157,14 +167,11 @@ class FaultScript:
 
 
 def parse_script(text: str, source: str) -> FaultScript:
-    """Return the script that the TOML `text` describes; `source` names it in errors (ValueError)."""
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{source}: expected TOML: {error}") from None
+    """Return the script that the TOML `text` describes; `source` names it in errors (ConfigError)."""
+    table = parse_toml(text, source)
     seed, entries = table.get("seed", 0), table.get("fault", [])
     if set(table) - {"seed", "fault"} or type(seed) is not int or not isinstance(entries, list):
-        raise ValueError(f"{source}: expected seed and [[fault]] and nothing else")
+        raise ConfigError(f"{source}: expected seed and [[fault]] and nothing else")
     return FaultScript(
         tuple(_fault(entry, f"{source}: fault {number}") for number, entry in enumerate(entries, start=1)), seed
     )
@@ -174,10 +181,9 @@ def read_script(path: Path) -> FaultScript:
     """Return the script in a file.
 
     Raises:
-        ValueError: it is not TOML, or an entry is no fault; the words say which.
-        OSError: it cannot be read.
+        ConfigError: it cannot be read, is not TOML, or an entry is no fault; the words say which.
     """
-    return parse_script(path.read_text(encoding="utf-8"), str(path))
+    return parse_script(read_text(path, "a fault script"), shown(path))
 
 
 def read_faults(path: Path) -> list[Fault]:
@@ -188,11 +194,23 @@ def read_faults(path: Path) -> list[Fault]:
 def _fault(entry: Any, where: str) -> Fault:
     known = {field.name for field in fields(Fault)}
     if not isinstance(entry, dict) or not {"instrument", "kind"} <= set(entry) <= known:
-        raise ValueError(f"{where}: expected instrument and kind, and of {', '.join(sorted(known))} no others")
+        raise ConfigError(f"{where}: expected instrument and kind, and of {', '.join(sorted(known))} no others")
     try:
-        return Fault(**entry)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from None
+        return fault_from(entry)
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def fault_from(values: Mapping[str, Any]) -> Fault:
+    """Return the fault of which somebody gave the fields by name; raises ValueError if one is missing or wrong."""
+    if unknown := set(values) - {field.name for field in fields(Fault)}:
+        raise ValueError(f"a fault has no {min(unknown)!r}")
+    if values.get("kind") not in get_args(Kind):
+        raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {values.get('kind')!r}")
+    try:
+        return msgspec.convert(dict(values), Fault)
+    except msgspec.ValidationError as error:
+        raise ValueError(" ".join(str(error).replace("`", "").split())) from None
 
 
 # --- faults of the bench: each begins at once and returns what ends it ---------------------------------------------

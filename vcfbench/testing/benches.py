@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from vcfbench.bench.description import BenchDescription, Simulation, SimulationE
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench, chosen_seed
 from vcfbench.errors import ConfigError
+from vcfbench.files import parse_toml
 from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, parse_script, read_script
 
 if TYPE_CHECKING:
@@ -73,10 +73,7 @@ def simulated(
 def _table(overrides: Mapping[str, Any] | str) -> Mapping[str, Any]:
     if not isinstance(overrides, str):
         return overrides
-    try:
-        return tomllib.loads(overrides)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"overrides: expected TOML: {error}") from None
+    return parse_toml(overrides, "overrides")
 
 
 def _checked(description: BenchDescription) -> BenchDescription:

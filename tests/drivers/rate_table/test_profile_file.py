@@ -92,7 +92,7 @@ def test_every_mistake_is_one_line_that_names_its_key(old: str, new: str, words:
 
 
 def test_a_profile_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.toml: expected a readable profile of a rate table: No such file"):
+    with pytest.raises(ConfigError, match=r"none\.toml: expected a profile of a rate table, there is no such file"):
         load_profile(str(tmp_path / "none.toml"))
 
 

@@ -13,6 +13,7 @@ from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, served
 from tests.sim.serve.test_raw import Wire, wires
 from tests.sim.serve.test_vxi11 import callers
 from vcfbench.clock import sleep
+from vcfbench.errors import ConfigError
 from vcfbench.sim.faults import Fault, FaultScript, read_script
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.serve import (
@@ -336,7 +337,7 @@ def test_faults_of_a_file_come_at_their_times(tmp_path: Path) -> None:
 def test_a_bad_fault_file_is_refused(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "faults.toml"
     path.write_text(text)
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ConfigError, match=words):
         read_script(path)
 
 

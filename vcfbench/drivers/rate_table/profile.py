@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from importlib import resources
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import msgspec
@@ -21,6 +19,7 @@ from vcfbench.drivers.rate_table.fields import BinaryType, Order, TextType, Wrap
 from vcfbench.drivers.rate_table.frames import frame_bytes
 from vcfbench.drivers.rate_table.names import SHIPPED
 from vcfbench.errors import ConfigError
+from vcfbench.files import parse_toml, read_text, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -288,26 +287,19 @@ def load_profile(name: str) -> Profile:
     Raises:
         ConfigError: there is none, or it is not one; the message is one line with file, key and what was expected.
     """
-    return parse_profile(profile_text(name), f"profile {name}" if name in SHIPPED else name)
+    return parse_profile(profile_text(name), f"profile {name}" if name in SHIPPED else shown(name))
 
 
 def profile_text(name: str) -> str:
     """Return the text of the shipped profile `name`, or of the file of this name; ConfigError if it cannot be read."""
     if name in SHIPPED:
         return resources.files("vcfbench.drivers.rate_table").joinpath(f"profiles/{name}.toml").read_text("utf-8")
-    try:
-        return Path(name).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"{name}: expected a readable profile of a rate table: {reason}") from None
+    return read_text(name, "a profile of a rate table")
 
 
 def parse_profile(text: str, source: str) -> Profile:
     """Return the profile that the TOML `text` tells; `source` names it in errors (ConfigError)."""
-    try:
-        raw = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{source}: expected TOML: {' '.join(str(error).split())}") from None
+    raw = parse_toml(text, source)
     _convert_parts(raw, source)
     profile = _convert(raw, Profile, (), source)
     for path, expected, came in _misfits(profile):

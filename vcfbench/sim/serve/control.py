@@ -38,7 +38,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
-from vcfbench.sim.faults import Fault
+from vcfbench.sim.faults import Fault, fault_from
 from vcfbench.sim.serve.clock import MAX_SPEED
 from vcfbench.sim.serve.wire import Connection, Listener
 
@@ -322,7 +322,7 @@ class _Control(Connection):
     def _fault(self, instrument: str, kind: Any, **when: Any) -> float:
         self._server.clock.start()
         now = self._server.clock.now()
-        self._server.add_fault(Fault(instrument, kind, **{"at_s": now, **when}))
+        self._server.add_fault(fault_from({"instrument": instrument, "kind": kind, "at_s": now, **when}))
         return now
 
     def _clear_faults(self, instrument: str | None = None) -> float:

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import os
+import socket
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import DEEPEST, parse_toml, read_file, read_text, shown
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MOST = 100
+
+
+def test_a_regular_file_is_read_with_or_without_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"\xef\xbb\xbfname")
+    assert read_text(tmp_path / "a", "a file") == "name"
+    assert read_file(tmp_path / "a", "a file", MOST) == b"\xef\xbb\xbfname"
+
+
+def test_a_file_as_large_as_can_be_is_read_and_no_larger_one(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"x" * MOST)
+    assert len(read_file(tmp_path / "a", "a file", MOST)) == MOST
+    (tmp_path / "a").write_bytes(b"x" * (MOST + 1))
+    with pytest.raises(ConfigError, match="a: expected a file of at most 100 bytes, this file has more"):
+        read_file(tmp_path / "a", "a file", MOST)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no FIFOs")
+def test_what_is_no_regular_file_is_named_and_never_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "link").symlink_to("fifo")
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "socket"))
+        for name, what in {
+            "fifo": "a pipe",
+            "link": "a pipe",
+            "socket": "a socket",
+            ".": "a directory",
+            "/dev/zero": "a device",
+        }.items():
+            with pytest.raises(ConfigError, match=f"expected a bench file, this is {what}"):
+                read_file(tmp_path / name, "a bench file", MOST)
+
+
+def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    for name in ("loop", "x" * 300, "\0", "\udcff", "file/below"):
+        with pytest.raises(ConfigError, match="expected a file, ") as caught:
+            read_file(tmp_path / name, "a file", MOST)
+        assert str(caught.value).isprintable()
+
+
+def test_names_that_would_write_on_the_terminal_are_quoted() -> None:
+    assert shown("a b.toml") == "a b.toml"
+    assert shown("a\x1b[2J\n") == "'a\\x1b[2J\\n'"
+    assert shown("") == "''"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x = " + "[" * 5000, "f: expected TOML: nested too deeply"),
+        ("x = " + "[" * 40 + "]" * 40, "f: x[0][0]: expected TOML: nested too deeply, 32 at most"),
+        (".".join("a" * 3000) + " = 1", "f: expected TOML with keys of at most 32 parts, came a longer one"),
+        (".".join("a" * 400_000) + " = 1", "f: expected TOML with keys of at most 32 parts, came a longer one"),
+        ("[" + " . ".join(["'a b'"] * 40) + "]", "f: expected TOML with keys of at most 32 parts"),
+        ("a.b = [1.0, inf]", "f: a.b[1]: expected a finite number, came inf"),
+        ("a = {'b c' = nan}", "f: a.'b c': expected a finite number, came nan"),
+        ("a = 1e-320", "f: a: expected zero or a number of at least 2.2e-308 either sign, came 1e-320"),
+        ("a = 1e400", "f: a: expected a finite number, came inf"),
+        ("a = 9223372036854775808", "f: a: expected a whole number of 64 bits, came a longer one"),
+        ("a = 0x" + "f" * 9000, "f: a: expected a whole number of 64 bits, came a longer one"),
+        ("a = " + "1" * 9000, "f: expected TOML: "),
+        ("a = 1\na = 2", "f: expected TOML: Cannot overwrite a value"),
+    ],
+)
+def test_what_no_setting_is_is_one_sentence(text: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_toml(text, "f")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+def test_a_key_of_as_many_parts_as_can_be_is_read() -> None:
+    table = parse_toml(".".join("a" * DEEPEST) + " = 1.5\nb = ['a.b.c. d']", "f")
+    for _ in range(DEEPEST):
+        table = table["a"]
+    assert table == 1.5
+
+
+@given(st.text(alphabet="ab.\"'=[]{},#\n 019_-+einfx\\tuU", max_size=300))
+@example('a = """\n"""')
+def test_any_text_is_a_table_or_one_sentence(text: str) -> None:
+    try:
+        parse_toml(text, "f")
+    except ConfigError as error:
+        words = str(error)
+    else:
+        words = "f: a table"
+    assert words.startswith("f: ")
+    assert words.isprintable()

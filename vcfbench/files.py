@@ -1,0 +1,174 @@
+"""Reads the files that a user names, and nothing that is none: kind, size and depth are bounded here for everybody.
+
+A pipe can keep a program waiting for ever, a device has no end, opening a terminal moves its handshake lines. So only
+regular files are opened, no more is read than a file of its kind can need, and TOML may be nested no deeper than
+anybody writes it. Whatever is wrong is one sentence with the file, what was expected and what came (ConfigError).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import stat
+import sys
+import tomllib
+from contextlib import contextmanager
+from typing import IO, TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+__all__ = [
+    "DEEPEST",
+    "MOST_SETTINGS",
+    "MOST_TABLE",
+    "dotted",
+    "opened",
+    "parse_toml",
+    "read_file",
+    "read_text",
+    "shown",
+]
+
+MOST_SETTINGS = 1 << 20
+"""Bytes of a bench file, a profile or a fault script: the longest that come along have 10 kB."""
+MOST_TABLE = 1 << 28
+"""Bytes of a table of numbers: a record of a million points has some 120 MB."""
+DEEPEST = 32
+"""Tables within tables, and parts of a key: a bench file has five."""
+
+_WHOLE = 1 << 63
+_NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*\.[ \t]*){{{DEEPEST}}}{_PART}")
+"""A key of more parts; found before it is parsed, which takes a time that grows with the square of the parts."""
+
+Keys = tuple[str | int, ...]
+
+
+def read_file(path: Path | str, expected: str, most_bytes: int) -> bytes:
+    """Return the bytes of a file that a user named.
+
+    Args:
+        path: the file.
+        expected: what it should be, for errors: ``a bench file``.
+        most_bytes: the size beyond which it cannot be one.
+
+    Raises:
+        ConfigError: it is not there, no regular file, too large, or cannot be read.
+    """
+    with opened(path, expected) as file:
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise ConfigError(f"{shown(path)}: expected {expected} of at most {most_bytes} bytes, this file has more")
+    return data
+
+
+def read_text(path: Path | str, expected: str, most_bytes: int = MOST_SETTINGS) -> str:
+    """Return the text of a UTF-8 file, with or without byte order mark; arguments and errors as `read_file`."""
+    data = read_file(path, expected, most_bytes)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        came = f"byte 0x{data[error.start]:02x}"
+        raise ConfigError(f"{shown(path)}: expected UTF-8 text, came {came}") from None
+
+
+@contextmanager
+def opened(path: Path | str, expected: str) -> Iterator[IO[bytes]]:
+    """Open a regular file for reading; arguments and errors as :func:`read_file`."""
+    where = f"{shown(path)}: expected {expected}"
+    try:
+        _require_regular(os.stat(path), where)  # noqa: PTH116  # opening a device may do something already
+        descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING)
+        with os.fdopen(descriptor, "rb") as file:
+            _require_regular(os.fstat(descriptor), where)  # what was looked at may have been exchanged
+            yield file
+    except FileNotFoundError:
+        raise ConfigError(f"{where}, there is no such file") from None
+    except (OSError, ValueError) as error:  # a name with NUL in it is a ValueError
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"{where}, which cannot be read: {reason}") from None
+
+
+def _require_regular(found: os.stat_result, where: str) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        raise ConfigError(f"{where}, this is {_KINDS.get(stat.S_IFMT(found.st_mode), 'no regular file')}")
+
+
+_KINDS = {
+    stat.S_IFDIR: "a directory",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def shown(path: Path | str) -> str:
+    """Return the name of a file as it can be printed: quoted where it holds what cannot."""
+    name = str(path)
+    return name if name.isprintable() and name else ascii(name)
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """Return the table that TOML `text` describes, its numbers such as can be a setting; `source` names it in errors.
+
+    Raises:
+        ConfigError: it is not TOML, nested too deeply, or holds a number that is infinite, not one, too large for 64
+            bits, or so close to zero that it has lost digits (below 2.2e-308).
+    """
+    if _LONG_KEY.search(text):
+        raise ConfigError(f"{source}: expected TOML with keys of at most {DEEPEST} parts, came a longer one")
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else _one_line(str(error))
+        raise ConfigError(f"{source}: expected TOML: {reason}") from None
+    for keys, value in _values(table):
+        if len(keys) > DEEPEST:
+            raise ConfigError(f"{source}: {dotted(keys[:3])}: expected TOML: nested too deeply, {DEEPEST} at most")
+        if (expected := _number_expected(value)) is not None:
+            came = repr(value) if isinstance(value, float) else "a longer one"
+            raise ConfigError(f"{source}: {dotted(keys)}: expected {expected}, came {came}")
+    return table
+
+
+def _values(table: dict[str, Any]) -> Iterator[tuple[Keys, Any]]:
+    """Yield every value with its keys, without recursion."""
+    waiting: list[tuple[Keys, Any]] = [((key,), value) for key, value in reversed(table.items())]
+    while waiting:
+        keys, value = waiting.pop()
+        yield keys, value
+        if isinstance(value, dict):
+            waiting += [((*keys, key), below) for key, below in reversed(value.items())]
+        elif isinstance(value, list):
+            waiting += [((*keys, index), below) for index, below in reversed(list(enumerate(value)))]
+
+
+def _number_expected(value: object) -> str | None:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "a finite number"
+    if isinstance(value, float) and 0.0 < abs(value) < sys.float_info.min:
+        return f"zero or a number of at least {sys.float_info.min:.2g} either sign"
+    if type(value) is int and not -_WHOLE <= value < _WHOLE:
+        return "a whole number of 64 bits"
+    return None
+
+
+def dotted(keys: Iterable[str | int]) -> str:
+    """Return keys as TOML would have them written."""
+    parts = (f"[{key}]" if isinstance(key, int) else f".{_bare(key)}" for key in keys)
+    return "".join(parts).removeprefix(".")
+
+
+def _bare(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else ascii(key)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,86 @@
+"""What no journal has by itself, however its run ended: signs that it was changed, cut or put together afterwards.
+
+The journal's own sums are done again: lines are counted, numbers follow each other, bench time goes forwards, a mean is
+that of its readings. Who changes a reading and its mean alike is not found; that needs sums over the lines, for which
+a reader that ignores keys it does not know leaves room.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+__all__ = ["first_damage"]
+
+
+def first_damage(lines: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return in words the first thing that is wrong with the whole lines of a journal, None when nothing is."""
+    return next(chain(_ends(lines), _order(lines), _times(lines), _means(lines), _count(lines)), None)
+
+
+def _ends(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Check that there is one header, which comes first, and at most one footer, which comes last."""
+    kinds = [line.get("type") for line in lines]
+    if kinds and kinds[0] != "header":
+        yield "it does not begin with a header"
+    for kind in ("header", "footer"):
+        if kinds.count(kind) > 1:
+            yield f"it has {kinds.count(kind)} {kind}s: several runs in one file"
+    if "footer" in kinds and kinds[-1] != "footer":
+        yield f"line {kinds.index('footer') + 2} comes after the footer"
+
+
+def _order(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Check that steps are numbered 1, 2, 3 ... without a gap."""
+    before = 0
+    for place, line in _performed(lines):
+        number = line.get("n")
+        if type(number) is not int or number != before + 1:
+            yield f"line {place} is step {number!r}, {f'after step {before}' if before else 'the first'}"
+            return
+        before = number
+
+
+def _times(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Check that bench time goes forwards."""
+    before_s = 0.0
+    for place, line in _performed(lines):
+        for name in ("t_s", "end_s"):
+            now_s = line.get(name, before_s)
+            if not _is_number(now_s) or now_s < before_s:
+                yield f"line {place}: bench time goes back from {before_s:.6g} s to {name} = {now_s!r}"
+                return
+            before_s = now_s
+
+
+def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Check that the point of a window is the mean of the readings beside it."""
+    for place, line in _performed(lines):
+        if line.get("step_kind") != "Acquire" or "point" not in line or "result" not in line:
+            continue
+        point, volts = line["point"], [reading["voltage_v"] for reading in line["result"].get("readings", ())]
+        if len(volts) != point["n"]:
+            yield f"line {place}: a point of {point['n']} readings has {len(volts)}"
+        elif not math.isclose(point["output_v"], math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12):
+            yield f"line {place}: the point's {point['output_v']!r} V is not the mean of its readings"
+
+
+def _count(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Check that there are as many points as the footer counts."""
+    points = sum("point" in line for line in lines if line.get("type") == "step")
+    for line in lines:
+        if line.get("type") == "footer" and line.get("points", points) != points:
+            yield f"its footer counts {line['points']!r} points, there are {points}"
+
+
+def _performed(lines: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Yield the lines of steps, performed or failed, with their numbers in the file."""
+    return ((place, line) for place, line in enumerate(lines, start=1) if line.get("type") in ("step", "error"))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
