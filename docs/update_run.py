@@ -1,50 +1,99 @@
 # noqa: INP001 - a script, not a package
-"""Puts what `vcfbench run virtual-coriolis` prints on the embedded bench into the README, and a picture beside it."""
+"""Puts the end of `vcfbench run virtual-coriolis` into the README, and a picture of a terminal in the middle of it.
+
+The picture is what a terminal shows: the run has a pseudo-terminal, an emulator (pyte, in the extra `dev`) keeps its
+screen, and that is drawn when the run has come to `SHOWN_AT`.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import os
+import pty
 import re
+import struct
 import subprocess
 import sys
 import tempfile
+import termios
+from contextlib import suppress
 from io import StringIO
+from itertools import groupby
 from pathlib import Path
 
+import pyte
 from rich.console import Console
+from rich.style import Style
+from rich.text import Text
 
 README = Path(__file__).parents[1] / "README.md"
 PICTURE = Path(__file__).with_name("run.svg")
-COMMAND = [sys.executable, "-m", "vcfbench", "run", "virtual-coriolis"]
-STEPS_SHOWN, COLUMNS = 24, 132
+COMMAND = "vcfbench run virtual-coriolis --speed 20"
+SHOWN_AT = re.compile(r"^ 8[0-9] %")
+ROWS, COLUMNS = 32, 80
+FIRST_LINE = "K_Vc"
 
 
-def run() -> tuple[list[str], str]:
-    """Run the command in an empty directory; return its steps, and its results without the name of the record."""
+def vcfbench(command: str) -> list[str]:
+    """Return the words that start `command` with this Python."""
+    return [sys.executable, "-m", *command.split()]
+
+
+def results() -> str:
+    """Return what a run ends with, from the fits on, without the name of the record."""
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run(COMMAND, cwd=folder, capture_output=True, encoding="utf-8", check=True)  # noqa: S603
-    results = (line.rstrip() for line in done.stdout.splitlines() if not line.startswith("record:"))
-    return done.stderr.splitlines(), "\n".join(results).strip()
+        done = subprocess.run(  # noqa: S603
+            vcfbench("vcfbench run virtual-coriolis --quiet"), cwd=folder, stdout=subprocess.PIPE, text=True, check=True
+        )
+    lines = [line.rstrip() for line in done.stdout.splitlines() if not line.startswith("record:")]
+    start = next(number for number, line in enumerate(lines) if line.startswith(FIRST_LINE))
+    return "\n".join(lines[start:]).strip()
 
 
-def draw(steps: list[str], results: str) -> None:
-    """Draw the first steps and the results as a terminal shows them."""
+def screen_of_a_run() -> pyte.Screen:
+    """Run the command on a terminal; return its screen when the run has come to `SHOWN_AT`."""
+    screen = pyte.Screen(COLUMNS, ROWS)
+    stream = pyte.ByteStream(screen)
+    stream.feed(f"$ {COMMAND}\r\n".encode())
+    ours, its = pty.openpty()
+    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
+    unset = {"COLUMNS", "LINES", "NO_COLOR"}
+    environment = {**{k: v for k, v in os.environ.items() if k not in unset}, "TERM": "xterm-256color"}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        subprocess.Popen(  # noqa: S603
+            vcfbench(COMMAND), cwd=folder, env=environment, stdin=its, stdout=its, stderr=its
+        ) as process,
+    ):
+        os.close(its)
+        while not any(SHOWN_AT.match(line) for line in screen.display):
+            stream.feed(os.read(ours, 100_000))
+        process.terminate()
+        with suppress(OSError):  # nobody has the other end any more
+            while os.read(ours, 100_000):
+                pass
+    return screen
+
+
+def draw(screen: pyte.Screen) -> None:
+    """Draw a screen as it is, colours and all."""
     console = Console(record=True, width=COLUMNS, file=StringIO(), highlight=False)
-    console.print("$ vcfbench run virtual-coriolis", style="bold")
-    for line in [*steps[:STEPS_SHOWN], "..."]:
-        console.print(line, style="cyan" if "  * " in line else "", markup=False, overflow="ellipsis", no_wrap=True)
-    console.print(results, markup=False)
+    for row in range(ROWS):
+        line = Text()
+        cells = (screen.buffer[row][column] for column in range(COLUMNS))
+        for (colour, bold), alike in groupby(cells, key=lambda cell: (cell.fg.replace("brown", "yellow"), cell.bold)):
+            line.append("".join(cell.data for cell in alike), Style(color=colour, bold=bold))
+        console.print(line, no_wrap=True, overflow="crop")
     console.save_svg(str(PICTURE), title="vcfbench", unique_id="run")
 
 
 def main() -> None:
     """Rewrite README and picture."""
-    steps, results = run()
-    draw(steps, results)
+    draw(screen_of_a_run())
+    block = f"```text\n{results()}\n```"
     text = README.read_text(encoding="utf-8")
-    block = f"```text\n{results}\n```"
-    README.write_text(
-        re.sub(r"```text\n.*?```", lambda _: block, text, count=1, flags=re.DOTALL), encoding="utf-8", newline="\n"
-    )
+    shown = re.compile(rf"```text\n{FIRST_LINE}.*?```", re.DOTALL)
+    README.write_text(shown.sub(lambda _: block, text, count=1), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

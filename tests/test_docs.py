@@ -15,13 +15,15 @@ import shlex
 import shutil
 import subprocess
 import sys
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
 
 import pytest
 
+from tests.conftest import HERE, SLOW
 from tests.ports import free_port
 
 if TYPE_CHECKING:
@@ -171,18 +173,53 @@ def test_readme_has_the_two_commands_that_ci_runs() -> None:
     commands = [
         command for block in blocks(ROOT / "README.md") if block.info == "sh ci" for command in block.commands()
     ]
-    assert commands == ["pip install . && vcfbench run virtual-coriolis", "pip install '.[test]' && pytest"]
+    assert commands == [
+        "python3 -m venv .venv && . .venv/bin/activate && pip install . && vcfbench run virtual-coriolis",
+        "pip install '.[test]' && pytest -n auto",
+    ]
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert "grep -E '^pip install ' README.md" in script
+    found = re.search(r"grep -E '(.+)' README\.md", script)
+    assert found is not None
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert [line for line in text.splitlines() if line.startswith("pip install ")] == commands
+    assert [line for line in text.splitlines() if re.search(found[1], line)] == commands
 
 
 def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
     """Same words in the same lines; the digits may differ with the seed and the numerical libraries."""
-    shown = next(block.body for block in blocks(ROOT / "README.md") if block.info == "text")
+    shown = next(block.body for block in blocks(ROOT / "README.md") if block.body.startswith("K_Vc"))
     printed = run("vcfbench run virtual-coriolis --quiet", tmp_path)
-    assert without_digits(shown) == [line for line in without_digits(printed) if not line.startswith("record:")]
+    end = printed[printed.index("\nK_Vc") :]
+    assert without_digits(shown) == [line for line in without_digits(end) if not line.startswith("record:")]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_the_picture_in_the_readme_is_what_a_terminal_shows(tmp_path: Path) -> None:
+    svg = ET.parse(ROOT / "docs" / "run.svg")  # noqa: S314 - our own picture
+    rows: dict[float, str] = {}
+    for text in svg.iter("{http://www.w3.org/2000/svg}text"):
+        height = float(text.get("y", "0"))
+        rows[height] = rows.get(height, "") + (text.text or "").replace("\xa0", " ")
+    pictured = [line for line in rows.values() if line.strip() and line != "vcfbench"]
+    assert len(pictured) >= 30
+    assert set(without_digits("\n".join(pictured))) <= set(without_digits(on_a_terminal(tmp_path)))
+
+
+def on_a_terminal(folder: Path) -> str:
+    """Return what a run of the four steps prints on a terminal, every line that was there for a while."""
+    import pty  # noqa: PLC0415  # there is none on Windows
+
+    ours, its = pty.openpty()
+    environment = {**os.environ, "COLUMNS": "80", "TERM": "xterm"}
+    command = [*VCFBENCH, "run", "virtual-coriolis"]
+    with subprocess.Popen(command, cwd=folder, env=environment, stdout=its, stderr=its) as process:  # noqa: S603
+        os.close(its)
+        printed = b""
+        with suppress(OSError):  # the run is over, nobody has the other end any more
+            while more := os.read(ours, 100_000):
+                printed += more
+        os.close(ours)
+    assert process.returncode == 0
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", printed.decode())
 
 
 def without_digits(text: str) -> list[str]:
@@ -205,3 +242,7 @@ def test_links_lead_somewhere(document: Path) -> None:
         target = (document.parent / path) if path else document
         assert target.exists(), link
         assert not anchor or anchor in anchors(target), link
+
+
+def test_what_is_called_slow_exists() -> None:
+    assert all((HERE / module).exists() for module in SLOW)

@@ -1,0 +1,34 @@
+"""Which tests are quick, and that the slow ones come first: all processors are then busy to the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+SLOW = (
+    "cli/test_paper_figures.py",
+    "cli/test_run_dialects.py",
+    "cli/test_run_served.py",
+    "cli/test_run_simulated.py",
+    "sim/gyro/test_carrier.py",
+    "sim/gyro/test_noise.py",
+    "sim/gyro/test_played.py",
+    "sim/rate_tables/test_host_gone.py",
+    "sim/serve/test_tables.py",
+    "testing/test_plugin.py",
+    "test_docs.py",
+    "test_examples.py",
+)
+"""Modules that take more than some seconds: fresh interpreters, long records, every wire."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test slow or quick, and put the slow ones first."""
+    for item in items:
+        if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).as_posix() in SLOW:
+            item.add_marker(pytest.mark.slow)
+        elif item.get_closest_marker("slow") is None:
+            item.add_marker(pytest.mark.quick)
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
