@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.drivers.openings import NO_ERROR, opening
 from vcfbench.clock import Deadline
 from vcfbench.drivers.agilent33220a import Agilent33220A
-from vcfbench.errors import DeadlineExceeded, InstrumentError, LimitError, PlanError
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, PlanError
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2")
@@ -23,6 +23,7 @@ ZERO_DC: list[Exchange] = [
     ("VOLT:OFFS 0", None),
     NO_ERROR,
     ("VOLT:OFFS?", "+0.0000000000000E+00"),
+    ("VOLT:OFFS?", "+0.0000000000000E+00"),
 ]
 
 
@@ -33,13 +34,15 @@ def test_dc_goes_through_the_offset_into_an_open_circuit() -> None:
         ("VOLT:OFFS 1.23456", None),
         NO_ERROR,
         ("VOLT:OFFS?", "+1.2350000000000E+00"),
+        ("VOLT:OFFS?", "+1.2350000000000E+00"),
     ]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
         assert generator.configure_dc(1.23456) == 1.235
 
 
 def test_the_level_changes_alone() -> None:
-    exchanges: list[Exchange] = [("VOLT:OFFS -5", None), NO_ERROR, ("VOLT:OFFS?", "-5.0000000000000E+00")]
+    level: Exchange = ("VOLT:OFFS?", "-5.0000000000000E+00")
+    exchanges: list[Exchange] = [("VOLT:OFFS -5", None), NO_ERROR, level, level]
     with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
         generator.configure_dc(0.0)
         assert generator.set_dc(-5.0) == -5.0
@@ -75,6 +78,16 @@ def test_a_level_that_reads_back_otherwise_is_an_error() -> None:
         generator.configure_dc(0.0)
         with pytest.raises(InstrumentError, match=r"was set to 5 V but reads back 4\.998 V"):
             generator.set_dc(5.0)
+
+
+@pytest.mark.parametrize("again", ["+6.6670000000000E-02", "+6.6680000000000E-02", "+6.667E-02", "0.06667"])
+def test_a_level_counts_only_when_it_is_answered_twice_alike_and_in_form(again: str) -> None:
+    """The level is a number of the results; one changed digit may be within what a setting may be off."""
+    exchanges: list[Exchange] = [("VOLT:OFFS 0.06667", None), NO_ERROR, ("VOLT:OFFS?", "+6.6660000000000E-02")]
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges, ("VOLT:OFFS?", again)]) as generator:
+        generator.configure_dc(0.0)
+        with pytest.raises(FramingError, match=r"one setting was answered as|expected a number of the form"):
+            generator.set_dc(0.06667)
 
 
 def test_a_load_of_50_ohm_would_halve_all_voltages() -> None:
@@ -237,14 +250,11 @@ def test_a_sine_that_reads_back_otherwise_is_an_error(found: tuple[float, ...], 
 @pytest.mark.parametrize(("level_v", "step_v"), [(0.5, 1e-3), (2.0, 1e-3), (9.999, 1e-3), (10.0, 1e-2)])
 def test_a_level_agrees_within_one_unit_of_its_fourth_digit(level_v: float, step_v: float, sign: float) -> None:
     def answers(off_v: float) -> list[Exchange]:
-        return [
-            (f"VOLT:OFFS {sign * level_v:g}", None),
-            NO_ERROR,
-            ("VOLT:OFFS?", f"{sign * level_v + off_v:+.13E}"),
-        ]
+        answer: Exchange = ("VOLT:OFFS?", f"{sign * level_v + off_v:+.13E}")
+        return [(f"VOLT:OFFS {sign * level_v:g}", None), NO_ERROR, answer, answer]
 
     agreeing = [*answers(step_v), *answers(-step_v)]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *agreeing, *answers(1.01 * step_v)]) as generator:
+    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *agreeing, *answers(1.01 * step_v)[:-1]]) as generator:
         generator.configure_dc(0.0)
         for _ in range(2):
             generator.set_dc(sign * level_v)
@@ -280,7 +290,7 @@ REFUSED: list[Exchange] = [("SYST:ERR?", '-221,"Settings conflict"'), NO_ERROR]
 
 @pytest.mark.parametrize(
     "exchanges",
-    [[*ZERO_DC[:-2], *REFUSED], [*ZERO_DC[:-1], ("VOLT:OFFS?", "+1.0000000000000E+00")]],
+    [[*ZERO_DC[:-3], *REFUSED], [*ZERO_DC[:-2], ("VOLT:OFFS?", "+1.0000000000000E+00")]],
     ids=["refused", "reads back otherwise"],
 )
 def test_a_level_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests.drivers.openings import NO_ERROR, opening
 from vcfbench.clock import Deadline
@@ -23,8 +25,14 @@ CONFIGURED: list[Exchange] = [
 ]
 
 
+def reading(*answers: str | None) -> list[Exchange]:
+    """Taking one reading: both times it is fetched the same answer, or the two `answers`."""
+    first, again = answers if len(answers) == 2 else answers * 2
+    return [("INIT", None), ("FETC?", first), ("FETC?", again)]
+
+
 def test_range_and_integration_time_are_fixed_and_read_back() -> None:
-    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, ("READ?", "-1.67463210E-01")]) as meter:
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *reading("-1.67463210E-01")]) as meter:
         meter.configure_dc_voltage(10.0, 10.0)
         assert meter.read_voltage_v() == -0.16746321
 
@@ -47,15 +55,66 @@ def test_another_range_than_asked_for_is_an_error() -> None:
 @pytest.mark.parametrize("answer", ["+9.90000000E+37", "-9.90000000E+37"])
 def test_overload_is_no_reading(answer: str) -> None:
     with (
-        expected_exchange(OPEN, [*OPENING, ("READ?", answer)]) as meter,
+        expected_exchange(OPEN, [*OPENING, *reading(answer)[:2]]) as meter,
         pytest.raises(MeasurementError, match="multimeter at SCRIPT: overload"),
     ):
         meter.read_voltage_v()
 
 
 def test_a_garbled_reading_is_no_reading() -> None:
-    with expected_exchange(OPEN, [*OPENING, ("READ?", "+1.0000000E+0/")]) as meter, pytest.raises(FramingError):
+    exchanges = [*OPENING, *reading("+1.0000000E+0/")[:2]]
+    with expected_exchange(OPEN, exchanges) as meter, pytest.raises(FramingError):
         meter.read_voltage_v()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        *("-1.67", "-1.67E-01", "-1.6746321E-01", "1.67463210E-01", "-1.67463210E-1", "-1.67463210e-01"),
+        *("-16.7463210E-01", "-1.674632100E-01", "-1674632100E-01", "-1.67463210E-001", "-1.67463210E01"),
+    ],
+)
+def test_what_lost_or_gained_a_character_is_no_reading(answer: str) -> None:
+    words = r"multimeter at SCRIPT: expected a number of the form \+d\.ddddddddE\+dd, came"
+    with (
+        expected_exchange(OPEN, [*OPENING, *reading(answer)[:2]]) as meter,
+        pytest.raises(FramingError, match=words),
+    ):
+        meter.read_voltage_v()
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 14), st.characters(min_codepoint=33, max_codepoint=126))
+def test_no_single_character_can_be_exchanged(place: int, character: str) -> None:
+    answer = "-1.67463210E-01"
+    changed = answer[:place] + character + answer[place + 1 :]
+    if changed == answer:
+        return
+    outcome: list[Exchange] = reading(answer, changed)
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *outcome]) as meter:
+        meter.configure_dc_voltage(10.0, 10.0)
+        with pytest.raises((FramingError, MeasurementError)):
+            meter.read_voltage_v()
+
+
+@pytest.mark.parametrize(("range_v", "answer"), [(10.0, "-1.20000001E+01"), (1.0, "+1.67463210E+00")])
+def test_no_range_gives_more_than_a_fifth_above_it(range_v: float, answer: str) -> None:
+    exchanges: list[Exchange] = [
+        (f"CONF:VOLT:DC {range_v:g}", None),
+        *CONFIGURED[1:5],
+        ("VOLT:DC:RANG?", f"{range_v:+.8E}"),
+        CONFIGURED[6],
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges, *reading(answer)]) as meter:
+        meter.configure_dc_voltage(range_v, 10.0)
+        with pytest.raises(FramingError, match=f"which the {range_v:g} V range cannot give"):
+            meter.read_voltage_v()
+
+
+def test_a_fifth_above_the_range_is_a_reading() -> None:
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *reading("-1.20000000E+01")]) as meter:
+        meter.configure_dc_voltage(10.0, 10.0)
+        assert meter.read_voltage_v() == -12.0
 
 
 @pytest.mark.parametrize(
@@ -75,7 +134,7 @@ def test_reading_time_is_two_integrations(nplc: float, mains_hz: float, expected
 
 
 def test_a_reading_is_waited_for_as_long_as_it_takes_and_the_time_out() -> None:
-    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, ("READ?", None)]) as meter:
+    with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *reading(None)[:2]]) as meter:
         meter.configure_dc_voltage(10.0, 10.0)
         begin_s = meter.clock.now()
         with pytest.raises(DeadlineExceeded):

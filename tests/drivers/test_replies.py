@@ -49,6 +49,16 @@ def test_what_is_no_number(text: str) -> None:
         replies.number(text)
 
 
+@given(BELOW_OVERLOAD.filter(lambda value: value == 0.0 or abs(value) > 1e-99), st.integers(1, 16))
+def test_a_fixed_form_takes_its_own_numbers_and_none_with_a_character_more_or_less(value: float, decimals: int) -> None:
+    form, reply = replies.nr3(decimals), f"{value:+.{decimals}E}"
+    assert replies.reading(reply, form) == float(reply)
+    for place in range(len(reply)):
+        for spoiled in (reply[:place] + reply[place + 1 :], reply[: place + 1] + reply[place:]):
+            with pytest.raises(FramingError, match="expected a number of the form"):
+                replies.reading(spoiled, form)
+
+
 @given(st.binary())
 def test_text_is_printable_ascii_or_refused(data: bytes) -> None:
     try:

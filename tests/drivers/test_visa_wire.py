@@ -99,7 +99,7 @@ def instrument_on_a_pseudo_terminal(*silent: str) -> Iterator[str]:
 
 
 def _serve(host: int, silent: tuple[str, ...]) -> None:
-    known = {"*IDN?": IDENTITY, "*OPC?": "1", "SYST:ERR?": '+0,"No error"', "READ?": "+1.25000000E+00"}
+    known = {"*IDN?": IDENTITY, "*OPC?": "1", "SYST:ERR?": '+0,"No error"', "FETC?": "+1.25000000E+00"}
     received = b""
     with suppress(OSError):
         while data := os.read(host, 1024):

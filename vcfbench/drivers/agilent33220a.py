@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
-from vcfbench.errors import InstrumentError, PlanError
+from vcfbench.errors import FramingError, InstrumentError, PlanError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
@@ -27,6 +27,7 @@ class Agilent33220A(ScpiInstrument):
     """The generator speaks of voltages into its load; the load is a high impedance here (``OUTP:LOAD INF``)."""
 
     model: ClassVar[str] = "33220A"
+    number_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=13)  # seen on its siblings
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
@@ -43,7 +44,7 @@ class Agilent33220A(ScpiInstrument):
         self._require_voltage(voltage_v)
         self._select_open_circuit()
         self._session.write("FUNC DC", f"VOLT:OFFS {decimal(voltage_v)}")
-        found_v = self._offset_v(voltage_v)
+        found_v = self._level_v(voltage_v)
         self._configured = True
         return found_v
 
@@ -52,7 +53,7 @@ class Agilent33220A(ScpiInstrument):
         self._require_voltage(voltage_v)
         self._require_configured("no DC level was configured")
         self._session.write(f"VOLT:OFFS {decimal(voltage_v)}")
-        return self._offset_v(voltage_v)
+        return self._level_v(voltage_v)
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine into an open circuit, output switch unchanged."""
@@ -87,11 +88,23 @@ class Agilent33220A(ScpiInstrument):
         if load_ohm < replies.OVERLOAD:
             raise self._disagreement("OUTP:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
 
+    def _level_v(self, wanted_v: float) -> float:
+        """Return the level that is set, V. It counts as measured, so it is asked for twice: no digit may be wrong."""
+        first_v, again_v = self._offset_v(wanted_v), self._offset_v(wanted_v)
+        if first_v != again_v:
+            raise FramingError(
+                f"one setting was answered as {first_v:.9g} V and as {again_v:.9g} V",
+                instrument=self.name,
+                resource=self.resource,
+                command="VOLT:OFFS?",
+            )
+        return first_v
+
     def _offset_v(self, wanted_v: float) -> float:
         return self._read_back("VOLT:OFFS?", wanted_v, _step(wanted_v), "V")
 
     def _read_back(self, query: str, wanted: float, tolerance: float, unit: str) -> float:
-        found = self._session.query_number(query)
+        found = self._session.query_number(query, form=self.number_form)
         if not abs(found - wanted) <= tolerance:
             raise self._disagreement(query, f"{wanted:g} {unit}", f"{found:g} {unit}")
         return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Self
 
+from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
 from vcfbench.errors import FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.interfaces import Waveform
@@ -78,6 +79,7 @@ class Dso7104B(ScpiInstrument):
     """Four channels, seen DC coupled at 1 Mohm."""
 
     model: ClassVar[str] = "DSO7104B"
+    reading_form: ClassVar[replies.NumberForm] = replies.nr3(exponent_digits=(2, 3))  # both were seen on siblings
     first_answer_s: ClassVar[float] = 15.0  # older units were seen to take 10 s for the first answer on LAN
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -124,11 +126,11 @@ class Dso7104B(ScpiInstrument):
 
     def measure_frequency_hz(self, channel: int) -> float:
         """Measure the frequency of the record; raises MeasurementError when there is none."""
-        return self._session.query_reading(f":MEAS:FREQ? {self._source(channel)}")
+        return self._session.query_reading(f":MEAS:FREQ? {self._source(channel)}", form=self.reading_form)
 
     def measure_amplitude_v(self, channel: int) -> float:
         """Measure half the peak-to-peak voltage of the record, V."""
-        return self._session.query_reading(f":MEAS:VPP? {self._source(channel)}") / 2.0
+        return self._session.query_reading(f":MEAS:VPP? {self._source(channel)}", form=self.reading_form) / 2.0
 
     def measure_phase_deg(self, channel: int, reference: int) -> float:
         """Measure the phase of `channel` against `reference`, deg in -180...180: positive when `channel` leads.
@@ -136,7 +138,8 @@ class Dso7104B(ScpiInstrument):
         The instrument takes the delay from the first source's edge to the second's, over the first's period: an edge
         of `channel` before that of `reference` is a positive delay (siblings' guides; unverified on this model).
         """
-        phase_deg = self._session.query_reading(f":MEAS:PHAS? {self._source(channel)},{self._source(reference)}")
+        question = f":MEAS:PHAS? {self._source(channel)},{self._source(reference)}"
+        phase_deg = self._session.query_reading(question, form=self.reading_form)
         return 180.0 - (180.0 - phase_deg) % 360.0
 
     def waveform(self, channel: int, points: int = 1000) -> Waveform:

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from vcfbench.clock import sleep
+from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
 from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError
 from vcfbench.interfaces import Regulation
@@ -56,6 +57,7 @@ class E3631A(ScpiInstrument):
     """The three outputs ``P6V``, ``P25V``, ``N25V`` share one switch; N25V takes negative voltages."""
 
     model: ClassVar[str] = "E3631A"
+    reading_form: ClassVar[replies.NumberForm] = replies.nr3()  # how many digits is unverified
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -134,12 +136,12 @@ class E3631A(ScpiInstrument):
     def measure_voltage_v(self, output: str) -> float:
         """Read back the voltage at the terminals, V."""
         self._ratings(output)
-        return self._session.query_reading(f"MEAS:VOLT? {output}")
+        return self._session.query_reading(f"MEAS:VOLT? {output}", form=self.reading_form)
 
     def measure_current_a(self, output: str) -> float:
         """Read back the current, A."""
         self._ratings(output)
-        return self._session.query_reading(f"MEAS:CURR? {output}")
+        return self._session.query_reading(f"MEAS:CURR? {output}", form=self.reading_form)
 
     def regulation(self, output: str) -> Regulation:
         """Tell how `output` is regulated now."""

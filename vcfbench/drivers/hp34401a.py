@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, safely
-from vcfbench.errors import InstrumentError, LimitError
+from vcfbench.errors import FramingError, InstrumentError, LimitError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
@@ -24,11 +25,17 @@ class Hp34401A(ScpiInstrument):
     """A voltmeter on a fixed range with a fixed integration time."""
 
     model: ClassVar[str] = "34401A"
+    reading_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=8)
+    """15 characters, ``SD.DDDDDDDDESDD`` (guide p. 106)."""
+
+    over_range: ClassVar[float] = 1.2
+    """What can be read on a range, over the range (guide p. 216; the 1000 V range has none, which is not looked at)."""
 
     def __init__(self, session: Session, *, mains_hz: float = 50.0, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
         self._mains_hz = mains_hz
         self._nplc = 10.0
+        self._range_v: float | None = None
 
     def _take_remote(self, deadline: Deadline) -> None:
         if self._session.interface == "asrl":  # in local READ? is refused with 550
@@ -53,7 +60,7 @@ class Hp34401A(ScpiInstrument):
         )
         self._verify_setting("VOLT:DC:RANG?", range_v)
         self._verify_setting("VOLT:DC:NPLC?", nplc)
-        self._nplc = nplc
+        self._nplc, self._range_v = nplc, range_v
 
     def _require_one_of(self, what: str, value: float, allowed: tuple[float, ...]) -> None:
         if value not in allowed:
@@ -74,10 +81,30 @@ class Hp34401A(ScpiInstrument):
             )
 
     def read_voltage_v(self) -> float:
-        """Trigger one reading and return it, V; raises MeasurementError on overload."""
-        return self._session.query_reading(
-            "READ?", self._session.deadline(self._session.timeout_s + self.reading_time_s)
-        )
+        """Take one reading and return it, V.
+
+        The meter keeps the reading, and it is fetched twice: a digit that a bad line has turned into another digit is
+        still in form and may well lie within the noise, but it does not come twice.
+
+        Raises:
+            FramingError: the answers differ, are not in form, or lie beyond the range: the wire cannot be believed.
+            MeasurementError: overload.
+        """
+        deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
+        with self._session.exclusive():
+            self._session.send("INIT", deadline=deadline)
+            first_v, again_v = (self._session.query_reading("FETC?", deadline, self.reading_form) for _ in range(2))
+        if first_v != again_v:
+            raise self._unbelievable(f"one reading was answered as {first_v:.9g} V and as {again_v:.9g} V")
+        if self._range_v is not None and abs(first_v) > self.over_range * self._range_v:
+            raise self._unbelievable(
+                f"a reading of {first_v:.9g} V, which the {self._range_v:g} V range cannot give "
+                f"(at most {self.over_range * self._range_v:g} V)"
+            )
+        return first_v
+
+    def _unbelievable(self, what: str) -> FramingError:
+        return FramingError(what, instrument=self.name, resource=self.resource, command="FETC?")
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Abort what the meter is doing; it drives nothing. Its answer shows that it is idle: when busy it has none."""

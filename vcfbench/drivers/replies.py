@@ -6,6 +6,7 @@ Each raises :class:`~vcfbench.errors.FramingError` for anything that is not of i
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import FramingError, MeasurementError
@@ -14,13 +15,16 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 __all__ = [
+    "ANY_NUMBER",
     "OVERLOAD",
+    "NumberForm",
     "block_length",
     "boolean",
     "error_entry",
     "identity_fields",
     "integer",
     "is_whole",
+    "nr3",
     "number",
     "numbers",
     "quoted",
@@ -31,7 +35,7 @@ __all__ = [
 OVERLOAD = 9.9e37
 """From this magnitude on a number means "no value" (SCPI-99 vol. 1, 7.2.1.4: 9.9E37 infinity, 9.91E37 not a number)."""
 
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_ANY_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _ERROR = re.compile(r'([+-]?[0-9]+),"((?:[^"]|"")*)"')
 _PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
@@ -39,6 +43,38 @@ _PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
 
 _NEWLINE, _BLOCK = b"\n#"
 _SHOWN = 60
+
+
+@dataclass(frozen=True, slots=True)
+class NumberForm:
+    """The form in which a model writes numbers: in words for messages, and the pattern that a reply must match whole.
+
+    A reply that lost or gained a character is still a number more often than not; in a fixed form it is none.
+    """
+
+    words: str
+    pattern: re.Pattern[str]
+
+
+ANY_NUMBER = NumberForm("a number", _ANY_NUMBER)
+"""NR1, NR2 or NR3: where a model promises no form."""
+
+
+def nr3(decimals: int | None = None, exponent_digits: tuple[int, int] = (2, 2)) -> NumberForm:
+    """Return the form ``+d.ddE+dd``: sign, one digit, point, `decimals` digits, capital E, sign, exponent.
+
+    Args:
+        decimals: how many digits follow the point; None is any number of them but none.
+        exponent_digits: the least and the most digits of the exponent.
+
+    """
+    fraction = "+" if decimals is None else f"{{{decimals}}}"
+    least, most = exponent_digits
+    example = f"+d.{'d...' if decimals is None else 'd' * decimals}E+{'d' * least}"
+    return NumberForm(
+        f"a number of the form {example}",
+        re.compile(rf"[+-][0-9]\.[0-9]{fraction}E[+-][0-9]{{{least},{most}}}"),
+    )
 
 
 def _refuse(expected: str, came: str | bytes) -> FramingError:
@@ -57,16 +93,16 @@ def text(reply: bytes) -> str:
     return words
 
 
-def number(reply: str) -> float:
-    """Return a decimal number (NR1, NR2 or NR3), whatever its magnitude."""
-    if _NUMBER.fullmatch(reply) is None:
-        raise _refuse("a number", reply)
+def number(reply: str, form: NumberForm = ANY_NUMBER) -> float:
+    """Return a decimal number of `form`, whatever its magnitude."""
+    if form.pattern.fullmatch(reply) is None:
+        raise _refuse(form.words, reply)
     return float(reply)
 
 
-def reading(reply: str) -> float:
+def reading(reply: str, form: NumberForm = ANY_NUMBER) -> float:
     """Return a measured number; raises MeasurementError for 9.9E37, which means overload or nothing to measure."""
-    value = number(reply)
+    value = number(reply, form)
     if not -OVERLOAD < value < OVERLOAD:
         raise MeasurementError(f"overload or not measurable (the instrument answers {reply})")
     return value

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.clock import Clock
+    from vcfbench.drivers.replies import NumberForm
     from vcfbench.drivers.visa_wire import SerialParameters
     from vcfbench.drivers.wire import Interface, Wire
 
@@ -167,15 +168,19 @@ class Session:
         """Ask `command` and return the answer, without its terminator."""
         return self._ask(command, replies.text, deadline)
 
-    def query_reading(self, command: str, deadline: Deadline | None = None) -> float:
-        """Ask for a measured value; raises MeasurementError for 9.9E37."""
-        return self._ask(command, _reading, deadline)
+    def query_reading(
+        self, command: str, deadline: Deadline | None = None, form: NumberForm = replies.ANY_NUMBER
+    ) -> float:
+        """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
+        return self._ask(command, lambda line: replies.reading(replies.text(line), form), deadline)
 
     query_float = query_reading
 
-    def query_number(self, command: str, deadline: Deadline | None = None) -> float:
-        """Ask for a number that may be 9.9E37, which then means infinity."""
-        return self._ask(command, lambda line: replies.number(replies.text(line)), deadline)
+    def query_number(
+        self, command: str, deadline: Deadline | None = None, form: NumberForm = replies.ANY_NUMBER
+    ) -> float:
+        """Ask for a number in the `form` that the model promises; it may be 9.9E37, which then means infinity."""
+        return self._ask(command, lambda line: replies.number(replies.text(line), form), deadline)
 
     def query_numbers(self, command: str, deadline: Deadline | None = None) -> tuple[float, ...]:
         """Ask for comma-separated numbers."""
@@ -482,10 +487,6 @@ class Session:
             self._closed_because = because
             self._dirty = True
             self._wire.close()
-
-
-def _reading(line: bytes) -> float:
-    return replies.reading(replies.text(line))
 
 
 def _error_entry(line: bytes) -> tuple[int, str]:

@@ -105,8 +105,15 @@ def test_a_question_after_each_command_tells_refusals() -> None:
     on = line(("S", None), ("TE?", "0"), ("S", None), ("TE?", "7"), ("TE?", "0"))
     dialect = table(ack="", more=more)
     dialect.hold(on, soon(on))
-    with pytest.raises(InstrumentError, match="refused with 7"):
+    with pytest.raises(InstrumentError, match="refused with 7, command 'S'"):
         dialect.hold(on, soon(on))
+
+
+def test_a_refusal_says_which_line_was_sent() -> None:
+    more = '[refusals]\nquery = "TE?"\ngood = "0"\n'
+    on = line(("A20", None), ("TE?", "0"), ("V2.000", None), ("TE?", "6"), ("TE?", "0"))
+    with pytest.raises(InstrumentError, match=r"refused with 6, command 'V2\.000'"):
+        table(ack="", more=more).demand_rate(on, 12.0, 120.0, soon(on))
 
 
 def test_flags_of_every_kind() -> None:

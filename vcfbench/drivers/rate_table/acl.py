@@ -8,6 +8,7 @@ says so here. Full words are sent throughout, for ACL's short forms are not uniq
 from __future__ import annotations
 
 import math
+import re
 import struct
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -69,6 +70,11 @@ _INTERLOCKS = MappingProxyType(
 )
 _ERRORS_QUEUED = 1 << 7
 _DEEPEST_QUEUE = 32
+
+_NUMBER = replies.NumberForm(
+    "a number without leading + or blank", re.compile(r"-?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:E[+-]?[0-9]+)?")
+)
+"""NR1, NR2 or NR3, never with a leading + (ACL manual, section 2)."""
 
 
 def detect_header(first: bytes) -> Header:
@@ -245,7 +251,7 @@ class AclDialect:
         return replies.integer(self.ask(line, f":Status:CSR? A{self.axis}{word}", deadline))
 
     def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
-        return replies.number(self.ask(line, question, deadline))
+        return replies.number(self.ask(line, question, deadline), _NUMBER)
 
     # Exchanges
 

@@ -417,7 +417,7 @@ class ConfigurableDialect:
     ) -> Received | None:
         stopping = name in self.profile.safety.stop
         within = self._within(line, step, deadline)
-        shown = step.send or name
+        shown = self._shown(step, values) or name
         try:
             if line.dirty and not stopping:  # stopping does not wait for anything
                 self.resync(line, deadline)
@@ -429,8 +429,22 @@ class ConfigurableDialect:
             raise line.locate(error, shown, within) if isinstance(error, TransportError) else error  # noqa: B904
         line.dirty = False
         if name not in ("identify", "status", "read_all", "read_pos", "read_rate", "fault"):
-            self.check_errors(line, deadline)
+            try:
+                self.check_errors(line, deadline)
+            except InstrumentError as error:
+                error.command = shown  # the table says what is wrong, not with which line
+                raise
         return received
+
+    def _shown(self, step: Step, values: Mapping[str, Value]) -> str | None:
+        """Return what a step sends as it goes over the wire, for messages; the template itself if it cannot be said."""
+        if step.send is None:
+            return None
+        try:
+            message = self.message(step.send, values)
+        except ValueError:
+            return step.send
+        return message.hex(" ") if self.profile.binary else message.decode("latin-1").strip()
 
     def _within(self, line: TableLine, step: Step, deadline: Deadline) -> Deadline:
         if step.timeout_s is None:

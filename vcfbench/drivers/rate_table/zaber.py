@@ -68,6 +68,10 @@ _FAULTS: Mapping[str, str] = MappingProxyType(
 """Warning flags that forbid motion. FO (driver switched off), WR and WH (no reference) and NI (interrupted) do not."""
 
 
+_NUMBER = replies.NumberForm("a plain decimal number", re.compile(r"-?[0-9]+(?:\.[0-9]+)?"))
+"""Data have no sign but minus, and no exponent."""
+
+
 @dataclass(frozen=True, slots=True)
 class ZaberReply:
     """A reply, taken apart: message number (None when it has none), verdict, state, warning flag, data."""
@@ -194,11 +198,11 @@ class ZaberDialect:
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the velocity (the setting's name is unverified)."""
-        return replies.number(self._setting(line, "vel", deadline)) * self.rate_quantum_deg_s
+        return replies.number(self._setting(line, "vel", deadline), _NUMBER) * self.rate_quantum_deg_s
 
     def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
         """Read the position, microsteps from the reference."""
-        return replies.number(self._setting(line, "pos", deadline)) / self.steps_per_deg
+        return replies.number(self._setting(line, "pos", deadline), _NUMBER) / self.steps_per_deg
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Name the warnings that forbid motion."""

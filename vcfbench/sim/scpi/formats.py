@@ -64,9 +64,15 @@ def block(data: bytes, digits: int | None = None) -> bytes:
     return b"#%d%b" % (len(length), length.encode()) + data
 
 
+_LEAST = 1e-99
+"""Below this an exponent of two digits cannot tell a number from zero; what rings down for ever comes there."""
+
+
 def _finite(value: float) -> float:
     if math.isinf(value):
         return math.copysign(INFINITY, value)
+    if abs(value) < _LEAST:
+        return 0.0
     return NOT_A_NUMBER if math.isnan(value) else value + 0.0
 
 
