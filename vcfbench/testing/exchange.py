@@ -2,7 +2,8 @@
 
 ::
 
-    with expected_exchange(over_visa(Hp34401A), [*OPENING, ("READ?", "+1.00000000E+01")]) as meter:
+    reading = [("INIT", None), ("FETC?", "+1.00000000E+01"), ("FETC?", "+1.00000000E+01")]
+    with expected_exchange(over_visa(Hp34401A), [*OPENING, *reading]) as meter:
         assert meter.read_voltage_v() == 10.0
 """
 
