@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from itertools import chain
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from msgspec import structs
+from msgspec import Struct, structs
 
+from vcfbench.bench.bounds import LEAST, LEAST_V_VC_V
 from vcfbench.bench.misfit import Misfit
 from vcfbench.interfaces import FunctionGenerator, Multimeter, Oscilloscope, PowerSupply
 
@@ -44,6 +45,8 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
         _resources(description),
         _simulation(description),
         _served(description),
+        _table(description),
+        _lost_digits(description),
     )
 
 
@@ -68,8 +71,10 @@ def _rates(description: BenchDescription) -> Iterator[Misfit]:
     if len(set(description.procedure.rates_deg_s)) < 3:
         yield Misfit("procedure.rates_deg_s", "at least three different rates", list(description.procedure.rates_deg_s))
     match = description.procedure.match_rate_deg_s
-    if not 0.0 < abs(match) <= limit:
-        yield Misfit("procedure.match_rate_deg_s", f"{allowed}, not zero", match)
+    at_rest = description.procedure.rate_tolerance_deg_s
+    if not at_rest < abs(match) <= limit:
+        expected = f"{allowed}, and above {at_rest:g} deg/s (procedure.rate_tolerance_deg_s): less is at rest"
+        yield Misfit("procedure.match_rate_deg_s", expected, match)
 
 
 def _acceleration(description: BenchDescription) -> Iterator[Misfit]:
@@ -91,6 +96,12 @@ def _v_vc(description: BenchDescription) -> Iterator[Misfit]:
             f"{expected} (limits.max_v_vc_v)",
             procedure.k_vc_guess_deg_s_per_v,
         )
+    if abs(procedure.k_vc_guess_deg_s_per_v) * LEAST_V_VC_V > abs(procedure.match_rate_deg_s):
+        most, match = abs(procedure.match_rate_deg_s) / LEAST_V_VC_V, abs(procedure.match_rate_deg_s)
+        expected = (
+            f"at most {most:g}, so that {match:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
+        )
+        yield Misfit("procedure.k_vc_guess_deg_s_per_v", expected, procedure.k_vc_guess_deg_s_per_v)
 
 
 def _rails(description: BenchDescription) -> Iterator[Misfit]:
@@ -193,5 +204,40 @@ def _served(description: BenchDescription) -> Iterator[Misfit]:
         return
     if description.simulation is not None:
         yield Misfit("served", "no [served] beside [simulation]: the bench is simulated here or elsewhere", "both")
-    if not 0 < description.served.address()[1] < 65536:
+    host, port = description.served.address()
+    if not 0 < port < 65536:
         yield Misfit("served.control", "a port from 1 to 65535", description.served.control)
+    if not _is_this_host(host):
+        expected = "this host (127.0.0.1, ::1 or localhost): control ports listen nowhere else"
+        yield Misfit("served.control", expected, description.served.control)
+
+
+def _is_this_host(host: str) -> bool:
+    from ipaddress import ip_address  # noqa: PLC0415  # few bench files need it
+
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _table(description: BenchDescription) -> Iterator[Misfit]:
+    """Check what the table's dialect needs to be told."""
+    table = description.rate_table
+    if table.dialect == "zaber" and table.steps_per_deg is None:
+        yield Misfit("rate_table.steps_per_deg", "the stage's microsteps per degree", None)
+
+
+def _lost_digits(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that no number is so close to zero that it must be a slip; physical parameters have units of their own."""
+    waiting: list[tuple[str, Any]] = [
+        (name, part) for name, part in structs.asdict(description).items() if name != "simulation"
+    ]
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, Struct):
+            waiting += [(f"{path}.{name}", below) for name, below in structs.asdict(value).items()]
+        elif isinstance(value, tuple):
+            waiting += [(f"{path}[{index}]", below) for index, below in enumerate(value)]
+        elif isinstance(value, float) and 0.0 < abs(value) < LEAST:
+            yield Misfit(path, f"0, or at least {LEAST:g} either sign", value)

@@ -1,7 +1,7 @@
 """What a bench is: roles, wiring, limits, site, procedure settings, and what stands in for it when simulated.
 
-A bench file decodes into these frozen structs and nothing else; every range is in the type. What a station must
-decide itself (resources, limits, latitude) has no default. The defaults of the procedure are the paper's:
+A bench file decodes into these frozen structs and nothing else; every range is in the type (`bounds`). What a station
+must decide itself (resources, limits, latitude) has no default. The defaults of the procedure are the paper's:
 +-10 V rails, 17 rates, 1 Hz samples, means of 10.
 """
 
@@ -10,6 +10,34 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
+
+from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
+    Acceleration,
+    AmplitudeWindow,
+    BaudRate,
+    Current,
+    FrequencyWindow,
+    Interval,
+    Latitude,
+    LeastRail,
+    NegativeRail,
+    Pause,
+    PhaseWindow,
+    PositiveRail,
+    Rate,
+    RateLimit,
+    Rates,
+    RateTolerance,
+    Samples,
+    Seconds,
+    Settling,
+    Slope,
+    StartUp,
+    StepsPerDegree,
+    VoltageTolerance,
+    VVcLimit,
+    WarmUp,
+)
 
 __all__ = [
     "BenchDescription",
@@ -50,7 +78,6 @@ Model = Annotated[str, Meta(pattern=NAME_PATTERN)]
 """Which models a role takes is checked beside the description: other packages may bring theirs."""
 
 Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
-Seconds = Annotated[float, Meta(gt=0.0, le=86_400.0)]
 Errors = Literal["none", "drawn"] | dict[str, Any]
 
 
@@ -61,7 +88,7 @@ class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class SerialSettings(_Part, frozen=True, kw_only=True):
     """The line of an instrument on a serial port (``ASRL``); instruments on other interfaces ignore it."""
 
-    baud_rate: Annotated[int, Meta(ge=300, le=921_600)] = 9600
+    baud_rate: BaudRate = 9600
     data_bits: Annotated[int, Meta(ge=7, le=8)] = 8
     parity: Literal["none", "even", "odd"] = "none"
     stop_bits: Annotated[int, Meta(ge=1, le=2)] = 2
@@ -75,7 +102,7 @@ class _VisaRole(_Part, frozen=True, kw_only=True):
     timeout_s: Seconds = 5.0
     serial_number: Text | None = None
     serial: SerialSettings | None = None
-    serial_pause_s: Annotated[float, Meta(ge=0.0, le=60.0)] | None = None
+    serial_pause_s: Pause | None = None
 
 
 class PowerRole(_VisaRole, frozen=True, kw_only=True):
@@ -110,9 +137,9 @@ class RateTableRole(_Part, frozen=True, kw_only=True):
     timeout_s: Seconds = 2.0
     axis: Annotated[int, Meta(ge=1, le=6)] = 1
     axis_sign: Literal[1, -1] = 1
-    baud_rate: Annotated[int, Meta(ge=300, le=921_600)] | None = None
+    baud_rate: BaudRate | None = None
     reply_header: Literal["auto", "none", "u32le2", "u32be2"] = "auto"
-    steps_per_deg: Annotated[float, Meta(gt=0.0, le=1e9)] | None = None
+    steps_per_deg: StepsPerDegree | None = None
 
 
 class RailWiring(_Part, frozen=True, kw_only=True):
@@ -151,51 +178,51 @@ class Wiring(_Part, frozen=True, kw_only=True):
 class Limits(_Part, frozen=True, kw_only=True):
     """What must never be exceeded on this station; checked before anything is sent."""
 
-    max_rate_deg_s: Annotated[float, Meta(gt=0.0, le=5_000.0)]
-    max_acceleration_deg_s2: Annotated[float, Meta(gt=0.0, le=50_000.0)]
-    max_v_vc_v: Annotated[float, Meta(gt=0.0, le=10.0)]
-    min_rail_v: Annotated[float, Meta(ge=0.0, le=25.0)]
-    max_rail_v: Annotated[float, Meta(gt=0.0, le=25.0)]
-    max_rail_current_a: Annotated[float, Meta(gt=0.0, le=1.0)]
+    max_rate_deg_s: RateLimit
+    max_acceleration_deg_s2: Acceleration
+    max_v_vc_v: VVcLimit
+    min_rail_v: LeastRail
+    max_rail_v: PositiveRail
+    max_rail_current_a: Current
 
 
 class Site(_Part, frozen=True, kw_only=True):
     """Where the bench stands: for the Earth's rate, and for the voltmeter's integration time."""
 
-    latitude_deg: Annotated[float, Meta(ge=-90.0, le=90.0)]
+    latitude_deg: Latitude
     mains_hz: Literal[50, 60] = 50
 
 
 class DriveWindow(_Part, frozen=True, kw_only=True):
     """What the drive signal must look like on the oscilloscope before anything is measured; each ``[low, high]``."""
 
-    frequency_hz: Window = (3475.0, 3503.0)
-    amplitude_v: Window = (0.05, 10.0)
-    phase_deg: Window = (-180.0, 180.0)
-    start_up_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 5.0
+    frequency_hz: FrequencyWindow = (3475.0, 3503.0)
+    amplitude_v: AmplitudeWindow = (0.05, 10.0)
+    phase_deg: PhaseWindow = (-180.0, 180.0)
+    start_up_s: StartUp = 5.0
 
 
 class ProcedureSettings(_Part, frozen=True, kw_only=True):
     """How the calibrations are done; the defaults are the paper's."""
 
-    positive_rail_v: Annotated[float, Meta(gt=0.0, le=25.0)] = 10.0
-    negative_rail_v: Annotated[float, Meta(ge=-25.0, lt=0.0)] = -10.0
-    rail_current_limit_a: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.1
-    rail_tolerance_v: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.1
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0)] = 0.0
-    acceleration_deg_s2: Annotated[float, Meta(gt=0.0, le=50_000.0)] = 100.0
-    rate_tolerance_deg_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05
-    settle_s: Annotated[float, Meta(ge=0.0, le=3_600.0)] = 2.0
-    sample_interval_s: Annotated[float, Meta(gt=0.0, le=3_600.0)] = 1.0
-    samples: Annotated[int, Meta(ge=2, le=100_000)] = 10
+    positive_rail_v: PositiveRail = 10.0
+    negative_rail_v: NegativeRail = -10.0
+    rail_current_limit_a: Current = 0.1
+    rail_tolerance_v: VoltageTolerance = 0.1
+    warm_up_s: WarmUp = 0.0
+    acceleration_deg_s2: Acceleration = 100.0
+    rate_tolerance_deg_s: RateTolerance = 0.05
+    settle_s: Settling = 2.0
+    sample_interval_s: Interval = 1.0
+    samples: Samples = 10
     nplc: Literal[1, 10, 100] = 10
     meter_range_v: Literal[1, 10, 100] = 10
-    rates_deg_s: Annotated[tuple[float, ...], Meta(min_length=3, max_length=1_000)] = (
+    rates_deg_s: Rates = (
         *(200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0),
         *(-1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0),
     )
-    match_rate_deg_s: float = 10.0
-    k_vc_guess_deg_s_per_v: float = 150.0
+    match_rate_deg_s: Rate = 10.0
+    k_vc_guess_deg_s_per_v: Slope = 150.0
     drive: DriveWindow = field(default_factory=DriveWindow)
 
 

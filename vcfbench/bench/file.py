@@ -43,12 +43,23 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
 
 
 def _beside(description: BenchDescription, path: Path) -> BenchDescription:
-    """Return the bench with the profile of its table found from where its bench file is."""
+    """Return the bench with the profile of its table found from where its bench file is, and read once."""
     table = description.rate_table
     if not table.dialect.endswith(".toml"):
         return description
-    profile = str(path.parent / table.dialect)
-    return msgspec.structs.replace(description, rate_table=msgspec.structs.replace(table, dialect=profile))
+    found = msgspec.structs.replace(table, dialect=str(path.parent / table.dialect))
+    _check_profile(found.dialect, found.axis, simulated=description.simulation is not None)
+    return msgspec.structs.replace(description, rate_table=found)
+
+
+def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
+    """Read the profile of a table now: what is wrong with it shall not be found with the bench half open."""
+    from vcfbench.bench.simulated import profile_twin  # noqa: PLC0415  # few benches have a profile of their own
+    from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
+
+    spoken(dialect, axis=axis)
+    if simulated:
+        profile_twin(dialect)
 
 
 def parse_bench(text: str, source: str) -> BenchDescription:

@@ -37,6 +37,7 @@ __all__ = [
     "instrument_models",
     "named_parameters",
     "physical_parameters",
+    "profile_twin",
     "table_twin",
 ]
 
@@ -107,11 +108,14 @@ def instrument_models(description: BenchDescription) -> dict[str, Model | OwnTwi
 
 def table_twin(description: BenchDescription) -> str:
     """Return the name of the simulated table, the dialect's or what its profile names; ConfigError if none."""
+    dialect = description.rate_table.dialect
+    return profile_twin(dialect) if dialect.endswith(".toml") else dialect
+
+
+def profile_twin(dialect: str) -> str:
+    """Return the name of the simulated table that a profile names; ConfigError if it names none."""
     from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
 
-    dialect = description.rate_table.dialect
-    if not dialect.endswith(".toml"):
-        return dialect
     twin = load_profile(dialect).twin
     if twin not in _MODELS or not _MODELS[twin].module.startswith("rate_tables."):
         tables = ", ".join(name for name, model in _MODELS.items() if model.module.startswith("rate_tables."))

@@ -51,7 +51,7 @@ def test_the_least_profile() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("rate_max = 100", "rate_max = 0", "lab.toml: units.rate_max: expected a number above 0.0, came 0"),
+        ("rate_max = 100", "rate_max = 0", "lab.toml: units.rate_max: expected a number at least 1e-12, came 0"),
         ("rate_max = 100", "rate_max = 'x'", "lab.toml: units.rate_max: expected a number, came 'x'"),
         (", rate_max = 100", "", "lab.toml: units.rate_max: expected a value, came nothing"),
         ('title = "a table"', 'tittle = "a"', "lab.toml: tittle: expected a known key, came an unknown key"),
@@ -84,6 +84,18 @@ def test_the_least_profile() -> None:
         ("[fields]", "[status]\nfault = {from='read_all', item=0}\n[fields]", "status.fault: expected one of bit, in"),
         ("[fields]", "[requires]\nstart = {flag='idle'}\n[fields]", "requires.start.flag: expected one of [status]"),
         ("[fields]", "[fields", "lab.toml: expected TOML: "),
+        ("rate_max = 100", "rate_max = inf", "lab.toml: units.rate_max: expected a finite number, came inf"),
+        ("rate_quantum = 0.001", "rate_quantum = 1e-300", "lab.toml: units.rate_quantum: expected a number at least"),
+        ("rate_quantum = 0.001", "rate_quantum = 101", "units.rate_quantum: expected at most rate_max, 100, came 101"),
+        (
+            "{rate:.3f}",
+            "{rate:2000000000.3f}",
+            "commands.start[0].send: expected a template ('2000000000.3f' is no form",
+        ),
+        ("{rate:.3f}", "{rate:.300f}", "commands.start[0].send: expected a template ('.300f' is no form"),
+        ("{rate:.3f}", "{rate:{axis}}", "commands.start[0].send: expected a template ('{axis}' is no form"),
+        ("(?P<p>.*)", "(?P<p>.{4294967296})", "replies.both.pattern: expected a regular expression"),
+        ("(?P<p>.*)", "(?P<p>" + "(" * 3000 + ")" * 3000 + ")", "replies.both.pattern: expected a regular expression"),
     ],
 )
 def test_every_mistake_is_one_line_that_names_its_key(old: str, new: str, words: str) -> None:
@@ -173,3 +185,18 @@ def test_templates() -> None:
             fill_bytes(template, {"rate": 1.0}, "little")
     with pytest.raises(ValueError, match="nan cannot be sent"):
         fill_text("{rate}", {"rate": float("nan")})
+
+
+@pytest.mark.parametrize(
+    ("template", "words"),
+    [
+        ("{rate:i32*1e400}", "a factor is from 1e-12 to 1e12"),
+        ("{rate:i32*0}", "a factor is from 1e-12 to 1e12"),
+        ("{rate:i32*..}", "could not convert"),
+        ("{rate:f32}", "does not fit into f32"),
+        ("{rate:i32}", "does not fit into i32"),
+    ],
+)
+def test_bytes_that_cannot_be_are_refused(template: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        fill_bytes(template, {"rate": 1e300}, "little")

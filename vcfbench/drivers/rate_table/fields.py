@@ -38,7 +38,10 @@ def encode(kind: str, value: float, order: Order) -> bytes:
     """
     prefix = "<" if order == "little" else ">"
     if kind == "f32":
-        return struct.pack(f"{prefix}f", value)
+        try:
+            return struct.pack(f"{prefix}f", value)
+        except OverflowError as error:
+            raise ValueError(f"{value:g} does not fit into {kind}") from error
     whole = round(value)
     try:
         if kind == "i24sm":

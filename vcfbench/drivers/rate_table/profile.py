@@ -63,8 +63,10 @@ _Place = Annotated[int, Meta(ge=0, le=4096)]
 _Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
 _Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 _Times = Annotated[int, Meta(ge=1, le=10)]
-_Positive = Annotated[float, Meta(gt=0.0)]
-_NotNegative = Annotated[float, Meta(ge=0.0)]
+_Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
+_NotNegative = Annotated[float, Meta(ge=0.0, le=1e12)]
+_Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+"""Beyond these no table counts: more than 64 bit of the finest encoder."""
 
 
 class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -138,7 +140,7 @@ class Units(_Part, frozen=True, kw_only=True):
     acceleration_max: _Positive = math.inf
     positive: str = "0"
     negative: str = "1"
-    travel: tuple[float, float] | None = None
+    travel: tuple[_Number, _Number] | None = None
     axes: Annotated[tuple[int, ...], Meta(min_length=1)] = (1,)
 
 
@@ -198,8 +200,8 @@ class Field(_Part, frozen=True, kw_only=True):
     type: BinaryType | TextType = "decimal"
     group: _Name | None = None
     item: _Place | None = None
-    scale: float = 1.0
-    offset: float = 0.0
+    scale: _Number = 1.0
+    offset: _Number = 0.0
     wrap: Wrap = "continuous"
     differentiate: _Name | None = None
     span_s: _Seconds = 0.25
@@ -420,7 +422,7 @@ def _reply_misfits(profile: Profile) -> Iterator[_Misfit]:
     for path, pattern in patterns.items():
         try:
             re.compile(pattern or "")
-        except re.error as error:
+        except (re.error, OverflowError, RecursionError) as error:
             yield path, f"a regular expression ({error})", pattern
     for name, reply in profile.replies.items():
         if (reply.pattern is None) is not profile.binary or (bool(reply.bytes) and not profile.binary):
@@ -523,6 +525,8 @@ def _safety_misfits(profile: Profile) -> Iterator[_Misfit]:
         if name not in profile.commands:
             yield "safety.stop", "names of [commands]", name
     units = profile.units
+    if units.rate_quantum > units.rate_max:
+        yield "units.rate_quantum", f"at most rate_max, {units.rate_max:g}", units.rate_quantum
     if units.rate_min > units.rate_max:
         yield "units.rate_min", f"at most rate_max, {units.rate_max:g}", units.rate_min
     if units.acceleration_min > units.acceleration_max:

@@ -31,6 +31,8 @@ travel_end: the end of travel that lies in the rate's direction. rate_1...: the 
 on_1...: 1 for our axis, 0 for the others."""
 
 _HEX_BYTES = re.compile(r"(?:[0-9A-Fa-f]{2})+")
+_FORM = re.compile(r"(?:.?[<>=^])?[+\- ]?#?0?[1-9]?\d?(?:\.[0-2]?\d)?[bdeEfFgGosxX]?", re.DOTALL)
+"""Of Python's language what a table can want: at most 99 characters, 29 of them decimals."""
 _PLACE = re.compile(r"\{(?P<name>\w+):(?P<kind>\w+)(?:\*(?P<factor>[0-9.eE+-]+))?\}")
 
 
@@ -66,6 +68,8 @@ def _value(name: str, values: Mapping[str, Value]) -> Value:
 
 
 def _formatted(value: Value, form: str) -> str:
+    if not _FORM.fullmatch(form):
+        raise ValueError(f"{form[:20]!r} is no form of at most 99 characters and 29 decimals")
     if isinstance(value, float):
         if not math.isfinite(value):
             raise ValueError(f"{value} cannot be sent")
@@ -91,4 +95,11 @@ def _token(token: str, values: Mapping[str, Value], order: Order) -> bytes:
     value = float(_value(place["name"], values))
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be sent")
-    return encode(place["kind"], value * float(place["factor"] or 1.0), order)
+    return encode(place["kind"], value * _factor(place["factor"]), order)
+
+
+def _factor(text: str | None) -> float:
+    factor = float(text or 1.0)
+    if not 1e-12 <= abs(factor) <= 1e12:
+        raise ValueError(f"a factor is from 1e-12 to 1e12 either sign, not {text}")
+    return factor

@@ -1,0 +1,102 @@
+"""How small and how large the numbers of a bench file can be, each with its unit and its reason.
+
+They do not say what is wise on a station (that is what its ``[limits]`` are for) but what no station can mean: a
+number outside is a slip of the pen. docs/bench-file.md has them as a table, which a test holds to what stands here.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+__all__ = [
+    "LEAST",
+    "LEAST_V_VC_V",
+    "Acceleration",
+    "AmplitudeWindow",
+    "BaudRate",
+    "Current",
+    "FrequencyWindow",
+    "Interval",
+    "Latitude",
+    "LeastRail",
+    "NegativeRail",
+    "Pause",
+    "PhaseWindow",
+    "PositiveRail",
+    "Rate",
+    "RateLimit",
+    "RateTolerance",
+    "Rates",
+    "Samples",
+    "Seconds",
+    "Settling",
+    "Slope",
+    "StartUp",
+    "StepsPerDegree",
+    "VVcLimit",
+    "VoltageTolerance",
+    "WarmUp",
+]
+
+LEAST = 1e-6
+"""Whatever the unit, a number is 0 or at least this: no instrument of a bench resolves less."""
+LEAST_V_VC_V = 1e-3
+"""V: below, the generator's level is a few of its own steps, and its offset is as large."""
+
+Seconds = Annotated[float, Meta(ge=1e-3, le=86_400.0)]
+"""s, time-outs: no exchange is over sooner than a millisecond; nobody waits for longer than a day."""
+Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
+"""s, between messages on a serial line."""
+BaudRate = Annotated[int, Meta(ge=300, le=921_600)]
+"""Bd: the slowest and the fastest of serial ports."""
+StepsPerDegree = Annotated[float, Meta(ge=1e-3, le=1e9)]
+"""1/deg: from a few steps a turn to more than encoders have."""
+
+Rate = Annotated[float, Meta(ge=-5_000.0, le=5_000.0)]
+"""deg/s: no table for gyroscopes turns faster."""
+Rates = Annotated[tuple[Rate, ...], Meta(min_length=3, max_length=1_000)]
+"""A line with its scatter needs three."""
+RateLimit = Annotated[float, Meta(ge=1e-3, le=5_000.0)]
+"""deg/s: less than the Earth's rate (0.004) is not measured on a table; none for gyroscopes turns faster."""
+RateTolerance = Annotated[float, Meta(ge=1e-5, le=10.0)]
+"""deg/s: the last digit that tables read back."""
+Acceleration = Annotated[float, Meta(ge=1e-3, le=50_000.0)]
+"""deg/s^2: slower, a ramp to 1 deg/s takes a quarter of an hour."""
+
+VVcLimit = Annotated[float, Meta(ge=LEAST_V_VC_V, le=10.0)]
+"""V: a generator's least level and its largest."""
+LeastRail = Annotated[float, Meta(ge=0.0, le=25.0)]
+"""V: the supply's outputs."""
+PositiveRail = Annotated[float, Meta(ge=0.1, le=25.0)]
+"""V: below, an output is off."""
+NegativeRail = Annotated[float, Meta(ge=-25.0, le=-0.1)]
+"""V: as positive ones."""
+VoltageTolerance = Annotated[float, Meta(ge=1e-3, le=5.0)]
+"""V: what the supply's read-back resolves."""
+Current = Annotated[float, Meta(ge=1e-3, le=1.0)]
+"""A: what the supply's limit resolves, and its largest output above 6 V."""
+
+Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
+"""deg: from pole to pole."""
+
+WarmUp = Annotated[float, Meta(ge=0.0, le=86_400.0)]
+"""s: none to a day."""
+Settling = Annotated[float, Meta(ge=0.01, le=3_600.0)]
+"""s: no gyroscope's loop has settled sooner; without, the ramp is in the first reading."""
+Interval = Annotated[float, Meta(ge=0.01, le=3_600.0)]
+"""s, from reading to reading: the multimeter's shortest integration with what it takes to tell it."""
+Samples = Annotated[int, Meta(ge=2, le=100_000)]
+"""A scatter needs two; more make a line of the journal too long."""
+Slope = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""(deg/s)/V: the fastest table by a few millivolts."""
+
+FrequencyWindow = tuple[Annotated[float, Meta(ge=1.0, le=1e7)], Annotated[float, Meta(ge=1.0, le=1e7)]]
+"""Hz: what vibrates and what the oscilloscope shows."""
+AmplitudeWindow = tuple[Annotated[float, Meta(ge=0.0, le=400.0)], Annotated[float, Meta(ge=0.0, le=400.0)]]
+"""V: what the oscilloscope's inputs stand."""
+PhaseWindow = tuple[Annotated[float, Meta(ge=-360.0, le=360.0)], Annotated[float, Meta(ge=-360.0, le=360.0)]]
+"""deg: a turn either way."""
+StartUp = Annotated[float, Meta(ge=0.01, le=600.0)]
+"""s: a drive loop's start."""
