@@ -14,10 +14,11 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import TracebackType
     from typing import Self
 
-__all__ = ["Clock", "Deadline", "PacedClock", "ScaledClock", "VirtualClock", "WallClock", "sleep", "utc_now"]
+__all__ = ["Clock", "Deadline", "PacedClock", "ScaledClock", "VirtualClock", "WallClock", "sleep", "utc_now", "within"]
 
 
 class Clock(Protocol):
@@ -40,6 +41,17 @@ def sleep(clock: Clock, seconds: float) -> None:
 def utc_now() -> datetime:
     """Return the date and time of day, for records and locks; never for pacing."""
     return datetime.now(UTC)
+
+
+def within(wall_s: float, act: Callable[[], object]) -> None:
+    """Run `act` in a thread and leave it behind when it takes longer than `wall_s` of wall time."""
+    worker = threading.Thread(target=act, daemon=True)
+    try:
+        worker.start()
+    except RuntimeError:  # no threads left, or the interpreter is ending: better without a limit than not at all
+        act()
+    else:
+        worker.join(wall_s)
 
 
 class WallClock:

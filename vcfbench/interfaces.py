@@ -27,6 +27,7 @@ __all__ = [
     "RateTable",
     "Regulation",
     "SafeReport",
+    "Told",
     "Waveform",
 ]
 
@@ -42,13 +43,35 @@ class Identity:
 
 
 @dataclass(frozen=True, slots=True)
+class Told:
+    """What an instrument was told without waiting for an answer, and what was last read back of it."""
+
+    words: str
+    """What it was told: ``to stop``, ``to switch off``; empty for one that drives nothing."""
+    sent: bool
+    """Whether the wire took the words. That the instrument heard them is not known."""
+    last_read: str | None = None
+    """The last read-back in words, ``200 deg/s``; None: nothing was ever read back."""
+    age_s: float | None = None
+    """How long ago that was, s of bench time; None where the bench's clock does not answer either."""
+
+    def __str__(self) -> str:
+        done = f"told {self.words}, not proved" if self.sent else f"could not be told {self.words}"
+        if self.last_read is None:
+            return f"{done}; its state was never read back"
+        ago = "" if self.age_s is None else f" {self.age_s:.3g} s ago"
+        return f"{done}; last read back: {self.last_read}{ago}"
+
+
+@dataclass(frozen=True, slots=True)
 class SafeReport:
-    """What making an instrument safe came to, proved by read-back."""
+    """What making an instrument safe came to, proved by read-back; `told` is there when it could not be proved."""
 
     instrument: str
     resource: str
     safe: bool
     detail: str
+    told: Told | None = None
 
 
 class Regulation(Enum):
@@ -89,8 +112,19 @@ class Instrument(Protocol):
         """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
         ...
 
+    def command_safe(self) -> Told:
+        """Send the stop or off words at once, without waiting for an answer, and tell what is known.
+
+        They go out whatever state the session is in and whoever is in the middle of an exchange; a connection that is
+        closed is made anew, if that is quick. Never raises; takes at most a few tenths of a second of wall time.
+        """
+        ...
+
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Bring the instrument to its safe state and prove it by read-back; never raises for a refused step."""
+        """Bring the instrument to its safe state and prove it by read-back; never raises for a refused step.
+
+        Speaks before it listens: the words of `command_safe` go out first, and once more where the proof fails.
+        """
         ...
 
     def close(self) -> None:

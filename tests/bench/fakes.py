@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConnectFailed, LinkLost
-from vcfbench.interfaces import Identity, SafeReport
+from vcfbench.interfaces import Identity, SafeReport, Told
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 class FakeInstrument:
-    """Has a switch that make_safe turns off; `behaviour` says how it misbehaves: fails, hangs, refuses, lies."""
+    """Has a switch that make_safe turns off; `behaviour` says how it misbehaves: fails, hangs, refuses, lies, dumb.
+
+    One that is dumb hears, as does one that hangs; `told` counts how often it was told without being asked.
+    """
 
     def __init__(self, name: str, log: list[str], behaviour: str = "obeys") -> None:
         self.name = name
@@ -25,6 +28,7 @@ class FakeInstrument:
         self.behaviour = behaviour
         self.energised = True
         self.rate = 0.0
+        self.told = 0
         self.released = threading.Event()
 
     def identify(self) -> Identity:
@@ -33,9 +37,15 @@ class FakeInstrument:
     def check_errors(self) -> None:
         self.log.append(f"{self.name} errors")
 
+    def command_safe(self) -> Told:
+        self.told += 1
+        if self.behaviour in {"obeys", "dumb", "hangs"}:
+            self.energised = False
+        return Told("to switch off", self.behaviour != "fails", "on", 3.0)
+
     def make_safe(self, deadline: Deadline) -> SafeReport:
         self.log.append(f"{self.name} safe")
-        if self.behaviour == "fails":
+        if self.behaviour in {"fails", "dumb"}:
             raise LinkLost("the cable is out", instrument=self.name)
         if self.behaviour == "hangs":
             self.released.wait(60)

@@ -103,8 +103,9 @@ def test_a_third_signal_names_what_stays_energised_and_not_what_only_listens(log
         ("power", False),
         ("meter", True),
     ]
-    assert supply.energised
-    assert "power at FAKE::power: not made safe: a third signal ended it" in str(not_safe(reports))
+    assert not supply.energised  # it heard the words that the third signal sends to all
+    words = "power at FAKE::power: told to switch off, not proved; last read back: on 3 s ago"
+    assert f"{words}; a third signal ended the making safe" in str(not_safe(reports))
     assert "meter" not in str(not_safe(reports))
 
 

@@ -9,6 +9,9 @@ if TYPE_CHECKING:
 
 NO_ERROR: Exchange = ("SYST:ERR?", '+0,"No error"')
 
+OFF_BLIND: Exchange = (b"\nOUTP OFF\n", None)
+"""What a supply or a generator is told before anything is asked; the newline ends what is left of a torn command."""
+
 
 def opening(identity: str) -> list[Exchange]:
     return [("*IDN?", identity), ("*CLS", None)]

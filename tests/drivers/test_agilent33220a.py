@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import OFF_BLIND as BLIND
 from vcfbench.clock import Deadline
 from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, PlanError
@@ -134,7 +135,7 @@ def test_the_relay_closes_only_on_something_configured() -> None:
 
 
 def test_safe_is_the_relay_open_by_read_back() -> None:
-    exchanges: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
+    exchanges: list[Exchange] = [BLIND, ("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
         report = generator.make_safe(Deadline.after(generator.clock, 3.0))
         assert report.safe
@@ -143,7 +144,7 @@ def test_safe_is_the_relay_open_by_read_back() -> None:
 
 def test_a_relay_that_stays_closed_is_not_safe() -> None:
     exchanges: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "1")] * 3
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*OPENING, BLIND, *exchanges, BLIND]) as generator:
         report = generator.make_safe(Deadline.after(generator.clock, 3.0))
         assert not report.safe
         assert "was set to off but reads back on, command 'OUTP?'" in report.detail
@@ -152,6 +153,7 @@ def test_a_relay_that_stays_closed_is_not_safe() -> None:
 def test_safe_is_reached_after_a_lost_answer_and_a_stale_error() -> None:
     exchanges: list[Exchange] = [
         ("OUTP?", None),
+        BLIND,
         ("*IDN?", OPENING[0][1]),
         ("*OPC?", "1"),
         ("SYST:ERR?", '-410,"Query INTERRUPTED"'),

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 import pytest
 
 from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import OFF_BLIND as BLIND
 from vcfbench.clock import Deadline
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError, WrongInstrument
@@ -140,6 +141,7 @@ def test_regulation_is_read_from_the_condition_register(answers: list[str], regu
 
 def test_safe_is_off_and_measured_near_zero() -> None:
     exchanges: list[Exchange] = [
+        BLIND,
         ("OUTP OFF", None),
         NO_ERROR,
         ("OUTP?", "0"),
@@ -155,7 +157,7 @@ def test_safe_is_off_and_measured_near_zero() -> None:
 def test_a_terminal_that_stays_live_is_not_safe() -> None:
     once: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     measured: list[Exchange] = [("MEAS:VOLT? P6V", "0"), ("MEAS:VOLT? P25V", "+9.9"), ("MEAS:VOLT? N25V", "0")]
-    with expected_exchange(OPEN, [*OPENING, *[*once, *measured] * 3]) as supply:
+    with expected_exchange(OPEN, [*OPENING, BLIND, *[*once, *measured] * 3, BLIND]) as supply:
         report = supply.make_safe(Deadline.after(supply.clock, 0.1))
         assert not report.safe
         assert "P25V still measures 9.9 V" in report.detail
@@ -268,7 +270,7 @@ def test_each_output_has_its_register_and_other_bits_do_not_matter(output: str, 
 
 def test_a_switch_that_stays_on_is_not_safe() -> None:
     attempt: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "1")]
-    with expected_exchange(OPEN, [*OPENING, *attempt * 3]) as supply:
+    with expected_exchange(OPEN, [*OPENING, BLIND, *attempt * 3, BLIND]) as supply:
         report = supply.make_safe(Deadline.after(supply.clock, 10.0))
         assert (report.safe, "the outputs stay on" in report.detail) == (False, True)
 
@@ -281,7 +283,7 @@ def test_a_terminal_that_discharges_is_waited_for_whatever_its_sign(live: str) -
     sign = -1.0 if live == "N25V" else 1.0
     safe: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     with expected_exchange(
-        OPEN, [*OPENING, *safe, *measured(5.0 * sign), *measured(0.6 * sign), *measured(0.4 * sign)]
+        OPEN, [*OPENING, BLIND, *safe, *measured(5.0 * sign), *measured(0.6 * sign), *measured(0.4 * sign)]
     ) as supply:
         begin_s = supply.clock.now()
         report = supply.make_safe(Deadline.after(supply.clock, 10.0))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, OFF_BLIND, opening
 from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.drivers.dso7104b import Dso7104B
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 OUTPUTS, ZERO = ("P6V", "P25V", "N25V"), "+0.00000000E+00"
-SAFE: list[tuple[Callable[..., Any], str, list[Exchange], str]] = [
+SAFE: list[tuple[Callable[..., Any], str, list[Exchange], list[Exchange], str]] = [
     (
         E3631A,
         "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0",
+        [OFF_BLIND, OFF_BLIND],
         [
             ("OUTP OFF", None),
             NO_ERROR,
@@ -34,13 +35,15 @@ SAFE: list[tuple[Callable[..., Any], str, list[Exchange], str]] = [
     (
         Agilent33220A,
         "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2",
+        [OFF_BLIND, OFF_BLIND],
         [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")],
         "output relay open",
     ),
-    (Hp34401A, "HEWLETT-PACKARD,34401A,0,10-5-2", [("*OPC?", "1")], "idle"),
+    (Hp34401A, "HEWLETT-PACKARD,34401A,0,10-5-2", [], [("*OPC?", "1")], "idle"),
     (
         Dso7104B,
         "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003",
+        [],
         [(":STOP", None), NO_ERROR, (":OPER:COND?", "+0")],
         "stopped",
     ),
@@ -48,13 +51,13 @@ SAFE: list[tuple[Callable[..., Any], str, list[Exchange], str]] = [
 
 
 @pytest.mark.parametrize(
-    ("driver", "identity", "safe", "words"), SAFE, ids=lambda value: getattr(value, "__name__", "")
+    ("driver", "identity", "first", "safe", "words"), SAFE, ids=lambda value: getattr(value, "__name__", "")
 )
 def test_a_lost_connection_is_made_anew_to_make_it_safe(
-    driver: Callable[..., Any], identity: str, safe: list[Exchange], words: str
+    driver: Callable[..., Any], identity: str, first: list[Exchange], safe: list[Exchange], words: str
 ) -> None:
     clock = VirtualClock()
-    again = ScriptedWire([("*IDN?", identity), ("*OPC?", "1"), NO_ERROR, *safe], clock=clock)
+    again = ScriptedWire([*first[:1], ("*IDN?", identity), ("*OPC?", "1"), NO_ERROR, *safe], clock=clock)
     session = Session(
         ScriptedWire(opening(identity), clock=clock),
         name="device",

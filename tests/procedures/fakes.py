@@ -9,7 +9,7 @@ import numpy as np
 
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import LinkLost, MeasurementError
-from vcfbench.interfaces import Identity, Regulation, SafeReport, Waveform
+from vcfbench.interfaces import Identity, Regulation, SafeReport, Told, Waveform
 from vcfbench.procedures.settings import CalibrationSettings, DriveWindows, RailSettings
 
 if TYPE_CHECKING:
@@ -64,6 +64,9 @@ class FakeInstrument:
 
     def check_errors(self) -> None:
         pass
+
+    def command_safe(self) -> Told:
+        return Told("to switch off", sent=True)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         del deadline

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         RateTable,
         Regulation,
         SafeReport,
+        Told,
     )
 
 __all__ = ["LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
@@ -48,6 +49,10 @@ class _Limited:
     def check_errors(self) -> None:
         """Read the error queue until it is empty."""
         self._instrument.check_errors()
+
+    def command_safe(self) -> Told:
+        """Send the stop or off words at once, without waiting for an answer."""
+        return self._instrument.command_safe()
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Bring the instrument to its safe state."""

@@ -1,7 +1,9 @@
 """The safety stack: brings everything that was opened to its safe state, whatever else has gone wrong.
 
-Actions run in declared order: motion, stimulus, power, the rest; within a stage the last opened first. Each is
-isolated from the others, has a deadline, and is proved by a read-back of its own beside what the driver reports.
+First every instrument is told to stop or to switch off, without waiting for any answer. Then the actions run in
+declared order: motion, stimulus, power, the rest; within a stage the last opened first. Each is isolated from the
+others, has a deadline, and is proved by a read-back of its own beside what the driver reports. What is not proved is
+told once more.
 """
 
 from __future__ import annotations
@@ -12,17 +14,25 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from vcfbench.clock import Deadline
+from vcfbench.clock import Deadline, WallClock, within
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from vcfbench.clock import Clock
-    from vcfbench.interfaces import Instrument
+    from vcfbench.interfaces import Instrument, Told
 
 __all__ = ["LeaveNow", "SafeAction", "SafetyStack", "Stage", "not_safe"]
+
+_TELLING_S = 0.45
+"""Wall time in which all are told."""
+_TURN_S = 0.1
+"""Wall time after which the next is told, though this one is still being connected to."""
+_RETURN_S = 5.0
+"""Wall time for which one whose connection is gone goes on being told: the connection may come back."""
+_BETWEEN_S = 0.1
 
 
 class Stage(IntEnum):
@@ -63,6 +73,7 @@ class SafetyStack:
         self._patience = patience
         self._grace_s = grace_s
         self._actions: list[SafeAction] = []
+        self._over = threading.Event()
 
     def register(self, action: SafeAction) -> None:
         """Add the safe action of an instrument that was just opened."""
@@ -73,13 +84,18 @@ class SafetyStack:
         reports: list[SafeReport] = []
         pending = self._in_order()
         try:
+            _tell(pending, self._over)
             for action in pending:
                 reports.append(self._run(action))  # noqa: PERF401  # what was done must survive LeaveNow
+            return _with_last_words(pending, reports, self._over)
         except LeaveNow:
             left = pending[len(reports) :]
-            unsaved = (_report(action.instrument, "not made safe: a third signal ended it") for action in left)
-            reports += map(_judged, left, unsaved)
-        return reports
+            unsaved = (_report(action.instrument, "a third signal ended the making safe") for action in left)
+            return _with_last_words(pending, [*reports, *map(_judged, left, unsaved)], self._over)
+
+    def command_safe(self) -> None:
+        """Tell every instrument to stop or to switch off, without waiting for any answer; within half a second."""
+        _tell(self._in_order(), self._over)
 
     def _in_order(self) -> list[SafeAction]:
         """Return the actions by stage, within a stage the last registered first."""
@@ -91,14 +107,15 @@ class SafetyStack:
         """Run one action in a thread of its own, so that one that hangs does not keep the others from running."""
         done: list[SafeReport] = []  # a list, for the thread to answer in
         wall_s = action.deadline_s * self._patience + self._grace_s
-        _within(wall_s, lambda: done.append(self._isolated(action)))
+        within(wall_s, lambda: done.append(self._isolated(action)))
         return _judged(action, done[0] if done else _report(action.instrument, f"still busy after {wall_s:g} s"))
 
     def close(self) -> None:
         """Close every instrument, the last opened first; one that fails or hangs keeps no other from being closed."""
+        self._over.set()  # who comes back after this is none of ours
         while self._actions:
             instrument = self._actions.pop().instrument
-            _within(self._grace_s, lambda: _close(instrument))  # noqa: B023  # run before the loop goes on
+            within(self._grace_s, lambda: _close(instrument))  # noqa: B023  # run before the loop goes on
 
     def _isolated(self, action: SafeAction) -> SafeReport:
         instrument = action.instrument
@@ -117,15 +134,60 @@ def _judged(action: SafeAction, report: SafeReport) -> SafeReport:
     return report
 
 
-def _within(wall_s: float, act: Callable[[], object]) -> None:
-    """Run `act` in a thread and leave it behind when it takes longer than `wall_s`."""
-    worker = threading.Thread(target=act, daemon=True)
+class _Telling:
+    """Tells one instrument to stop or to switch off, again and again while its connection is gone."""
+
+    def __init__(self, instrument: Instrument, over: threading.Event) -> None:
+        self.told: Told | None = None
+        self._instrument = instrument
+        self._over = over
+        self._tried = threading.Event()
+
+    def start(self) -> None:
+        """Begin; without threads (the interpreter is ending) do it here, once."""
+        try:
+            threading.Thread(target=self._tell, daemon=True).start()
+        except RuntimeError:
+            self._tell_once()
+
+    def wait(self, wall_s: float) -> None:
+        """Wait until it was told once, no longer than `wall_s`."""
+        self._tried.wait(max(0.0, wall_s))
+
+    def _tell(self) -> None:
+        wall = WallClock()
+        while not self._tell_once() and wall.now() < _RETURN_S and not self._over.wait(_BETWEEN_S):
+            pass
+
+    def _tell_once(self) -> bool:
+        with suppress(Exception):  # a driver is anyone's code; the next must be told
+            self.told = self._instrument.command_safe()
+        self._tried.set()
+        return self.told is not None and self.told.sent
+
+
+def _tell(actions: Sequence[SafeAction], over: threading.Event) -> list[Told | None]:
+    """Tell the instruments of `actions` in this order; None for one that hangs. `over` ends what still goes on."""
+    wall = WallClock()
+    tellings = [_Telling(action.instrument, over) for action in actions]
+    for telling in tellings:
+        telling.start()
+        telling.wait(min(_TURN_S, _TELLING_S - wall.now()))
+    for telling in tellings:
+        telling.wait(_TELLING_S - wall.now())
+    return [telling.told for telling in tellings]
+
+
+def _with_last_words(
+    actions: Sequence[SafeAction], reports: Sequence[SafeReport], over: threading.Event
+) -> list[SafeReport]:
+    """Tell once more what is not safe, and add to its report what is known of it."""
+    unsafe = [action for action, report in zip(actions, reports, strict=True) if not report.safe]
     try:
-        worker.start()
-    except RuntimeError:  # no threads left, or the interpreter is ending: better without a limit than not at all
-        act()
-    else:
-        worker.join(wall_s)
+        told = iter(_tell(unsafe, over))
+    except LeaveNow:  # it is raised once
+        told = iter(_tell(unsafe, over))
+    return [report if report.safe else replace(report, told=next(told) or report.told) for report in reports]
 
 
 def _close(instrument: Instrument) -> None:
@@ -146,7 +208,8 @@ def not_safe(reports: Iterable[SafeReport]) -> NotSafe | None:
 def _located(report: SafeReport) -> str:
     """Say once where `report` comes from: its detail may be an error that names the instrument too."""
     where = f"{report.instrument} at {report.resource}: "
-    return where + report.detail.removeprefix(where)
+    detail = report.detail.removeprefix(where)
+    return where + (detail if report.told is None else f"{report.told}; {detail}")
 
 
 def _report(instrument: Instrument, detail: str) -> SafeReport:

@@ -1,7 +1,8 @@
 """What a signal does to an open bench.
 
 The first stops the run at its next safe point, the second at once; both leave the bench through the safety stack.
-While that runs signals only count; the third of all ends even the making safe, which then says what is not safe.
+While that runs signals only count; the third of all ends even the making safe: everything is told once more to stop
+or to switch off, without waiting for any answer, and what is not proved to be safe is said.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ class StopSignals:
         self._delivered = False
         self._unwinding = False
         self._closing = False
+        self._leaving = False
         self._breakable = False
         self._previous: dict[signal.Signals, object] = {}
 
@@ -106,7 +108,8 @@ class StopSignals:
         self._count += 1
         self._name = signal.Signals(number).name
         if self._unwinding:
-            if self._count >= 3 and not self._closing:
+            if self._count >= 3 and not self._closing and not self._leaving:
+                self._leaving = True  # once: a fourth one shall not keep anything from being told to stop
                 raise LeaveNow
         elif not self._delivered and (self._at_safe_point or self._count >= 2):
             self._delivered = True  # once is enough: a second one could hit the very start of the unwinding

@@ -28,6 +28,7 @@ class Agilent33220A(ScpiInstrument):
 
     model: ClassVar[str] = "33220A"
     number_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=13)  # seen on its siblings
+    safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)  # the relay: no level is anything behind it
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
@@ -132,7 +133,12 @@ class Agilent33220A(ScpiInstrument):
 
     def output_enabled(self) -> bool:
         """Tell whether the output relay is closed."""
-        return self._session.query_bool("OUTP?")
+        return self._switched_on(None)
+
+    def _switched_on(self, deadline: Deadline | None) -> bool:
+        on = self._session.query_bool("OUTP?", deadline)
+        self._last_read.note(f"output {'on' if on else 'off'}")
+        return on
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Open the output relay and read it back."""
@@ -141,7 +147,7 @@ class Agilent33220A(ScpiInstrument):
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
         self._session.write("OUTP OFF", deadline=deadline)
-        if self._session.query_bool("OUTP?", deadline):
+        if self._switched_on(deadline):
             raise self._disagreement("OUTP?", "off", "on")
         return "output relay open"
 

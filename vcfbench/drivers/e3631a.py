@@ -58,6 +58,7 @@ class E3631A(ScpiInstrument):
 
     model: ClassVar[str] = "E3631A"
     reading_form: ClassVar[replies.NumberForm] = replies.nr3()  # how many digits is unverified
+    safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -67,6 +68,12 @@ class E3631A(ScpiInstrument):
     def _take_remote(self, deadline: Deadline) -> None:
         if self._session.interface == "asrl":
             self._session.send("SYST:REM", deadline=deadline)
+
+    def _safe_words_here(self) -> tuple[str, ...]:
+        """Return the safe words; in local, as after a power failure, RS-232 must make the supply remote first."""
+        return (
+            (*self.safe_words, "SYST:REM", *self.safe_words) if self._session.interface == "asrl" else self.safe_words
+        )
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
         """Set level and current limit of `output`; the limit first, and both are read back."""
@@ -131,12 +138,19 @@ class E3631A(ScpiInstrument):
 
     def outputs_enabled(self) -> bool:
         """Tell whether the outputs are on."""
-        return self._session.query_bool("OUTP?")
+        return self._switched_on(None)
+
+    def _switched_on(self, deadline: Deadline | None) -> bool:
+        on = self._session.query_bool("OUTP?", deadline)
+        self._last_read.note(f"outputs {'on' if on else 'off'}")
+        return on
 
     def measure_voltage_v(self, output: str) -> float:
         """Read back the voltage at the terminals, V."""
         self._ratings(output)
-        return self._session.query_reading(f"MEAS:VOLT? {output}", form=self.reading_form)
+        voltage_v = self._session.query_reading(f"MEAS:VOLT? {output}", form=self.reading_form)
+        self._last_read.note(f"{output} at {voltage_v:.3g} V")
+        return voltage_v
 
     def measure_current_a(self, output: str) -> float:
         """Read back the current, A."""
@@ -157,7 +171,7 @@ class E3631A(ScpiInstrument):
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
         self._session.write("OUTP OFF", deadline=deadline)
-        if self._session.query_bool("OUTP?", deadline):
+        if self._switched_on(deadline):
             raise InstrumentError("the outputs stay on", instrument=self.name, resource=self.resource, command="OUTP?")
         highest_v = self._wait_for_discharge(deadline)
         return f"outputs off, no more than {highest_v:.3g} V at the terminals"

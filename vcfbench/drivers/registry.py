@@ -17,13 +17,13 @@ from vcfbench.drivers.installed import installed_driver, installed_models
 from vcfbench.drivers.rate_table.dialect import TableLimits
 from vcfbench.drivers.rate_table.dialects import DIALECTS, is_dialect, open_serial, spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.scpi_instrument import ScpiInstrument
 from vcfbench.drivers.session import Session, open_session
 from vcfbench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.drivers.rate_table.acl import Header
-    from vcfbench.drivers.scpi_instrument import ScpiInstrument
     from vcfbench.drivers.visa_wire import SerialParameters
     from vcfbench.interfaces import Instrument
 
@@ -80,9 +80,19 @@ class Driver:
     opener: Opener
 
     def __post_init__(self) -> None:
-        for method in ("make_safe", "identify", "check_errors", "close"):
+        name = self.driver_class.__name__
+        for method in ("make_safe", "command_safe", "identify", "check_errors", "close"):
             if not inspect.isfunction(getattr(self.driver_class, method, None)):
-                raise TypeError(f"{self.driver_class.__name__} has no {method}() and cannot be registered")
+                raise TypeError(f"{name} has no {method}() and cannot be registered")
+        if self._drives() and not self._has_words():
+            raise TypeError(f"{name} drives something and has no safe_words, it cannot be registered")
+
+    def _drives(self) -> bool:
+        return any(hasattr(self.driver_class, switch) for switch in ("enable_outputs", "enable_output", "set_rate"))
+
+    def _has_words(self) -> bool:
+        inherited = getattr(self.driver_class, "command_safe", None) is ScpiInstrument.command_safe
+        return not inherited or bool(getattr(self.driver_class, "safe_words", ()))
 
 
 @dataclass(frozen=True, slots=True)

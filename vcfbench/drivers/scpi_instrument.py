@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from vcfbench.clock import Deadline
-from vcfbench.errors import BenchError, LimitError, WrongInstrument
-from vcfbench.interfaces import Identity, SafeReport
+from vcfbench.clock import Deadline, WallClock, sleep
+from vcfbench.drivers.last_read import LastRead
+from vcfbench.errors import BenchError, ConnectFailed, LimitError, WrongInstrument
+from vcfbench.interfaces import Identity, SafeReport, Told
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,14 +17,25 @@ if TYPE_CHECKING:
 
 __all__ = ["ScpiInstrument", "decimal", "require_within", "safely"]
 
+_RETURN_S = 3.0
+"""Wall time for which a connection that is gone is tried again and again: it may come back."""
+_BETWEEN_S = 0.2
+
 _MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 """The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
 
 
 class ScpiInstrument:
-    """An instrument on a session. A driver adds its commands and its `make_safe`: there is no default for that."""
+    """An instrument on a session.
+
+    A driver adds its commands, its `make_safe`, for which there is no default, and, if it drives something, its
+    `safe_words`.
+    """
 
     model: ClassVar[str]
+
+    safe_words: ClassVar[tuple[str, ...]] = ()
+    """The commands that switch off what it drives. They are sent without looking at any answer, and more than once."""
     makers: ClassVar[tuple[str, ...]] = _MAKERS
     """How the maker's name in ``*IDN?`` may begin, in capitals."""
 
@@ -36,7 +48,9 @@ class ScpiInstrument:
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         self._session = session
         self._serial_number = serial_number
+        self._last_read = LastRead(session.clock)
         self._open()
+        session.declare_safe(*self._safe_words_here())
 
     @property
     def name(self) -> str:
@@ -68,6 +82,14 @@ class ScpiInstrument:
 
     def _take_remote(self, deadline: Deadline) -> None:
         """Send what the interface needs before the instrument may be spoken to."""
+
+    def _safe_words_here(self) -> tuple[str, ...]:
+        """Return the safe words as this interface needs them."""
+        return self.safe_words
+
+    def command_safe(self) -> Told:
+        """Send the safe words at once, without waiting for an answer; tell what was last read back."""
+        return self._last_read.told("to switch off" if self.safe_words else "", sent=self._session.command_safe())
 
     def _identity(self, deadline: Deadline | None) -> Identity:
         return Identity(*self._session.identify(deadline))
@@ -111,23 +133,29 @@ class _Named(Protocol):
     @property
     def resource(self) -> str: ...
 
+    def command_safe(self) -> Told: ...
+
 
 def safely(instrument: _Named, prove: Callable[[Deadline], str], deadline: Deadline, attempts: int = 3) -> SafeReport:
-    """Run `prove`, again if it fails and time is left; it returns what it has proved in words.
+    """Send the safe words, then run `prove`, again if it fails and time is left; it returns in words what it proved.
 
-    Each attempt gets its share of what is left, so that one which hangs leaves time for another.
+    Each attempt gets its share of what is left, so that one which hangs leaves time for another. A connection that is
+    gone is waited for, in wall time. Where nothing can be proved the safe words are sent once more.
     """
-    failure = "there was no time left to make it safe"
-    for left in range(attempts, 0, -1):
-        if deadline.expired():
-            break
+    instrument.command_safe()
+    failure, wall, left = "there was no time left to make it safe", WallClock(), attempts
+    while left and not deadline.expired():
         try:
             detail = prove(Deadline.after(deadline.clock, deadline.remaining() / left))
+        except ConnectFailed as error:
+            failure, left = str(error), left if wall.now() < _RETURN_S else left - 1
+            sleep(deadline.clock, min(_BETWEEN_S, deadline.remaining()))
+            sleep(wall, _BETWEEN_S - wall.now() % _BETWEEN_S)  # the bench's clock may stand still or jump
         except BenchError as error:
-            failure = str(error)
+            failure, left = str(error), left - 1
         else:
             return SafeReport(instrument.name, instrument.resource, safe=True, detail=detail)
-    return SafeReport(instrument.name, instrument.resource, safe=False, detail=failure)
+    return SafeReport(instrument.name, instrument.resource, safe=False, detail=failure, told=instrument.command_safe())
 
 
 def decimal(value: float) -> str:

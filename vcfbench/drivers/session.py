@@ -3,15 +3,18 @@
 A deadline covers every exchange. After an exchange that failed the session is *dirty*: before anything else is
 asked it is cleared, drained and proved to be in step by queries whose answers are known; when that fails it is
 closed. A late answer is thus never taken for the answer to the next question.
+
+The safe words alone need none of that: they are sent on whatever is left of the wire, and nothing is waited for.
 """
 
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from vcfbench.clock import Deadline, sleep
+from vcfbench.clock import Deadline, WallClock, sleep, within
 from vcfbench.drivers import replies
 from vcfbench.errors import (
     DeadlineExceeded,
@@ -42,6 +45,12 @@ _LONGEST_LINE = 4_194_304
 _LONGEST_SHOWN = 200
 _DEEPEST_QUEUE = 64
 """More entries than any of the instruments' error queues hold (20 or 30)."""
+
+_BLIND_S = 0.3
+"""Wall time that sending the safe words may take."""
+
+_ECHO_S = 0.1
+"""How long the last of doubled answers is waited for."""
 
 _QUERY_ERRORS = range(-499, -399)
 """-410, -420, -430, -440: what an interrupted exchange leaves in the queue; the session has dealt with it."""
@@ -138,6 +147,7 @@ class Session:
         self._dirty = False
         self._closed_because: str | None = None
         self._put_off: list[tuple[int, str]] = []
+        self._safe_words = b""
 
     @property
     def interface(self) -> Interface:
@@ -267,6 +277,59 @@ class Session:
             entries.append(entry)
         return entries
 
+    # The safe words
+
+    def declare_safe(self, *words: str) -> None:
+        """Learn what brings the instrument to its safe state; every new connection begins with these words."""
+        # The newline that goes first ends what is left of a torn command: else it would swallow the first word.
+        self._safe_words = b"".join(b"\n" + word.encode("ascii") for word in words) + b"\n" if words else b""
+
+    def command_safe(self) -> bool:
+        """Send the safe words at once and tell whether the wire took them; nothing is waited for, nothing raised.
+
+        The lock is not: another thread may hang in an exchange. Commands have no answers, so the session stays in step.
+        """
+        taken: list[bool] = []
+        within(_BLIND_S, lambda: taken.append(self._speak_blind()))
+        return bool(taken and taken[0])
+
+    def _speak_blind(self) -> bool:
+        if not self._safe_words:
+            return True
+        try:
+            return self._spoken_on_what_is_left() or self._spoken_anew()
+        except Exception:  # noqa: BLE001 - whatever a VISA library raises: the other instruments must hear theirs
+            return False
+
+    def _spoken_on_what_is_left(self) -> bool:
+        if self.closed:
+            return False
+        try:
+            if self._wire.pending():  # also finds out that the peer has gone, which sending would not
+                self._dirty = True
+            self._wire.send(self._safe_words, _blind_deadline())
+        except LinkLost:
+            return False
+        return True
+
+    def _spoken_anew(self) -> bool:
+        """Connect anew and speak; whoever holds the lock meanwhile is doing so already."""
+        if self._reconnect is None or not self._lock.acquire(blocking=False):
+            return False
+        try:
+            self._renew(self._reconnect, _blind_deadline())
+        finally:
+            self._lock.release()
+        return True
+
+    def _renew(self, reconnect: Callable[[Deadline], Wire], deadline: Deadline) -> None:
+        """Make a new connection; the safe words are the first that is said there."""
+        self._give_up("it was given up for a new one")
+        self._wire = reconnect(deadline)
+        self._closed_because, self._received, self._dirty = None, b"", True
+        if self._safe_words:
+            self._wire.send(self._safe_words, _blind_deadline())
+
     # Identity, synchronisation, life and death
 
     def identify(self, deadline: Deadline | None = None) -> tuple[str, str, str, str]:
@@ -310,18 +373,37 @@ class Session:
     def _find_the_place(self, deadline: Deadline) -> None:
         if self._identity is None:
             raise FramingError("no answer is known yet")
+        identity = self._identity.encode()
         self._received = b""
         self._wire.clear(deadline)
-        self._seek("*IDN?", self._identity.encode(), deadline)
-        self._seek("*OPC?", b"1", deadline)
-        self._dirty = False
-        self._put_off += [entry for entry in self._read_errors(deadline) if entry[0] not in _QUERY_ERRORS]
-
-    def _seek(self, command: str, known: bytes, deadline: Deadline) -> None:
-        self._wire.send(command.encode("ascii") + b"\n", deadline)
+        self._wire.send(b"*IDN?\n", deadline)
         # The end of the line suffices: what is left of a message that broke off may stand before it.
-        while not self._read_line(deadline).rstrip(b"\r\n").endswith(known):
+        while not self._next_line(deadline).endswith(identity):
             pass
+        self._wire.send(b"*OPC?\n", deadline)
+        doubled = False
+        while not (line := self._next_line(deadline)).endswith(b"1") or line.endswith(identity):
+            doubled = doubled or line.endswith(identity)
+        self._put_off += [entry for entry in self._drained_errors(deadline) if entry[0] not in _QUERY_ERRORS]
+        if doubled:  # the last answer has a second one too
+            with suppress(DeadlineExceeded):
+                self._read_line(Deadline.after(self.clock, min(_ECHO_S, deadline.remaining())))
+        self._dirty = False
+
+    def _next_line(self, deadline: Deadline) -> bytes:
+        return self._read_line(deadline).rstrip(b"\r\n")
+
+    def _drained_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
+        """Read the error queue amid resynchronising, which must not begin again; what is no entry is passed over."""
+        entries: list[tuple[int, str]] = []
+        while len(entries) < _DEEPEST_QUEUE:
+            self._wire.send(b"SYST:ERR?\n", deadline)
+            while (entry := _entry_or_none(self._next_line(deadline))) is None:
+                pass
+            if entry[0] == 0:
+                break
+            entries.append(entry)
+        return entries
 
     def _given_up(self, deadline: Deadline) -> OutOfSync:
         self._give_up("answers no longer belonged to their questions")
@@ -334,9 +416,14 @@ class Session:
         )
 
     def revive(self, deadline: Deadline | None = None) -> None:
-        """Make the session usable again for making safe: resynchronise it, or connect anew to the same instrument."""
+        """Make the session usable again for making safe: resynchronise it, or connect anew to the same instrument.
+
+        On a serial line that the instrument needs pauses on it is left in peace after its safe words first.
+        """
         limit = deadline or self.deadline()
         with self._lock:
+            if self._safe_words and self._write_pause_s:
+                sleep(self.clock, min(self._write_pause_s, limit.remaining()))
             if self.closed:
                 self._connect_anew(limit)
             elif self._dirty:
@@ -349,13 +436,10 @@ class Session:
         if self._reconnect is None:
             self._require_open()
         else:
-            self._give_up("a new connection was made")
             try:
-                self._wire = self._reconnect(deadline)
+                self._renew(self._reconnect, deadline)
             except TransportError as error:
-                raise self._located(error, None, deadline)  # noqa: B904 - the same error, now knowing where
-        self._closed_because = None
-        self._received = b""
+                raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
         self.resync(deadline)
 
     def close(self) -> None:
@@ -491,6 +575,18 @@ class Session:
 
 def _error_entry(line: bytes) -> tuple[int, str]:
     return replies.error_entry(replies.text(line))
+
+
+def _entry_or_none(line: bytes) -> tuple[int, str] | None:
+    try:
+        return _error_entry(line)
+    except FramingError:
+        return None
+
+
+def _blind_deadline() -> Deadline:
+    """Return the deadline of what is sent blind: wall time, for the bench's clock may be what hangs."""
+    return Deadline.after(WallClock(), _BLIND_S)
 
 
 def _shown(command: str) -> str:

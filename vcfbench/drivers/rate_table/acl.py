@@ -96,6 +96,7 @@ class AclDialect:
     axis: int = 1
     header: Header = "auto"
     rate_quantum_deg_s: ClassVar[float] = 1e-5
+    gap_s: ClassVar[float] = 0.0
     _identity: bytes = b""
 
     # Identity and synchronisation
@@ -134,6 +135,23 @@ class AclDialect:
             lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
             raise line.locate(lost, "*IDN?", deadline) from error
         line.dirty = False
+
+    # Words that are sent blind
+
+    def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
+        """Demand rate 0; the line end before it ends what is left of a torn message.
+
+        The limit of the acceleration comes after a demand that needs none: were it torn to 0, nothing would stop.
+        """
+        stop = f":Demand:Rate {self.axis},0\n"
+        if acceleration_deg_s2 is not None and math.isfinite(acceleration_deg_s2):
+            faster = f":Limit:Acceleration R,{self.axis},{_decimal(acceleration_deg_s2)};{stop}"
+            return (f"\n{stop}".encode("ascii"), faster.encode("ascii"))
+        return (f"\n{stop}".encode("ascii"),)
+
+    def shutdown_words(self) -> tuple[bytes, ...]:
+        """Select mode OFF, which no demand affects, then open the servo along the ABORT profile."""
+        return (f"\n:Mode:Off {self.axis}\n".encode("ascii"), f":Interlock:Open {self.axis}\n".encode("ascii"))
 
     # Commands
 

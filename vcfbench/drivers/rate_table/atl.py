@@ -38,6 +38,7 @@ class AtlDialect:
     """The one axis of such a table. Servo state and identity cannot be asked for: the servo is what was last sent."""
 
     rate_quantum_deg_s: ClassVar[float] = 1e-4
+    gap_s: ClassVar[float] = 0.0
     _servo: bool = False
     _owed: bool = False
     """Whether a prompt may still come that belongs to an earlier command."""
@@ -66,6 +67,16 @@ class AtlDialect:
             lost = OutOfSync("the table does not answer any more, the connection was closed")
             raise line.locate(lost, "STA", deadline) from error
         line.dirty = self._owed = False
+
+    def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
+        """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
+        if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
+            return (b"\rSTO\r",)
+        return b"\rSTO\r", f"ACL{_decimal(acceleration_deg_s2)}\r".encode("ascii"), b"STO\r"
+
+    def shutdown_words(self) -> tuple[bytes, ...]:
+        """Return none: what ``SRV0`` does to a table that turns is unknown."""
+        return ()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Do nothing: how remote control is taken is unknown."""

@@ -113,6 +113,30 @@ class ConfigurableDialect:
                 self._await(line, step.expect, deadline, among_others=True)
         drain(line, deadline)
 
+    @property
+    def gap_s(self) -> float:
+        """What the profile wants between two messages."""
+        return self.profile.link.gap_s
+
+    def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
+        """Return what the profile stops with, after what ends a torn message; where it can, with an acceleration."""
+        stop = self._words(self.profile.safety.stop, {})
+        before = (_torn_end(self.profile) + stop[0], *stop[1:])
+        if acceleration_deg_s2 is None or not self.profile.commands.get("set_accel"):
+            return before
+        told = self._table_acceleration(acceleration_deg_s2)
+        if told is None:  # not one that this table can be told: it stops as it is
+            return before
+        return (*before, *self._words(("set_accel",), {"acc": told}), *stop)
+
+    def _words(self, names: tuple[str, ...], values: Mapping[str, Value]) -> tuple[bytes, ...]:
+        steps = [step for name in names for step in self.profile.commands.get(name, ()) for _ in range(step.repeat)]
+        return tuple(self.message(step.send, values) for step in steps if step.send is not None)
+
+    def shutdown_words(self) -> tuple[bytes, ...]:
+        """Return none: what opening the servo does to a table that turns, no profile says."""
+        return ()
+
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control."""
         self.perform(line, "remote", deadline)
@@ -259,7 +283,7 @@ class ConfigurableDialect:
         }
         values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
         if acceleration_deg_s2 != math.inf:
-            values["acc"] = self._table_acceleration(line, acceleration_deg_s2)
+            values["acc"] = self._told_acceleration(line, acceleration_deg_s2)
         if self.profile.units.travel is not None:
             values["travel_end"] = self.profile.units.travel[1 if rate >= 0.0 else 0]
         return values
@@ -277,17 +301,21 @@ class ConfigurableDialect:
             )
         return rate
 
-    def _table_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
-        """Return the acceleration in the table's units, not above what was asked."""
+    def _told_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
+        told = self._table_acceleration(acceleration_deg_s2)
+        if told is None:
+            what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
+            raise self._limit(line, what)
+        return told
+
+    def _table_acceleration(self, acceleration_deg_s2: float) -> float | None:
+        """Return the acceleration in the table's units, not above what was asked; None if it cannot be told that."""
         units, highest = self.profile.units, self.profile.safety.max_acceleration_deg_s2
         told = acceleration_deg_s2 * self._acceleration_per_deg
         if units.acceleration_quantum is not None and math.isfinite(told):
             told = math.floor(told / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
         bad = not 0.0 < acceleration_deg_s2 <= highest or not told > 0.0
-        if bad or not units.acceleration_min <= told <= units.acceleration_max:
-            what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
-            raise self._limit(line, what)
-        return told
+        return None if bad or not units.acceleration_min <= told <= units.acceleration_max else told
 
     def _limit(self, line: TableLine, what: str) -> LimitError:
         return LimitError(f"{what}, nothing was sent", **located(line))
@@ -609,6 +637,21 @@ class ConfigurableDialect:
         needs = [self.profile.requires[name].within_s for name in names if name in self.profile.requires]
         extra = paused + sum(needs)
         return line.deadline(deadline.remaining() + extra)
+
+
+def _torn_end(profile: Profile) -> bytes:
+    """Return what ends a message that broke off, so that it does not swallow the next.
+
+    A line ends with its end. A frame of bytes that lacks some is filled up with what begins none; it then fails its
+    check, or is done: the stop comes after it.
+    """
+    frame = profile.frame
+    if frame.kind == "line":
+        return profile.link.tx_end.encode("ascii")
+    if frame.kind == "delimited":
+        return bytes.fromhex(frame.trailer)
+    filling = b"\xff" if bytes.fromhex(frame.header).startswith(b"\0") else b"\0"
+    return filling * ((frame.length or frame.longest) - 1)
 
 
 def _has(wanted: tuple[Byte, ...], data: bytes) -> bool:

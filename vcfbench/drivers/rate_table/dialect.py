@@ -33,6 +33,23 @@ class TableDialect(Protocol):
         """Step of the commanded rate."""
         ...
 
+    @property
+    def gap_s(self) -> float:
+        """What the table needs between two messages."""
+        ...
+
+    def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
+        """Return the messages, as sent, that bring the table to rest with its servo closed, whatever it is doing.
+
+        They are sent without looking at any answer, more than once, and maybe amid another message: what ends a torn
+        one goes first. With an acceleration the table is told to stop first as it is, then with that one.
+        """
+        ...
+
+    def shutdown_words(self) -> tuple[bytes, ...]:
+        """Return the messages that are sent besides when rest cannot be proved; none where they let a table coast."""
+        ...
+
     def realised_deg_s(self, rate_deg_s: float) -> float:
         """Return the rate that the table is really told for `rate_deg_s`: a multiple of its step."""
         ...

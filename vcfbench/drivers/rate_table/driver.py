@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.last_read import LastRead
 from vcfbench.drivers.scpi_instrument import safely
 from vcfbench.errors import (
     DeadlineExceeded,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.interfaces import Identity, SafeReport
+    from vcfbench.interfaces import Identity, SafeReport, Told
 
 __all__ = ["RateTableDriver"]
 
@@ -38,6 +39,9 @@ _SERVO_S = 10.0
 """What closing or opening the servo may take."""
 
 _STOP_ATTEMPTS = 3
+
+_BRAKING_S = 3.0
+"""Within this time a table comes to rest that is told so blind, as far as its limits allow."""
 
 
 class RateTableDriver:
@@ -65,6 +69,10 @@ class RateTableDriver:
         self._enabled = False
         self._claimed = False
         self._stop_acceleration_deg_s2 = limits.max_acceleration_deg_s2
+        self._demanded_deg_s = 0.0
+        self._fastest_deg_s = 0.0  # that it may be turning at, as far as is known
+        self._told_acceleration = False
+        self._last_read = LastRead(line.clock)
         self._ask(dialect.identify)
 
     @property
@@ -130,6 +138,7 @@ class RateTableDriver:
         if not self._enabled:  # a demand now would be waiting for the servo, and be executed when it closes
             raise self._interlock("the servo is open, nothing was sent")
         self._stop_acceleration_deg_s2 = acceleration_deg_s2
+        self._told_acceleration = True
         self._demand(rate_deg_s, acceleration_deg_s2, self._line.deadline())
 
     def _require_limits(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
@@ -148,6 +157,8 @@ class RateTableDriver:
         )
 
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
+        self._demanded_deg_s = rate_deg_s
+        self._fastest_deg_s = max(abs(rate_deg_s), self._fastest_deg_s)
         self._dialect.demand_rate(self._line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
@@ -160,7 +171,13 @@ class RateTableDriver:
 
     def rate_deg_s(self) -> float:
         """Read back the rate."""
-        return self._sign * self._ask(self._dialect.rate_deg_s) + 0.0
+        return self._rate_deg_s(None)
+
+    def _rate_deg_s(self, within: Deadline | None) -> float:
+        rate_deg_s = self._sign * self._ask(self._dialect.rate_deg_s, within) + 0.0
+        self._last_read.note(f"{rate_deg_s:.4g} deg/s")
+        self._fastest_deg_s = max(abs(rate_deg_s), abs(self._demanded_deg_s))
+        return rate_deg_s
 
     def angle_deg(self) -> float:
         """Read back the angle."""
@@ -199,13 +216,35 @@ class RateTableDriver:
 
     # Safe state
 
+    def command_safe(self) -> Told:
+        """Tell the table to stop, at once and without waiting for an answer; tell what was last read back."""
+        sent = self._line.say_blind(self._stop_words(), self._dialect.gap_s)
+        return self._last_read.told("to stop", sent=sent)
+
+    def _stop_words(self) -> tuple[bytes, ...]:
+        """Return the words that stop it; with more acceleration than it has, within the limit, where that is slow."""
+        needed_deg_s2 = self._fastest_deg_s / _BRAKING_S
+        quick = self._told_acceleration and needed_deg_s2 <= self._stop_acceleration_deg_s2
+        if quick or self._fastest_deg_s < self._rest_tolerance_deg_s:
+            return self._dialect.stop_words(None)
+        fast_deg_s2 = max(needed_deg_s2, self._stop_acceleration_deg_s2)
+        return self._dialect.stop_words(min(fast_deg_s2, self._limits.max_acceleration_deg_s2))
+
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Rate 0, wait for rest by read-back, then servo open and remote control given back."""
+        """Rate 0, wait for rest by read-back, then servo open and remote control given back.
+
+        The words that stop it go out before anything is asked. When rest cannot be proved they go out once more, and
+        after them the table's own shutdown, where that is one that brakes.
+        """
         self._enabled = False
-        return safely(self, self._prove_at_rest, deadline, attempts=2)
+        report = safely(self, self._prove_at_rest, deadline)
+        shutdown = () if report.safe else self._dialect.shutdown_words()
+        if shutdown:
+            self._line.say_blind(shutdown, self._dialect.gap_s)
+        return report
 
     def _prove_at_rest(self, deadline: Deadline) -> str:
-        self._line.revive(deadline)
+        self._line.revive(deadline, self._stop_words(), self._dialect.gap_s)
         with suppress(DeadlineExceeded, FramingError, InstrumentError):  # it counts what is read back next
             share = self._share(deadline, 0.2)
             self._stop_within(self._braking_deg_s2(share), share)
@@ -216,7 +255,7 @@ class RateTableDriver:
     def _braking_deg_s2(self, deadline: Deadline) -> float:
         """Return the acceleration last used, or more, within the limit, when that would take longer than there is."""
         try:
-            rate_deg_s = abs(self._ask(self._dialect.rate_deg_s, deadline))
+            rate_deg_s = abs(self._rate_deg_s(deadline))
         except (DeadlineExceeded, FramingError):
             return self._stop_acceleration_deg_s2
         needed_deg_s2 = rate_deg_s / max(deadline.remaining(), _POLL_S)
@@ -249,7 +288,7 @@ class RateTableDriver:
         while quiet < _POLLS_AT_REST:
             if deadline.expired():
                 return False
-            quiet = quiet + 1 if abs(self._ask(self._dialect.rate_deg_s, deadline)) < self._rest_tolerance_deg_s else 0
+            quiet = quiet + 1 if abs(self._rate_deg_s(deadline)) < self._rest_tolerance_deg_s else 0
             sleep(self.clock, _POLL_S)
         return True
 

@@ -46,6 +46,7 @@ class EspDialect:
 
     axis: int = 1
     rate_quantum_deg_s: ClassVar[float] = 1e-4
+    gap_s: ClassVar[float] = 0.0
     _steady: SteadyRate = field(default_factory=SteadyRate)
     _faults: list[str] = field(default_factory=list)
     _refused: list[tuple[int, str]] = field(default_factory=list)
@@ -83,6 +84,17 @@ class EspDialect:
             lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
             raise line.locate(lost, "VE?", deadline) from error
         line.dirty = False
+
+    def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
+        """Send ``ST``; the carriage return before it ends a torn command."""
+        stop = f"{self.axis}ST\r".encode("ascii")
+        if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
+            return (b"\r" + stop,)
+        return b"\r" + stop, f"{self.axis}AG{_decimal(acceleration_deg_s2)}\r".encode("ascii"), stop
+
+    def shutdown_words(self) -> tuple[bytes, ...]:
+        """Return none: with its motor off a stage coasts."""
+        return ()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Do nothing: the controller listens to front panel and computer alike."""

@@ -6,11 +6,11 @@ import re
 import threading
 from typing import TYPE_CHECKING
 
-from vcfbench.clock import Deadline
+from vcfbench.clock import Deadline, WallClock, sleep, within
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
 
     import serial
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["SerialWire", "TableLine", "open_line"]
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
+_BLIND_S = 0.3
+"""Wall time that sending words blind may take."""
+
 _LONGEST_LINE = 32_768
 """The longest message of any table's language known so far (ACL manual, section 2)."""
 
@@ -212,13 +215,59 @@ class TableLine:
             raise FramingError(f"{len(self._received)} bytes came without an end")
         self._received += self._wire.receive(deadline)[0]
 
-    def revive(self, deadline: Deadline) -> None:
-        """Connect anew if the connection is closed."""
-        if self._closed and self._reconnect is not None:
-            self._wire = self._reconnect(deadline)
-            self._received = b""
-            self._closed = False
-            self.dirty = True
+    def say_blind(self, words: Sequence[bytes], gap_s: float = 0.0) -> bool:
+        """Send `words` at once and tell whether the wire took them; nothing is waited for, nothing raised.
+
+        Nor is the lock waited for: another thread may hang in an exchange. A connection that is closed is made anew.
+        The line is dirty afterwards, for the words may be answered. `gap_s` is left between them if that is short.
+        """
+        taken: list[bool] = []
+        within(_BLIND_S, lambda: taken.append(self._speak_blind(words, gap_s)))
+        return bool(taken and taken[0])
+
+    def _speak_blind(self, words: Sequence[bytes], gap_s: float) -> bool:
+        try:
+            return self._spoken_on_what_is_left(words, gap_s) or self._spoken_anew(words, gap_s)
+        except Exception:  # noqa: BLE001 - a port is anyone's code, and the other instruments must hear their words
+            return False
+
+    def _spoken_on_what_is_left(self, words: Sequence[bytes], gap_s: float) -> bool:
+        if self._closed:
+            return False
+        self.dirty = True
+        try:
+            self._wire.pending()  # finds out that the other end has gone, which sending would not
+            self._send_all(words, gap_s)
+        except LinkLost:
+            return False
+        return True
+
+    def _spoken_anew(self, words: Sequence[bytes], gap_s: float) -> bool:
+        """Connect anew and speak; whoever holds the lock meanwhile is doing so already."""
+        if self._reconnect is None or not self._lock.acquire(blocking=False):
+            return False
+        try:
+            self.give_up()
+            self.revive(Deadline.after(WallClock(), _BLIND_S), words, gap_s)
+        finally:
+            self._lock.release()
+        return True
+
+    def _send_all(self, words: Sequence[bytes], gap_s: float) -> None:
+        wall = WallClock()
+        deadline = Deadline.after(wall, _BLIND_S)  # the bench's clock may be what hangs
+        for number, message in enumerate(words):
+            if number:
+                sleep(wall, min(gap_s, _BLIND_S / 2.0 / len(words)))
+            self._wire.send(message, deadline)
+
+    def revive(self, deadline: Deadline, words: Sequence[bytes] = (), gap_s: float = 0.0) -> None:
+        """Connect anew if the connection is closed; `words` are the first that is said there."""
+        with self._lock:
+            if self._closed and self._reconnect is not None:
+                self._wire = self._reconnect(deadline)
+                self._received, self._closed, self.dirty = b"", False, True
+                self._send_all(words, gap_s)
 
     def give_up(self) -> None:
         """Close the connection; `revive` may make another."""

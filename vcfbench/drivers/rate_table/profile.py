@@ -22,7 +22,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 __all__ = [
     "COMMANDS",
@@ -52,6 +52,9 @@ COMMANDS = (
     *("remote", "local", "power_on", "power_off", "clear_fault", "enable", "disable", "home", "set_accel"),
     *("load_rate", "start", "goto", "stop", "estop"),
 )
+
+_ALWAYS_KNOWN = frozenset({"axis", "seq", *(f"on_{slot}" for slot in range(1, 7))})
+"""What a template may name that says how a table is stopped."""
 
 STREAM = "stream"
 """In place of a command: the status that comes unasked."""
@@ -456,13 +459,25 @@ def _step_misfits(path: str, name: str, step: Step, profile: Profile) -> Iterato
     if step.until is not None and step.until not in profile.status:
         yield f"{path}.until", "one of [status]", step.until
     try:
-        _try_template(step.send or "", profile)
+        _try_template(step.send or "", profile, templates.sample_values())
     except ValueError as error:
         yield f"{path}.send", f"a template ({error})", step.send
 
 
-def _try_template(template: str, profile: Profile) -> None:
-    values = templates.sample_values()
+def _stop_misfits(profile: Profile) -> Iterator[_Misfit]:
+    """See that the table can be told to stop whatever is known of it: these words are sent before all else."""
+    known = {name: value for name, value in templates.sample_values().items() if name in _ALWAYS_KNOWN}
+    steps = [step for name in profile.safety.stop for step in profile.commands.get(name, ()) if step.send is not None]
+    if not steps:
+        yield "safety.stop", "commands that send something", list(profile.safety.stop)
+    for step in steps:
+        try:
+            _try_template(step.send or "", profile, known)
+        except ValueError as error:
+            yield "safety.stop", f"commands that need no rate, acceleration or position ({error})", step.send
+
+
+def _try_template(template: str, profile: Profile, values: Mapping[str, templates.Value]) -> None:
     if profile.binary:
         frame_bytes(profile.frame, templates.fill_bytes(template, values, profile.frame.order))
     else:
@@ -524,6 +539,7 @@ def _safety_misfits(profile: Profile) -> Iterator[_Misfit]:
     for name in profile.safety.stop:
         if name not in profile.commands:
             yield "safety.stop", "names of [commands]", name
+    yield from _stop_misfits(profile)
     units = profile.units
     if units.rate_quantum > units.rate_max:
         yield "units.rate_quantum", f"at most rate_max, {units.rate_max:g}", units.rate_quantum

@@ -11,7 +11,7 @@ import math
 import re
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
@@ -115,6 +115,7 @@ class ZaberDialect:
     steps_per_deg: float
     axis: int = 1
     device: int = 1
+    gap_s: ClassVar[float] = 0.0
     _number: int = -1
     _steady: SteadyRate = field(default_factory=SteadyRate)
 
@@ -138,6 +139,22 @@ class ZaberDialect:
         del deadline
         line.take_unasked()
         line.dirty = False
+
+    def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
+        """Send ``stop``; the line end before it ends a torn request. Without a number, so that no reply is mistaken."""
+        stop = self._unnumbered("stop")
+        if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
+            return (b"\n" + stop,)
+        units = max(1, math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION))
+        return b"\n" + stop, self._unnumbered(f"set accel {units}"), stop
+
+    def _unnumbered(self, command: str) -> bytes:
+        body = f"{self.device} {self.axis} {command}"
+        return f"/{body}:{lrc(body)}\n".encode("ascii")
+
+    def shutdown_words(self) -> tuple[bytes, ...]:
+        """Return none: a disabled driver lets the stage coast."""
+        return ()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Do nothing: a serial port has one owner, and the knob shows in the warning flag NC."""

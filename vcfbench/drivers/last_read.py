@@ -1,0 +1,37 @@
+"""What was last read back of an instrument and when: what can still be said of it when it no longer answers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.interfaces import Told
+
+if TYPE_CHECKING:
+    from vcfbench.clock import Clock
+
+__all__ = ["LastRead"]
+
+
+class LastRead:
+    """The last read-back of one instrument."""
+
+    __slots__ = ("_at_s", "_clock", "_what")
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._what: str | None = None
+        self._at_s = 0.0
+
+    def note(self, what: str) -> None:
+        """Remember what was just read back, in words."""
+        self._what, self._at_s = what, self._clock.now()
+
+    def told(self, words: str, *, sent: bool) -> Told:
+        """Return what the instrument was told, beside what was last read back of it."""
+        if self._what is None:
+            return Told(words, sent)
+        try:
+            age_s = self._clock.now() - self._at_s
+        except Exception:  # noqa: BLE001 - a bench's clock may be gone with the bench; what was read is still known
+            return Told(words, sent, self._what)
+        return Told(words, sent, self._what, age_s)
