@@ -70,10 +70,8 @@ def test_one_interval_has_the_distribution_of_a_thousand() -> None:
     def transition(interval_s: float) -> np.ndarray:
         columns = []
         for state in basis:
-            response = noise.response(state)
-            modal = response.modal(interval_s)
-            rates = state.rates_rad_s * np.exp(-interval_s / Flicker.of(PAPER.noise).times_s)
-            columns.append(np.concatenate((modal.real, modal.imag, rates)))
+            later = noise.interval(interval_s).later(state)
+            columns.append(np.concatenate((later.modal.real, later.modal.imag, later.rates_rad_s)))
         return np.array(columns).T
 
     once, short = noise.covariance(1.0)[:-1, :-1], noise.covariance(0.001)[:-1, :-1]

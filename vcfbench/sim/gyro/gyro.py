@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
@@ -33,6 +34,8 @@ __all__ = ["Gyro"]
 
 FORGOTTEN_DEG_S = 1e-18
 COLDEST_C, HOTTEST_C = -55.0, 125.0
+_SHAKES, _LOOKS = 1, 2
+"""Numbers of the random streams beside the gyro's own noise; never given again, so that a seed keeps its meaning."""
 
 
 class Gyro:
@@ -41,8 +44,9 @@ class Gyro:
     def __init__(self, bench: BenchParameters, seed: int, now_s: float) -> None:
         self.now_s = now_s
         self._bench = bench
+        self._seed = seed
         self._random = np.random.default_rng(seed)
-        self._shaking = np.random.default_rng([seed, 1])
+        self._shaking = np.random.default_rng([seed, _SHAKES])
         self._flicker = Flicker.of(bench.noise)
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
         self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
@@ -125,15 +129,18 @@ class Gyro:
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`, as it will be without noise; changes nothing."""
-        return self._stretch(self._chain.respond(self._modal, self._forcing(rate), self._turn()), stop_s, 0.0)
+        response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
+        return self._stretch(response, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
 
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
         duration = stop_s - self.now_s
         response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
         noise, integral = self._propagate_noise(duration)
-        noise, integral = self._shaken(rate, stop_s, noise, integral)
-        stretch = self._stretch(response, stop_s, integral)
+        shaking = self._shaking_rad_sqrt_s(rate, stop_s)
+        if shaking and self._flutter is not None:
+            noise, integral = self._flutter.added(noise, integral, duration, shaking, self._shaking)
+        stretch = self._stretch(response, stop_s, self._path(noise, integral, duration, shaking), integral)
         self._modal, self._noise = response.modal(duration), noise
         self._phase = math.fmod(self._phase + self._drive[0].drive_rad_s * duration, 2 * math.pi)
         self.now_s = stop_s
@@ -175,17 +182,31 @@ class Gyro:
         rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
         return NoiseState(np.zeros_like(self._modal), rates), 0.0
 
-    def _shaken(self, rate: RateSegment, stop_s: float, noise: NoiseState, integral: float) -> tuple[NoiseState, float]:
-        """Return noise and integral with what the table's flutter adds up to `stop_s`; at rest it does not flutter."""
+    def _shaking_rad_sqrt_s(self, rate: RateSegment, stop_s: float) -> float:
+        """Return the size of the table's flutter up to `stop_s`; at rest it does not flutter."""
         if self._flutter is None or (turning := rate.rms_deg_s(self.now_s, stop_s)) == 0.0:
-            return noise, integral
+            return 0.0
         # the density is of positive frequencies: white noise gathers half of its square per second
-        size = self._bench.table.flutter_per_sqrt_hz * math.radians(turning) / math.sqrt(2.0)
-        return self._flutter.added(noise, integral, stop_s - self.now_s, size, self._shaking)
+        return self._bench.table.flutter_per_sqrt_hz * math.radians(turning) / math.sqrt(2.0)
 
-    def _stretch(self, response: Response, stop_s: float, noise_integral_v_s: float) -> Stretch:
+    def _path(self, end: NoiseState | None, integral_v_s: float, duration_s: float, shaking: float) -> NoisePath | None:
+        """Return the noise of a step, its random numbers from the seed and the instant; without an end, that of now."""
+        if not self._noisy or self._noisy_chain is None:
+            return None
+        return NoisePath(
+            self._noisy_chain,
+            self._noise,
+            end,
+            integral_v_s=integral_v_s,
+            duration_s=duration_s,
+            shaking_rad_sqrt_s=shaking,
+            key=(self._seed, _LOOKS, round(self.now_s * 1e9)),
+        )
+
+    def _stretch(
+        self, response: Response, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float
+    ) -> Stretch:
         bench = self._bench
-        noise = (self._noisy_chain, self._noise) if self._noisy and self._noisy_chain is not None else None
         return Stretch(
             bench,
             self.now_s,

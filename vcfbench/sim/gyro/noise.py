@@ -12,20 +12,20 @@ would change its size by less than 1e-5.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-
-from vcfbench.sim.gyro.chain import Forcing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.gyro.chain import Chain, Response
+    from vcfbench.sim.gyro.chain import Chain
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["Flicker", "Flutter", "NoiseState", "NoisyChain"]
+__all__ = ["BLOCK", "Flicker", "Flutter", "Interval", "NoiseState", "NoisyChain", "by_rows"]
+
+_Number = TypeVar("_Number", np.float64, np.complex128)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,20 @@ class NoiseState:
     modal: NDArray[np.complex128]
     rates_rad_s: NDArray[np.float64]
 
+    def plus(self, gathered: NDArray[np.float64]) -> NoiseState:
+        """Return it with a vector (Re modal, Im modal, flicker...) added; what follows in the vector is not its own."""
+        n = len(self.modal)
+        modal = self.modal + gathered[:n] + 1j * gathered[n : 2 * n]
+        return NoiseState(modal, self.rates_rad_s + gathered[2 * n : 2 * n + len(self.rates_rad_s)])
+
+    def minus(self, other: NoiseState) -> NDArray[np.float64]:
+        """Return the vector that leads here from another one."""
+        modal = self.modal - other.modal
+        return np.concatenate((modal.real, modal.imag, self.rates_rad_s - other.rates_rad_s))
+
 
 @dataclass(frozen=True, slots=True)
-class _Step:
+class Interval:
     """What an interval does to a noise state: decay, mean effect of the flicker, factor of what is added."""
 
     decay: NDArray[np.complex128]
@@ -72,8 +83,18 @@ class _Step:
     integral: NDArray[np.complex128]
     factor: NDArray[np.float64]
 
+    def integral_of(self, state: NoiseState) -> float:
+        """Return the integral of the filtered noise that a state makes by itself, V s."""
+        return float((self.integral @ np.concatenate((state.modal, state.rates_rad_s))).real)
+
+    def later(self, state: NoiseState) -> NoiseState:
+        """Return what a state has become by itself."""
+        modal = state.modal * self.decay + self.carried @ state.rates_rad_s
+        return NoiseState(modal, state.rates_rad_s * self.fade)
+
 
 STEPS_KEPT = 64
+BLOCK = 128
 
 
 class NoisyChain:
@@ -87,16 +108,20 @@ class NoisyChain:
         self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float, quadrature_rad_sqrt_s: float | None = None
     ) -> None:
         """Take the white noise in phase with the Coriolis force, and in quadrature (None: as much)."""
-        self._chain = chain
         self._n = len(chain.eigenmodes)
         slow = -1 / flicker.times_s
         self._exponents = np.concatenate((chain.eigenmodes, slow, [0.0]))
         drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
         follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
         white = (white_rad_sqrt_s, white_rad_sqrt_s if quadrature_rad_sqrt_s is None else quadrature_rad_sqrt_s)
+        self._made_of = chain, flicker, white
         self._input, self._output = _noise_maps(chain, follow, drift, white)
         self._integral = self._integral_row(chain, follow)
-        self._steps: dict[int, _Step] = {}
+        self._follow = follow
+        shows = np.column_stack((chain.to_filtered, chain.to_filtered * chain.eigenmodes, _turning_with(chain)))
+        self.shows = np.concatenate((shows, follow.T @ shows))
+        """What the modes (:meth:`freed`) show: filtered noise and its slope (real parts), noise of the V_s envelope."""
+        self._steps: dict[int, Interval] = {}
 
     def _integral_row(self, chain: Chain, follow: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the integral of v as a sum of modes; the mode of exponent 0 gets its input here."""
@@ -123,29 +148,75 @@ class NoisyChain:
         if once is None:
             if len(self._steps) >= STEPS_KEPT:
                 del self._steps[next(iter(self._steps))]
-            once = self._steps[key] = self._step(key * 1e-9)
+            once = self._steps[key] = self.interval(key * 1e-9)
         drawn = once.factor @ random.standard_normal(len(once.factor))
-        n = self._n
-        before = np.concatenate((state.modal, state.rates_rad_s))
-        modal = state.modal * once.decay + once.carried @ state.rates_rad_s + drawn[:n] + 1j * drawn[n : 2 * n]
-        integral = float((once.integral @ before).real) + float(drawn[-1])
-        return NoiseState(modal, state.rates_rad_s * once.fade + drawn[2 * n : -1]), integral
+        return once.later(state).plus(drawn), once.integral_of(state) + float(drawn[-1])
 
-    def _step(self, interval_s: float) -> _Step:
+    def interval(self, interval_s: float) -> Interval:
+        """Return what an interval does to a state."""
         moving, n = self._exponents[:-1], self._n
         grown = np.exp(moving * interval_s)
         follow = self._output[:n, n:-1]
         carried = follow * (grown[n:] - grown[:n, None])
         weights = self._integral[:-1] * np.expm1(moving * interval_s)
         weights[n:] -= weights[:n] @ follow
-        return _Step(grown[:n], grown[n:].real, carried, weights, _factor(self.covariance(interval_s)))
+        return Interval(grown[:n], grown[n:].real, carried, weights, _factor(self.covariance(interval_s)))
 
-    def response(self, state: NoiseState) -> Response:
-        """Return how a noise state goes on by itself, nothing being added."""
-        slow = self._exponents[self._n : -1]
-        terms = [(complex(rate), complex(s)) for rate, s in zip(state.rates_rad_s, slow, strict=True)]
-        still = replace(self._chain, quadrature=np.zeros_like(self._chain.quadrature))
-        return still.respond(state.modal, Forcing(0j, 0j, terms, 0j, []), 0j)
+    def shaken(self, rad_sqrt_s: float) -> NoisyChain:
+        """Return the same with white noise of this size added in phase with the Coriolis force: a table's flutter."""
+        chain, flicker, (in_phase, quadrature) = self._made_of
+        return NoisyChain(chain, flicker, math.hypot(in_phase, rad_sqrt_s), quadrature)
+
+    @property
+    def moving(self) -> NDArray[np.complex128]:
+        """Exponents of the modes: eigenmodes freed of flicker, flicker; 1/s."""
+        return self._exponents[:-1]
+
+    def freed(self, state: NoiseState) -> NDArray[np.complex128]:
+        """Return a state by modes that move each by itself."""
+        return np.concatenate((state.modal - self._follow @ state.rates_rad_s, state.rates_rad_s))
+
+    def unfreed(self, modes: NDArray[np.complex128]) -> NoiseState:
+        """Return the state of such modes."""
+        return NoiseState(modes[: self._n] + self._follow @ modes[self._n :], modes[self._n :].real)
+
+    def freed_draws(self, drawn: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return what draws (rows: Re modal, Im modal, flicker, integral) add to the modes."""
+        n = self._n
+        rates = drawn[:, 2 * n : -1]
+        return np.concatenate((drawn[:, :n] + 1j * drawn[:, n : 2 * n] - rates @ self._follow.T, rates), axis=1)
+
+    def spread(self, time_s: float, duration_s: float, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the covariance of what is gathered by `time_s` with a weighted sum of what is by `duration_s`."""
+        seen, left = self._seen(weights), duration_s - time_s
+        plain = self._gathered(time_s, np.asarray) @ (np.exp(self._exponents * left) * seen)
+        turned = self._gathered(time_s, np.conj) @ (np.exp(self._exponents * left) * seen).conj()
+        shown = np.vstack((self._output, self._integral)) @ (0.5 * (plain + turned))
+        return np.asarray(np.concatenate((shown.real, shown.imag))[self._kept()])
+
+    def spread_shown(
+        self, grown: NDArray[np.complex128], duration_s: float, weights: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Return the same as it shows (:attr:`shows`), at even times from 0 to `duration_s`.
+
+        `grown` holds exp(moving t) of these times. Each covariance is (exp(l_i t + l_j T) - exp(l_j (T - t))) /
+        (l_i + l_j): exponentials forward and backward in time.
+        """
+        seen = self._seen(weights)
+        back = np.concatenate((grown[::-1], np.ones((len(grown), 1))), axis=1)
+        total = np.zeros((len(grown), self.shows.shape[1]), complex)
+        for other, behind in ((np.asarray, back), (np.conj, back.conj())):
+            sums = np.add.outer(self.moving, other(self._exponents))
+            parts = (self._input @ other(self._input).T)[:-1] / sums * other(seen)
+            ahead = (parts @ other(np.exp(self._exponents * duration_s)))[:, None] * self.shows
+            total += by_rows(grown, ahead) - by_rows(behind, parts.T @ self.shows)
+        return np.asarray(0.5 * total)
+
+    def _seen(self, weights: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return g for which Re(g @ modes) is the weighted sum of (Re modal, Im modal, flicker, integral)."""
+        n = self._n
+        real = np.concatenate((weights[:n] - 1j * weights[n : 2 * n], weights[2 * n :]))
+        return np.asarray(real @ np.vstack((self._output, self._integral)))
 
     def _gathered(self, interval_s: float, other: np.ufunc | _AsArray) -> NDArray[np.complex128]:
         total = np.add.outer(self._exponents, other(self._exponents))
@@ -177,6 +248,16 @@ class Flutter:
         gathered, integral = self._unit.step(self._rest, interval_s, random)
         modal = state.modal + rad_sqrt_s * gathered.modal
         return NoiseState(modal, state.rates_rad_s), integral_v_s + rad_sqrt_s * integral
+
+
+def by_rows(rows: NDArray[_Number], matrix: NDArray[_Number]) -> NDArray[_Number]:
+    """Return `rows @ matrix`, in blocks so small that no library spreads them over threads."""
+    return np.concatenate([rows[start : start + BLOCK] @ matrix for start in range(0, len(rows), BLOCK)])
+
+
+def _turning_with(chain: Chain) -> NDArray[np.complex128]:
+    """Return the weights of V_s without the parts that turn against the carrier: see :mod:`.bridge`."""
+    return np.where(chain.eigenmodes.imag > -chain.drive_rad_s, chain.to_sense, 0.0)
 
 
 def _noise_maps(

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
     from vcfbench.sim.gyro.electronics import PlayedVoltage
     from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
     from vcfbench.sim.parameters import BenchParameters
 
 __all__ = ["Stretch"]
@@ -36,15 +36,15 @@ PANEL_NODES = 16
 class Stretch:
     """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
-    `noise_integral_v_s` is the noise's part of the integral of the filtered signal; waveforms within a stretch show the
-    noise of its start going on by itself. `shares` says of loaded nodes how much of their open voltage is left.
+    `noise_integral_v_s` is the noise's part of the integral of the filtered signal, `noise` its path, drawn if somebody
+    looks. `shares` says of loaded nodes how much of their open voltage is left.
     """
 
     bench: BenchParameters
     start_s: float
     stop_s: float
     response: Response
-    noise: tuple[NoisyChain, NoiseState] | None
+    noise: NoisePath | None
     noise_integral_v_s: float
     drive_mode: Resonance
     drive: DriveSegment
@@ -144,7 +144,8 @@ class Stretch:
         if coarse is not None:
             return coarse.interpolated(self._open_circuit(node, coarse.times_s()))
         if node == "output":
-            volts = self._amplified(np.sum([each.filtered().at(elapsed).real for each in self._responses()], axis=0))
+            filtered = self.response.filtered().at(elapsed).real
+            volts = self._amplified(filtered if self.noise is None else filtered + self.noise.filtered(elapsed))
             rippling = self._rippling()
             return volts if rippling is None else volts + rippling.at(elapsed)
         return self._carrier_level(node, times_s)
@@ -153,7 +154,8 @@ class Stretch:
         elapsed = times_s - self.start_s
         phase = self.phase_rad + self.drive.drive_rad_s * elapsed
         if node == "sense":
-            envelope = sum(each.sense().at(elapsed) for each in self._responses())
+            envelope = self.response.sense().at(elapsed)
+            envelope = envelope if self.noise is None else envelope + self.noise.sense(elapsed)
             return np.asarray((envelope * np.exp(1j * phase)).real)
         loop = self.bench.drive_loop
         if node == "carrier":
@@ -162,12 +164,6 @@ class Stretch:
         if node == "drive":
             return loop.pick_off_v_per_m * self._drive_displacement(times_s, phase)
         raise ValueError(f"the PCB has no node {node!r}")
-
-    def _responses(self) -> list[Response]:
-        if self.noise is None:
-            return [self.response]
-        noisy_chain, state = self.noise
-        return [self.response, noisy_chain.response(state)]
 
     def _drive_displacement(self, times_s: NDArray[np.float64], phase_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         if not self.drive.motions:
