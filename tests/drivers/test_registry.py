@@ -7,7 +7,7 @@ import pytest
 
 from tests.drivers.servers import answering, serving
 from vcfbench.clock import WallClock
-from vcfbench.drivers.registry import DRIVERS, Driver, open_instrument
+from vcfbench.drivers.registry import Driver, find_driver, open_instrument
 from vcfbench.errors import ConfigError, ConnectFailed, WrongInstrument
 
 
@@ -46,14 +46,17 @@ def test_the_scpi_base_class_has_no_default_safe_action() -> None:
         Driver("1", ScpiInstrument, opener)  # type: ignore[arg-type]
 
 
-def test_a_registry_grows_by_a_copy() -> None:
-    grown = DRIVERS.having(Driver("mine", DRIVERS.find("34401A").driver_class, DRIVERS.find("34401A").opener))
-    assert "mine" in grown.drivers
-    assert "mine" not in DRIVERS.drivers
+def test_what_speaks_the_same_words_is_known_by_its_own_name() -> None:
+    driver = find_driver("34410A", like="34401A")
+    assert driver.model == "34410A"
+    assert issubclass(driver.driver_class, find_driver("34401A").driver_class)
+    assert driver.driver_class.model == "34410A"
 
 
 def test_models_it_does_not_know_are_named_with_those_it_does() -> None:
-    with pytest.raises(ConfigError, match="no driver for '34410A'; there are 33220A, 34401A, DSO7104B, E3631A, acl"):
+    with pytest.raises(
+        ConfigError, match="no driver for '34410A'; there are 33220A, 34401A, DSO7104B, E3631A, aaaa, acl"
+    ):
         open_instrument("multimeter", "34410A", "GPIB0::1::INSTR", library="@py", clock=WallClock(), settings={})
 
 

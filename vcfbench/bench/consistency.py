@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 from itertools import chain
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
 
 from vcfbench.bench.bounds import LEAST, LEAST_V_VC_V
 from vcfbench.bench.misfit import Misfit
-from vcfbench.interfaces import FunctionGenerator, Multimeter, Oscilloscope, PowerSupply
+from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from vcfbench.bench.description import BenchDescription, Node, Window
 
 __all__ = ["misfits"]
 
-_MODELS: Mapping[str, tuple[str, type]] = MappingProxyType(
-    {
-        "power": ("E3631A", PowerSupply),
-        "rate_source": ("33220A", FunctionGenerator),
-        "vibration_source": ("33220A", FunctionGenerator),
-        "multimeter": ("34401A", Multimeter),
-        "oscilloscope": ("DSO7104B", Oscilloscope),
-    }
-)
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
 
@@ -51,15 +41,23 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
 
 
 def _models(description: BenchDescription) -> Iterator[Misfit]:
-    """Check that each role has a model that can fill it: the project's own, or one that another package registers."""
-    for role, (model, protocol) in _MODELS.items():
+    """Check that each role has a model that can fill it, the table a language that somebody speaks."""
+    for role in ROLES:
         part = getattr(description, role)
-        if part is None or part.model == model:
-            continue
-        from vcfbench.bench.own_models import unfit  # noqa: PLC0415  # looks through the installed packages
+        if part is not None:
+            yield from _unfit(role, "model" if part.like is None else "like", part.like or part.model)
+    dialect = description.rate_table.dialect
+    if not dialect.endswith(".toml") and find_language(dialect) is None:
+        expected = f"a text: one of {', '.join(languages())}, or the name of a profile, FILE.toml"
+        yield Misfit("rate_table.dialect", expected, dialect)
 
-        if (otherwise := unfit(part.model, protocol)) is not None:
-            yield Misfit(f"{role}.model", f"{model!r}{otherwise}", part.model)
+
+def _unfit(role: str, key: str, model: str) -> Iterator[Misfit]:
+    row = find_model(model)
+    if row is None or role not in row.roles:
+        known = " or ".join(map(repr, models_for(role)))
+        speaks = "" if key == "like" else ", or one that speaks the same words (like = ...)"
+        yield Misfit(f"{role}.{key}", f"{known}{speaks}", model)
 
 
 def _rates(description: BenchDescription) -> Iterator[Misfit]:
@@ -178,13 +176,13 @@ def _simulation(description: BenchDescription) -> Iterator[Misfit]:
     if simulation is None or not (simulation.override or any(isinstance(errors, dict) for errors in told.values())):
         return
     from vcfbench.bench.overrides import override_misfits  # noqa: PLC0415  # loads what it needs of the simulation
-    from vcfbench.bench.simulated import instrument_models, named_parameters  # noqa: PLC0415
+    from vcfbench.bench.simulated import named_parameters, twins  # noqa: PLC0415
 
     single = list(override_misfits(named_parameters(simulation), simulation.override, "simulation.override"))
     yield from single or _contradictions(description)
-    for role, model in instrument_models(description).items():
+    for role, twin in twins(description).items():
         if isinstance(told[role], dict):
-            yield from override_misfits(model.errors_class().none(), told[role], f"simulation.errors.{role}")
+            yield from override_misfits(twin.errors_class.none(), told[role], f"simulation.errors.{role}")
 
 
 def _contradictions(description: BenchDescription) -> Iterator[Misfit]:

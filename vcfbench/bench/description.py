@@ -66,13 +66,14 @@ Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
 Window = tuple[float, float]
 
-DIALECT_PATTERN = r"\A(?:acl|zaber|atl|esp|dd16|mn_as|ruya|aaaa|[^\x00-\x1f\x7f]+\.toml)\Z"
 NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
 ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
 LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
 
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
-Dialect = Annotated[str, Meta(max_length=4096, pattern=DIALECT_PATTERN)]
+Dialect = Annotated[str, Meta(min_length=1, max_length=4096, pattern=LINE_PATTERN)]
+"""Which languages there are is checked beside the description: other packages may bring theirs."""
+
 Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
 Model = Annotated[str, Meta(pattern=NAME_PATTERN)]
 """Which models a role takes is checked beside the description: other packages may bring theirs."""
@@ -103,6 +104,8 @@ class _VisaRole(_Part, frozen=True, kw_only=True):
     serial_number: Text | None = None
     serial: SerialSettings | None = None
     serial_pause_s: Pause | None = None
+    like: Model | None = None
+    """The model whose words it speaks, where its own is not known; its identity must still be that of `model`."""
 
 
 class PowerRole(_VisaRole, frozen=True, kw_only=True):

@@ -10,14 +10,14 @@ import threading
 import warnings
 from dataclasses import dataclass, replace
 from itertools import product
-from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
+from vcfbench.models import find_language, find_model, recognised
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
 _T = TypeVar("_T")
 
@@ -30,20 +30,8 @@ _LISTING_S = 10.0
 _BAUD_RATES = (9600, 115_200, 19_200)
 """As controllers and instruments are shipped: 9600 the older ones, 115200 Zaber's, 19200 Newport's (unverified)."""
 
-_USUAL_BAUD: Mapping[str | None, int] = MappingProxyType({"zaber": 115_200, "esp": 19_200})
-"""What a bench file need not say; of all others 9600."""
-
 _QUESTIONS = (b"*IDN?\n", b"/get deviceid\n", b"VE?\r")
 """Instruments and ACL tables, Zaber, Newport: each only reads, and whom it is not meant for refuses it."""
-
-_PLACES = (
-    # model or dialect, beginning of maker and of model in *IDN?, roles in the order in which they are given out
-    ("E3631A", ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT"), "E3631A", ("power",)),
-    ("33220A", ("AGILENT", "KEYSIGHT"), "33220A", ("rate_source", "vibration_source")),
-    ("34401A", ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT"), "34401A", ("multimeter",)),
-    ("DSO7104B", ("AGILENT", "KEYSIGHT"), "DSO7104B", ("oscilloscope",)),
-    ("acl", ("ACUTRONIC", "ACTIDYN"), "AC", ("rate_table",)),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,13 +236,11 @@ def recognise(answer: str) -> str | None:
         return "zaber"
     if answer.upper().startswith("ESP") and "VERSION" in answer.upper():
         return "esp"
-    fields = [field.strip().upper() for field in answer.split(",")]
-    if len(fields) < 2:
+    maker, comma, rest = answer.partition(",")
+    if not comma:
         return None
-    for model, makers, beginning, _ in _PLACES:
-        if fields[0].startswith(makers) and fields[1].startswith(beginning):
-            return model
-    return None
+    row = recognised(maker.strip(), rest.partition(",")[0].strip())
+    return None if row is None else row.name
 
 
 def stanza(discovery: Discovery) -> str:
@@ -262,13 +248,20 @@ def stanza(discovery: Discovery) -> str:
     lines: list[str] = []
     if discovery.library != _REAL and not _simulated(discovery.library):
         lines += [f"visa_library = {_quoted(discovery.library)}", ""]
-    wanted = {**dict.fromkeys(("zaber", "esp"), ("rate_table",)), **{model: roles for model, _, _, roles in _PLACES}}
     taken: set[str] = set()
     for found in discovery.answering():
-        role = next((each for each in wanted.get(found.model or "", ()) if each not in taken), None)
+        role = next((each for each in _roles(found.model) if each not in taken), None)
         taken |= {role or ""}
         lines += _entry(role, found) if role is not None else [*_spare(found), ""]
     return "\n".join(lines)
+
+
+def _roles(model: str | None) -> tuple[str, ...]:
+    """Return the places on a bench for what was recognised as `model`."""
+    if model is None:
+        return ()
+    row = find_model(model)
+    return ("rate_table",) if row is None else row.roles
 
 
 def _entry(role: str, found: Found) -> Iterator[str]:
@@ -276,13 +269,19 @@ def _entry(role: str, found: Found) -> Iterator[str]:
     yield f"[{role}]  # {found.answer}"
     yield f"{'dialect' if table else 'model'} = {_quoted(found.model or '')}"
     yield f"resource = {_quoted(_as_port(found.resource) if table else _as_visa(found.resource))}"
-    if found.baud_rate not in {None, _USUAL_BAUD.get(found.model, 9600)}:
+    if found.baud_rate not in {None, _usual_baud_rate(found.model)}:
         yield f"{'baud_rate' if table else 'serial.baud_rate'} = {found.baud_rate}"
     if found.model == "zaber":
         yield "steps_per_deg = 0  # put the stage's microsteps per degree"
     if found.serial_number is not None and not table:
         yield f"# serial_number = {_quoted(found.serial_number)}  # refuse any other specimen"
     yield ""
+
+
+def _usual_baud_rate(model: str | None) -> int:
+    """Return what a bench file need not say."""
+    language = find_language(model or "")
+    return 9600 if language is None else language.baud_rate
 
 
 def _as_visa(resource: str) -> str:

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import inspect
 
 from vcfbench.bench.consistency import misfits
-from vcfbench.bench.description import ADDRESS_PATTERN, DIALECT_PATTERN, NAME_PATTERN, BenchDescription
+from vcfbench.bench.description import ADDRESS_PATTERN, NAME_PATTERN, BenchDescription
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 
@@ -55,9 +55,10 @@ def _beside(description: BenchDescription, path: Path) -> BenchDescription:
 def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
     """Read the profile of a table now: what is wrong with it shall not be found with the bench half open."""
     from vcfbench.bench.simulated import profile_twin  # noqa: PLC0415  # few benches have a profile of their own
+    from vcfbench.drivers.rate_table.dialect import AxisSettings  # noqa: PLC0415
     from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
 
-    spoken(dialect, axis=axis)
+    spoken(dialect, AxisSettings(axis))
     if simulated:
         profile_twin(dialect)
 
@@ -207,8 +208,6 @@ def _range(node: inspect.FloatType | inspect.IntType) -> str:
 
 
 def _form(node: inspect.StrType) -> str:
-    if node.pattern == DIALECT_PATTERN:
-        return ": one of acl, zaber, atl, esp, dd16, mn_as, ruya, aaaa, or the name of a profile, FILE.toml"
     if node.pattern == ADDRESS_PATTERN:
         return " with host and port, as in 127.0.0.1:20220"
     if node.pattern == NAME_PATTERN:

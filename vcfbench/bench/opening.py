@@ -27,7 +27,7 @@ def open_role(role: str, description: BenchDescription, stand: Station) -> tuple
     from vcfbench.drivers.registry import open_instrument  # noqa: PLC0415
 
     settings = _settings(role, description)
-    model, resource = settings.pop("model"), settings.pop("resource")
+    model, resource, like = settings.pop("model"), settings.pop("resource"), settings.pop("like", None)
     instrument = open_instrument(
         role,
         model,
@@ -35,6 +35,7 @@ def open_role(role: str, description: BenchDescription, stand: Station) -> tuple
         library=stand.visa_library,
         clock=stand.clock,
         settings=settings,
+        like=like,
     )
     try:
         return instrument, instrument.identify()

@@ -16,11 +16,13 @@ from msgspec import structs
 
 from vcfbench.bench.description import Served
 from vcfbench.errors import ConnectFailed, LinkLost
+from vcfbench.models import find_model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.models import Wire
     from vcfbench.sim.serve import Control, RemoteClock, ServedBench, ServedClock
 
 __all__ = ["Led", "LedClock", "build_served", "led_bench", "on_wires"]
@@ -119,7 +121,14 @@ def build_served(description: BenchDescription, seed: int | None, clock: ServedC
     def rebuild(seed: int | None) -> ServedBench:
         return build_served(description, seed, clock)
 
-    return ServedBench(built.world, built.devices, models, used, rebuild)
+    return ServedBench(built.world, built.devices, models, used, rebuild, _wires(description, built.devices))
+
+
+def _wires(description: BenchDescription, roles: Iterable[str]) -> dict[str, frozenset[Wire]]:
+    """Return the interfaces of the real box of each role that a model fills."""
+    parts = {role: getattr(description, role) for role in roles if role != "rate_table"}
+    rows = {role: find_model(part.like or part.model) for role, part in parts.items()}
+    return {role: row.wires for role, row in rows.items() if row is not None}
 
 
 def _model(description: BenchDescription, role: str) -> str:

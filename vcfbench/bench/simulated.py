@@ -6,15 +6,15 @@ changes nothing for the others.
 
 from __future__ import annotations
 
+import inspect
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib import import_module
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from vcfbench.bench.overrides import overridden
-from vcfbench.bench.own_models import OwnTwin, own_twin
 from vcfbench.errors import ConfigError
+from vcfbench.models import find_language, find_model, languages, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -30,50 +30,16 @@ if TYPE_CHECKING:
     from vcfbench.sim.world import World
 
 __all__ = [
-    "Model",
     "SimulatedBench",
     "chosen_seed",
     "instrument_errors",
-    "instrument_models",
     "named_parameters",
     "physical_parameters",
     "profile_twin",
-    "table_twin",
+    "table_language",
+    "twins",
 ]
 
-
-class Model(NamedTuple):
-    """Where a simulated instrument and the dataclass of its errors live."""
-
-    module: str
-    device: str
-    errors: str
-
-    def device_class(self) -> Any:
-        """Import the instrument."""
-        return getattr(import_module(f"vcfbench.sim.{self.module}"), self.device)
-
-    def errors_class(self) -> Any:
-        """Import the dataclass of its errors."""
-        return getattr(import_module(f"vcfbench.sim.{self.module}"), self.errors)
-
-
-_MODELS = {
-    "E3631A": Model("instruments.e3631a", "E3631A", "SupplyErrors"),
-    "33220A": Model("instruments.agilent33220a", "Agilent33220A", "GeneratorErrors"),
-    "34401A": Model("instruments.hp34401a", "Hp34401A", "MeterErrors"),
-    "DSO7104B": Model("instruments.dso7104b", "Dso7104B", "ScopeErrors"),
-    "acl": Model("rate_tables.acl", "AclTable", "TableErrors"),
-    "zaber": Model("rate_tables.zaber", "ZaberTable", "StepperErrors"),
-    "atl": Model("rate_tables.atl", "AtlTable", "TableErrors"),
-    "esp": Model("rate_tables.esp", "EspTable", "TableErrors"),
-    "dd16": Model("rate_tables.dd16", "Dd16Table", "TableErrors"),
-    "mn_as": Model("rate_tables.mn_as", "MnAsTable", "TableErrors"),
-    "ruya": Model("rate_tables.ruya", "RuyaTable", "TableErrors"),
-    "aaaa": Model("rate_tables.aaaa", "AaaaTable", "TableErrors"),
-}
-
-_WITH_RS232 = frozenset({"E3631A", "34401A"})
 
 _STREAMS = {
     "world": 0,
@@ -92,22 +58,48 @@ def chosen_seed(description: BenchDescription, seed: int | None) -> int:
     return _simulation(description).seed if seed is None else seed
 
 
-def instrument_models(description: BenchDescription) -> dict[str, Model | OwnTwin]:
-    """Return the simulated model of every role that the bench fills."""
-    models = {
-        "power": description.power.model,
-        "rate_source": description.rate_source.model,
-        "multimeter": description.multimeter.model,
-        "oscilloscope": description.oscilloscope.model,
-        "rate_table": table_twin(description),
-    }
-    if description.vibration_source is not None:
-        models["vibration_source"] = description.vibration_source.model
-    return {role: _MODELS[model] if model in _MODELS else own_twin(model) for role, model in models.items()}
+def twins(description: BenchDescription) -> dict[str, Any]:
+    """Return the class of the simulated instrument of every role that the bench fills.
+
+    Raises:
+        ConfigError: a model has none, or its package cannot be loaded.
+    """
+    found: dict[str, Any] = {}
+    for role in ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "vibration_source"):
+        part = getattr(description, role)
+        if part is not None:
+            found[role] = _table_twin(description) if role == "rate_table" else _twin(part.like or part.model)
+    return found
 
 
-def table_twin(description: BenchDescription) -> str:
-    """Return the name of the simulated table, the dialect's or what its profile names; ConfigError if none."""
+def _twin(model: str) -> Any:
+    row = find_model(model)
+    if row is None or row.twin is None:
+        raise ConfigError(
+            f"there is no simulated {model}",
+            hint="its package names one in its row of vcfbench.models; a real bench needs none",
+        )
+    return _resolved(model, row.twin)
+
+
+def _resolved(name: str, reference: Any) -> Any:
+    try:
+        return resolve(reference)
+    except Exception as error:  # another package is anyone's code
+        raise ConfigError(f"the simulated {name} ({reference}) cannot be loaded: {error}") from error
+
+
+def _table_twin(description: BenchDescription) -> Any:
+    """Return the class of the simulated table, the language's or what its profile names; ConfigError if none."""
+    name = table_language(description)
+    row = find_language(name)
+    if row is None or row.twin is None:
+        raise ConfigError(f"there is no simulated table that speaks {name!r}")
+    return _resolved(name, row.twin)
+
+
+def table_language(description: BenchDescription) -> str:
+    """Return the language that the simulated table speaks: the bench file's, or what its profile names."""
     dialect = description.rate_table.dialect
     return profile_twin(dialect) if dialect.endswith(".toml") else dialect
 
@@ -117,21 +109,12 @@ def profile_twin(dialect: str) -> str:
     from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
 
     twin = load_profile(dialect).twin
-    if twin not in _MODELS or not _MODELS[twin].module.startswith("rate_tables."):
-        tables = ", ".join(name for name, model in _MODELS.items() if model.module.startswith("rate_tables."))
+    if twin is None or find_language(twin) is None:
         came = "nothing" if twin is None else repr(twin)
-        raise ConfigError(f"{dialect}: twin: expected one of {tables} on a simulated bench, came {came}")
+        raise ConfigError(
+            f"{dialect}: twin: expected one of {', '.join(languages())} on a simulated bench, came {came}"
+        )
     return twin
-
-
-def _table_settings(description: BenchDescription) -> dict[str, Any]:
-    """Return what a simulated table is told besides its errors."""
-    table, twin = description.rate_table, table_twin(description)
-    if twin == "acl":
-        return {"header": _header(table.reply_header)}
-    if twin == "zaber":
-        return {} if table.steps_per_deg is None else {"microsteps_per_deg": table.steps_per_deg}
-    return {"axis": table.axis} if twin in {"dd16", "mn_as", "ruya", "aaaa"} else {}
 
 
 def named_parameters(simulation: Simulation) -> BenchParameters:
@@ -153,8 +136,8 @@ def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any
     """Return the imperfections of every simulated instrument, as the bench file asks for them."""
     asked = _simulation(description).errors
     return {
-        role: _errors(model.errors_class(), getattr(asked, role), _stream(seed, role))
-        for role, model in instrument_models(description).items()
+        role: _errors(twin.errors_class, getattr(asked, role), _stream(seed, role))
+        for role, twin in twins(description).items()
     }
 
 
@@ -236,28 +219,37 @@ def _simulation(description: BenchDescription) -> Simulation:
 
 def _is_serial(part: Any) -> bool:
     """Tell whether an instrument that has RS-232 is on a serial port."""
-    return part.model in _WITH_RS232 and part.resource.upper().startswith("ASRL")
+    row = find_model(part.like or part.model)
+    return row is not None and row.rs232 and part.resource.upper().startswith("ASRL")
 
 
 def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any], seed: int) -> dict[str, Device]:
-    wiring, roles = description.wiring, instrument_models(description)
-    rails = {wiring.rails.positive: "positive", wiring.rails.negative: "negative"}
-    settings: dict[str, dict[str, Any]] = {
-        "power": {"rails": rails},
-        "multimeter": {"node": "input", "mains_hz": float(description.site.mains_hz)},
-        "oscilloscope": {"channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()}},
-        "rate_table": _table_settings(description),
-    }
-    for role, told in settings.items():
-        if role != "rate_table" and _is_serial(getattr(description, role)):
-            told["interface"] = "rs232"
-    for role in ("rate_source", "vibration_source"):
-        if getattr(getattr(description, role), "model", None) == "33220A":
-            settings[role] = {"noise_seed": _integer(_sequence(seed, role))}
     seen = _as_seen(description, world)
     return {
-        role: model.device_class()(seen.get(role, world), errors=errors[role], **settings.get(role, {}))
-        for role, model in roles.items()
+        role: twin(seen.get(role, world), errors=errors[role], **_taken(twin, _surroundings(role, description, seed)))
+        for role, twin in twins(description).items()
+    }
+
+
+def _taken(twin: Any, surroundings: dict[str, Any]) -> dict[str, Any]:
+    """Return what of `surroundings` the simulated instrument takes: those of one role do not all need the same."""
+    parameters = inspect.signature(twin).parameters
+    return {name: value for name, value in surroundings.items() if name in parameters and value is not None}
+
+
+def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[str, Any]:
+    """Return what the instrument of `role` may be told of the bench that it stands on."""
+    part, wiring = getattr(description, role), description.wiring
+    if role == "rate_table":
+        return {"axis": part.axis, "header": _header(part.reply_header), "microsteps_per_deg": part.steps_per_deg}
+    return {
+        "rails": {wiring.rails.positive: "positive", wiring.rails.negative: "negative"},
+        "node": "input",
+        "channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()},
+        "mains_hz": float(description.site.mains_hz),
+        "interface": "rs232" if _is_serial(part) else None,
+        "noise_seed": _integer(_sequence(seed, role)),
+        "model": part.model,
     }
 
 

@@ -9,7 +9,10 @@ from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, safely
 from vcfbench.errors import FramingError, InstrumentError, LimitError
 
 if TYPE_CHECKING:
+    from typing import Self
+
     from vcfbench.clock import Deadline
+    from vcfbench.drivers.scpi_instrument import VisaSettings
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
@@ -36,6 +39,11 @@ class Hp34401A(ScpiInstrument):
         self._mains_hz = mains_hz
         self._nplc = 10.0
         self._range_v: float | None = None
+
+    @classmethod
+    def opened(cls, session: Session, settings: VisaSettings) -> Self:
+        """Return the driver on an open session; how long a reading takes depends on the mains."""
+        return cls(session, mains_hz=settings.mains_hz, serial_number=settings.serial_number)
 
     def _take_remote(self, deadline: Deadline) -> None:
         if self._session.interface == "asrl":  # in local READ? is refused with 550

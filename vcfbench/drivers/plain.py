@@ -7,7 +7,6 @@ here too.
 from __future__ import annotations
 
 from contextlib import suppress
-from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeAlias
 
 from vcfbench.drivers.rate_table.acl import AclDialect
@@ -16,16 +15,11 @@ from vcfbench.drivers.scpi_instrument import ScpiInstrument
 from vcfbench.errors import ConfigError, DeadlineExceeded, TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import Instrument
 
 __all__ = ["Plain", "PlainLine", "PlainSession", "PlainTable", "plain"]
-
-_TERMINATORS: Mapping[str, bytes] = MappingProxyType({"ZaberDialect": b"\n", "AtlDialect": b"\r", "EspDialect": b"\r"})
-"""What ends a line of those that are typed as text; binary frames cannot be typed."""
 
 _COMMAND_S = 0.5
 """What a table that answers commands at all takes to begin with it, s."""
@@ -48,7 +42,8 @@ def plain(instrument: Instrument, timeout_s: float) -> Plain:
         dialect, line = instrument.dialect, instrument.line
         if isinstance(dialect, AclDialect):
             return PlainTable(line, dialect, timeout_s)
-        if terminator := _TERMINATORS.get(type(dialect).__name__):
+        terminator: bytes | None = getattr(dialect, "typed_line_end", None)  # frames of bytes cannot be typed
+        if terminator is not None:
             return PlainLine(line, terminator, timeout_s)
     raise ConfigError(f"{instrument.name} speaks a language that cannot be typed", instrument=instrument.name)
 

@@ -1,55 +1,36 @@
-"""Which driver speaks for which model, and the one way to open an instrument."""
+"""How each instrument is opened: the one way from a name and a resource to a driver."""
 
 from __future__ import annotations
 
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from vcfbench.drivers.agilent33220a import Agilent33220A
-from vcfbench.drivers.dso7104b import Dso7104B
-from vcfbench.drivers.e3631a import E3631A
-from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.installed import installed_driver, installed_models
-from vcfbench.drivers.rate_table.dialect import TableLimits
-from vcfbench.drivers.rate_table.dialects import DIALECTS, is_dialect, open_serial, spoken
+from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
+from vcfbench.drivers.rate_table.dialects import open_serial, spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.scpi_instrument import ScpiInstrument
-from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
+from vcfbench.drivers.session import open_session
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.models import find_language, find_model, model_names, resolve
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
-    from vcfbench.drivers.rate_table.acl import Header
-    from vcfbench.drivers.visa_wire import SerialParameters
+    from vcfbench.drivers.rate_table.dialect import Header
     from vcfbench.interfaces import Instrument
 
 __all__ = [
-    "DRIVERS",
     "Driver",
-    "Registry",
     "TableSettings",
     "VisaSettings",
+    "find_driver",
     "open_instrument",
     "visa_driver",
 ]
 
 _S = TypeVar("_S")
-
-
-@dataclass(frozen=True, slots=True)
-class VisaSettings:
-    """What an instrument on VISA may be told besides its resource."""
-
-    timeout_s: float = 5.0
-    serial: SerialParameters | None = None
-    serial_number: str | None = None
-    mains_hz: float = 50.0
-    serial_pause_s: float | None = None
-    """Pause after a command on RS-232; None is what the model needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,44 +76,32 @@ class Driver:
         return not inherited or bool(getattr(self.driver_class, "safe_words", ()))
 
 
-@dataclass(frozen=True, slots=True)
-class Registry:
-    """The drivers that a bench can name."""
+def find_driver(model: str, like: str | None = None) -> Driver:
+    """Return the driver of `model`, a name of :mod:`vcfbench.models` or the path of a table profile, ``FILE.toml``.
 
-    drivers: Mapping[str, Driver] = field(default_factory=lambda: MappingProxyType({}))
+    `like` names the model whose words it speaks, where it is not known by itself.
 
-    def having(self, *drivers: Driver) -> Registry:
-        """Return a registry that knows `drivers` too."""
-        return Registry(MappingProxyType({**self.drivers, **{driver.model: driver for driver in drivers}}))
-
-    def find(self, model: str) -> Driver:
-        """Return the driver of `model`; raises ConfigError naming those there are.
-
-        Tables have one driver: where it is registered for ACL, it speaks every other dialect too. Models that other
-        packages register (:mod:`vcfbench.drivers.installed`) are known to every registry.
-        """
-        if model in self.drivers:
-            return self.drivers[model]
-        dialects = DIALECTS if "acl" in self.drivers else ()
-        if dialects and is_dialect(model):
-            return _table(model)
-        if (own := installed_driver(model)) is not None:
-            return _checked(model, own)
-        others = (each for each in (*dialects, *installed_models()) if each not in self.drivers)
-        raise ConfigError(f"no driver for {model!r}; there are {', '.join((*sorted(self.drivers), *others))}")
-
-
-def _checked(model: str, own: object) -> Driver:
-    if isinstance(own, Driver) and own.model == model:
-        return own
-    raise ConfigError(f"what is registered for {model!r} is no vcfbench.drivers.registry.Driver of that model")
+    Raises:
+        ConfigError: there is none; the words name those there are.
+    """
+    if model.endswith(".toml") or find_language(model) is not None:
+        return _table(model)
+    row = find_model(like or model)
+    if row is None:
+        raise ConfigError(f"no driver for {like or model!r}; there are {', '.join(sorted(model_names()))}")
+    driver = resolve(row.driver)
+    if isinstance(driver, Driver):
+        return driver
+    if not (isinstance(driver, type) and issubclass(driver, ScpiInstrument)):
+        raise ConfigError(f"what is registered as the driver of {row.name!r} is no driver: {driver!r}")
+    return visa_driver(model, driver if model == row.name else driver.speaking_as(model))
 
 
 def _table(name: str) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
         del library  # pyserial opens tables
         told = _settings(TableSettings, role, settings)
-        speech = spoken(name, axis=told.axis, header=told.reply_header, steps_per_deg=told.steps_per_deg)
+        speech = spoken(name, AxisSettings(told.axis, told.reply_header, told.steps_per_deg))
         line = open_serial(
             resource, speech.link, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate
         )
@@ -151,22 +120,8 @@ def _table(name: str) -> Driver:
     return Driver(name, RateTableDriver, opener)
 
 
-def visa_driver(
-    model: str,
-    driver_class: type[ScpiInstrument],
-    make: Callable[[Session, VisaSettings], Instrument] | None = None,
-) -> Driver:
-    """Return the driver of a SCPI instrument on VISA, to be registered.
-
-    Args:
-        model: what the bench file calls it.
-        driver_class: its driver.
-        make: makes one on an open session; without it the class is called with session and `serial_number`.
-    """
-
-    def plainly(session: Session, told: VisaSettings) -> Instrument:
-        made: Any = driver_class(session, serial_number=told.serial_number)
-        return made  # type: ignore[no-any-return]  # that it can be registered shows that it is an instrument
+def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
+    """Return how the SCPI instrument `model` on VISA is opened."""
 
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
         told = _settings(VisaSettings, role, settings)
@@ -181,10 +136,11 @@ def visa_driver(
             write_pause_s=_pause_s(driver_class, resource, told.serial_pause_s),
         )
         try:
-            return (make or plainly)(session, told)
+            made: Any = driver_class.opened(session, told)
         except BaseException:
             session.close()
             raise
+        return made  # type: ignore[no-any-return]  # that it can be registered shows that it is an instrument
 
     return Driver(model, driver_class, opener)
 
@@ -203,20 +159,6 @@ def _settings(kind: Callable[..., _S], role: str, settings: Mapping[str, Any]) -
         raise ConfigError(f"the settings of {role} do not fit: {words}") from error
 
 
-DRIVERS: Final = Registry().having(
-    visa_driver("E3631A", E3631A),
-    visa_driver("33220A", Agilent33220A),
-    visa_driver(
-        "34401A",
-        Hp34401A,
-        lambda session, told: Hp34401A(session, mains_hz=told.mains_hz, serial_number=told.serial_number),
-    ),
-    visa_driver("DSO7104B", Dso7104B),
-    _table("acl"),
-)
-"""The drivers that come with the project."""
-
-
 def open_instrument(
     role: str,
     model: str,
@@ -225,19 +167,18 @@ def open_instrument(
     library: str,
     clock: Clock,
     settings: Mapping[str, Any],
-    registry: Registry = DRIVERS,
+    like: str | None = None,
 ) -> Instrument:
     """Open the instrument of `role` and prove that it is a `model`.
 
     Args:
         role: its name on the bench, for messages: ``multimeter``.
-        model: ``E3631A``, ``33220A``, ``34401A``, ``DSO7104B``, or the dialect of a rate table: ``acl``, ``zaber``,
-            ``atl``, ``esp``, ``dd16``, ``mn_as``, ``ruya``, ``aaaa`` or the path of a profile, ``FILE.toml``.
+        model: a name of :mod:`vcfbench.models`, or for tables the path of a profile, ``FILE.toml``.
         resource: a VISA resource string, or for tables the name or URL of a serial port.
         library: the VISA library.
         clock: the bench's.
         settings: the fields of :class:`VisaSettings` or :class:`TableSettings`.
-        registry: where to look for the driver.
+        like: the model whose words it speaks, where `model` is not known by itself.
 
     Raises:
         ConfigError: there is no such model, or a setting that it does not have.
@@ -245,7 +186,7 @@ def open_instrument(
         WrongInstrument: something else does.
     """
     try:
-        return registry.find(model).opener(role, resource, library, clock, settings)
+        return find_driver(model, like).opener(role, resource, library, clock, settings)
     except BenchError as error:
         error.instrument = error.instrument or role
         error.resource = error.resource or resource

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
 from vcfbench.errors import BenchError, ConnectFailed, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, SafeReport, Told
+from vcfbench.models import HP_MAKERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Self
 
     from vcfbench.clock import Clock
     from vcfbench.drivers.session import Session
+    from vcfbench.drivers.visa_wire import SerialParameters
 
-__all__ = ["ScpiInstrument", "decimal", "require_within", "safely"]
+__all__ = ["ScpiInstrument", "VisaSettings", "decimal", "require_within", "safely"]
 
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
 _BETWEEN_S = 0.2
 
-_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
-"""The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
+
+@dataclass(frozen=True, slots=True)
+class VisaSettings:
+    """What an instrument on VISA may be told besides its resource."""
+
+    timeout_s: float = 5.0
+    serial: SerialParameters | None = None
+    serial_number: str | None = None
+    mains_hz: float = 50.0
+    serial_pause_s: float | None = None
+    """Pause after a command on RS-232; None is what the model needs."""
 
 
 class ScpiInstrument:
@@ -36,7 +49,7 @@ class ScpiInstrument:
 
     safe_words: ClassVar[tuple[str, ...]] = ()
     """The commands that switch off what it drives. They are sent without looking at any answer, and more than once."""
-    makers: ClassVar[tuple[str, ...]] = _MAKERS
+    makers: ClassVar[tuple[str, ...]] = HP_MAKERS
     """How the maker's name in ``*IDN?`` may begin, in capitals."""
 
     first_answer_s: ClassVar[float] = 0.0
@@ -51,6 +64,16 @@ class ScpiInstrument:
         self._last_read = LastRead(session.clock)
         self._open()
         session.declare_safe(*self._safe_words_here())
+
+    @classmethod
+    def opened(cls, session: Session, settings: VisaSettings) -> Self:
+        """Return the driver on an open session; one that needs to know more of the station overrides this."""
+        return cls(session, serial_number=settings.serial_number)
+
+    @classmethod
+    def speaking_as(cls, model: str) -> type[Self]:
+        """Return the driver of `model`, which speaks the same words under its own name, whoever made it."""
+        return type(cls.__name__, (cls,), {"model": model, "makers": ("",), "__doc__": cls.__doc__})
 
     @property
     def name(self) -> str:

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vcfbench.testing.benches import ServedLab, SimulatedLab, open_simulated, serve_simulated, simulated
-    from vcfbench.testing.conformance import ConformanceCase, conformance_cases, conformance_problems, scpi_case
+    from vcfbench.testing.conformance import (
+        ConformanceCase,
+        conformance_cases,
+        conformance_problems,
+        model_case,
+        scpi_case,
+    )
     from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
 
 __all__ = [
@@ -22,6 +28,7 @@ __all__ = [
     "conformance_cases",
     "conformance_problems",
     "expected_exchange",
+    "model_case",
     "open_simulated",
     "over_serial",
     "over_visa",
@@ -32,7 +39,13 @@ __all__ = [
 
 _MODULES = {
     "vcfbench.testing.benches": ("ServedLab", "SimulatedLab", "open_simulated", "serve_simulated", "simulated"),
-    "vcfbench.testing.conformance": ("ConformanceCase", "conformance_cases", "conformance_problems", "scpi_case"),
+    "vcfbench.testing.conformance": (
+        "ConformanceCase",
+        "conformance_cases",
+        "conformance_problems",
+        "model_case",
+        "scpi_case",
+    ),
     "vcfbench.testing.exchange": ("Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"),
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.clock import Deadline, VirtualClock
@@ -22,14 +23,15 @@ from vcfbench.interfaces import (
     RateTable,
     SafeReport,
 )
+from vcfbench.models import MODELS, resolve
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
-    from vcfbench.drivers.registry import Registry
     from vcfbench.drivers.wire import Interface, Wire
+    from vcfbench.models import Model
 
-__all__ = ["ConformanceCase", "conformance_cases", "conformance_problems", "scpi_case"]
+__all__ = ["ConformanceCase", "conformance_cases", "conformance_problems", "model_case", "scpi_case"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,37 +53,24 @@ class ConformanceCase:
 
 
 def conformance_cases() -> tuple[ConformanceCase, ...]:
-    """Return the cases of the drivers that come with the project."""
-    from vcfbench.drivers.registry import DRIVERS  # noqa: PLC0415 - pulls in every driver
-
-    return tuple(_case(DRIVERS, model, protocol, answers) for model, protocol, answers in _BUILT_IN)
+    """Return the cases of the drivers that come with the project, one of them the rate table's in ACL."""
+    return (*map(model_case, MODELS), _TABLE_CASE)
 
 
-_BUILT_IN: tuple[tuple[str, type, dict[str, str]], ...] = (
-    ("E3631A", PowerSupply, {"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"}),
-    ("33220A", FunctionGenerator, {"*IDN?": "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2", "OUTP?": "0"}),
-    ("34401A", Multimeter, {"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"}),
-    ("DSO7104B", Oscilloscope, {"*IDN?": "AGILENT TECHNOLOGIES,DSO7104B,MY1,06.00.0003", ":OPER:COND?": "+0"}),
-    (
-        "acl",
-        RateTable,
-        {
-            "*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
-            ":Read:Rate?": "0.0",
-            ":Status:CSR?": "0",
-            ":Interlock?": "Open",
-        },
-    ),
+def model_case(row: Model) -> ConformanceCase:
+    """Return the case of the SCPI driver in `row`."""
+    return scpi_case(resolve(row.driver), _PROTOCOLS[row.roles[0]], dict(row.answers))
+
+
+_PROTOCOLS: Mapping[str, type] = MappingProxyType(
+    {
+        "power": PowerSupply,
+        "rate_source": FunctionGenerator,
+        "vibration_source": FunctionGenerator,
+        "multimeter": Multimeter,
+        "oscilloscope": Oscilloscope,
+    }
 )
-
-
-def _case(registry: Registry, model: str, protocol: type, answers: dict[str, str]) -> ConformanceCase:
-    driver_class = registry.find(model).driver_class
-    if model != "acl":
-        return scpi_case(driver_class, protocol, answers)
-    return ConformanceCase(
-        model, driver_class, protocol, _open_table, answers, ":Status:MSG? QERROR", ("bad value",), "0"
-    )
 
 
 def scpi_case(
@@ -115,6 +104,23 @@ def _session(wire: Wire, clock: VirtualClock) -> Session:
 def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
     line = TableLine(wire, name="under test", resource="script://", clock=clock, timeout_s=1.0)
     return RateTableDriver(line, AclDialect(header="none"), limits=TableLimits(100.0, 100.0))
+
+
+_TABLE_CASE = ConformanceCase(
+    "acl",
+    RateTableDriver,
+    RateTable,
+    _open_table,
+    {
+        "*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
+        ":Read:Rate?": "0.0",
+        ":Status:CSR?": "0",
+        ":Interlock?": "Open",
+    },
+    ":Status:MSG? QERROR",
+    ("bad value",),
+    "0",
+)
 
 
 class _AnsweringWire:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from vcfbench.drivers.registry import visa_driver
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["DRIVER", "M1"]
+__all__ = ["M1"]
 
 
 class M1(ScpiInstrument):
@@ -43,6 +42,3 @@ class M1(ScpiInstrument):
         self._session.revive(deadline)
         self._session.query_int("*OPC?", deadline)
         return "idle"
-
-
-DRIVER = visa_driver("M1", M1)

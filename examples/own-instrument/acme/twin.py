@@ -47,8 +47,7 @@ class SimulatedM1(ScpiInstrument):
 
     errors_class: ClassVar[type] = M1Errors
 
-    def __init__(self, world: Leads, *, errors: M1Errors, node: str, mains_hz: float) -> None:
-        del mains_hz  # its 200 ms hold whole periods of either mains
+    def __init__(self, world: Leads, *, errors: M1Errors, node: str) -> None:
         self._world = world
         self._errors = errors
         self._node = node

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from vcfbench.errors import DeadlineExceeded, InstrumentError, LimitError, MeasurementError
-from vcfbench.interfaces import Multimeter
-from vcfbench.testing import conformance_problems, over_visa, scpi_case
+from vcfbench.testing import conformance_problems, model_case, over_visa
 
+from acme import MODEL
 from acme.driver import M1
 
 IDENTITY = "ACME,M1,0042,1.0"
@@ -15,7 +15,7 @@ WELL = ("SYST:ERR?", '+0,"No error"')
 
 
 def test_it_does_what_every_driver_must():
-    assert conformance_problems(scpi_case(M1, Multimeter, {"*IDN?": IDENTITY})) == []
+    assert conformance_problems(model_case(MODEL)) == []
 
 
 def test_it_says_what_the_manual_shows(expected_exchange):

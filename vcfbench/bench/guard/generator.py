@@ -12,10 +12,11 @@ from vcfbench.bench.guard.rules import at_most, is_one_of, refuse_self_test
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.message import Part
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["GeneratorRules"]
+__all__ = ["GeneratorRules", "generator_rules"]
 
 _OPEN_OHM = 9.9e37
 _SOURCE_OHM = 50.0
@@ -96,6 +97,11 @@ class _State:
         """Return low and high level."""
         half_v = self.known_vpp() / 2.0
         return self.offset_v - half_v, self.offset_v + half_v
+
+
+def generator_rules(description: BenchDescription) -> GeneratorRules:
+    """Return the rules of a generator of the bench."""
+    return GeneratorRules(description.limits.max_v_vc_v)
 
 
 class GeneratorRules:

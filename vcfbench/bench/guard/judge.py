@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from vcfbench.bench.guard.generator import GeneratorRules
 from vcfbench.bench.guard.message import Unreadable
-from vcfbench.bench.guard.meter import MeterRules
-from vcfbench.bench.guard.rules import Ask, Beyond, NoRules, OnlyQuestions
-from vcfbench.bench.guard.supply import SupplyRules
+from vcfbench.bench.guard.rules import Ask, Beyond, OnlyQuestions
 from vcfbench.bench.guard.table import table_rules
 from vcfbench.errors import LimitError
+from vcfbench.models import find_model, resolve
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.rules import Rules
 
@@ -56,18 +52,14 @@ class RoleGuard:
 def guard_of(role: str, description: BenchDescription) -> Guard:
     """Return the guard of the instrument of `role`, within the limits of the bench file."""
     part = getattr(description, role)
-    known = role == "rate_table" or part.model in _LANGUAGES
-    return RoleGuard(role, part.resource, _RULES[role](description) if known else OnlyQuestions(part.model))
+    rules = table_rules(part, description.limits) if role == "rate_table" else _rules(part, description)
+    return RoleGuard(role, part.resource, rules)
 
 
-_LANGUAGES = ("E3631A", "33220A", "34401A", "DSO7104B")
-
-
-_RULES: dict[str, Callable[[BenchDescription], Rules]] = {
-    "power": lambda bench: SupplyRules(bench.limits, bench.wiring.rails),
-    "rate_source": lambda bench: GeneratorRules(bench.limits.max_v_vc_v),
-    "vibration_source": lambda bench: GeneratorRules(bench.limits.max_v_vc_v),
-    "multimeter": lambda _bench: MeterRules(),
-    "oscilloscope": lambda _bench: NoRules(),
-    "rate_table": lambda bench: table_rules(bench.rate_table, bench.limits),
-}
+def _rules(part: Any, description: BenchDescription) -> Rules:
+    """Return the rules of the words that an instrument speaks; of words that nobody has rules for, only questions."""
+    row = find_model(part.like or part.model)
+    if row is None or row.console is None:
+        return OnlyQuestions(part.model)
+    rules: Rules = resolve(row.console)(description)
+    return rules

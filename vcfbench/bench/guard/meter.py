@@ -8,16 +8,23 @@ from vcfbench.bench.guard.message import Unreadable, header_pattern, read_messag
 from vcfbench.bench.guard.rules import Beyond, is_one_of
 
 if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.message import Part
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["MeterRules"]
+__all__ = ["MeterRules", "meter_rules"]
 
 _QUIET = ("VOLTage...", "CURRent...", "FREQuency...", "PERiod...")
 """Functions that only measure. Resistance, continuity and diode tests send up to 1 mA out of the meter (p. 51-53)."""
 
 _CHOOSING = ("MEASure...", "CONFigure...")
 _OTHER_LANGUAGES = ("L2", "L3")
+
+
+def meter_rules(description: BenchDescription) -> MeterRules:
+    """Return the rules of the bench's multimeter, which no limit of the bench concerns."""
+    del description
+    return MeterRules()
 
 
 class MeterRules:

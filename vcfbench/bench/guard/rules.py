@@ -10,9 +10,10 @@ from vcfbench.bench.guard.message import Unreadable, header_pattern, read_messag
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.message import Part
 
-__all__ = ["Ask", "Beyond", "NoRules", "OnlyQuestions", "Rules", "at_most", "is_one_of", "refuse_self_test"]
+__all__ = ["Ask", "Beyond", "NoRules", "OnlyQuestions", "Rules", "at_most", "is_one_of", "no_rules", "refuse_self_test"]
 
 Ask = Callable[[str], str]
 """Puts a question to the instrument and returns its answer."""
@@ -35,6 +36,12 @@ class NoRules:
 
     def judge(self, message: str, ask: Ask) -> None:
         """Let everything pass."""
+
+
+def no_rules(description: BenchDescription) -> NoRules:
+    """Return the rules of an instrument that only listens."""
+    del description
+    return NoRules()
 
 
 class OnlyQuestions:

@@ -12,11 +12,11 @@ from vcfbench.bench.guard.rules import Beyond, at_most, is_one_of, refuse_self_t
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from vcfbench.bench.description import Limits, RailWiring
+    from vcfbench.bench.description import BenchDescription, Limits, RailWiring
     from vcfbench.bench.guard.message import Part
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["SupplyRules"]
+__all__ = ["SupplyRules", "supply_rules"]
 
 _OUTPUTS = ("P6V", "P25V", "N25V")
 _VOLT_WORDS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -60,6 +60,11 @@ class _State:
         for name, (volts, amps) in levels.items():
             state.volts[name], state.amps[name] = float(volts), float(amps)
         return state
+
+
+def supply_rules(description: BenchDescription) -> SupplyRules:
+    """Return the rules of the bench's supply."""
+    return SupplyRules(description.limits, description.wiring.rails)
 
 
 class SupplyRules:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.bench.guard.message import Unreadable, quantity, read_message
 from vcfbench.bench.guard.rules import Beyond, at_most
+from vcfbench.models import find_language
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -40,8 +41,13 @@ def table_rules(table: RateTableRole, limits: Limits) -> Rules:
 
 
 def reads_and_stops(dialect: str) -> ReadsAndStops:
-    """Return the rules of a dialect whose motion commands cannot be judged."""
-    return ReadsAndStops(_READS_AND_STOPS.get(dialect))
+    """Return the rules of a dialect whose motion commands cannot be judged.
+
+    In those rates are in units of the stage, which the bench file does not know.
+    """
+    row = find_language(dialect)
+    pattern = None if row is None else row.reads_and_stops
+    return ReadsAndStops(None if pattern is None else re.compile(pattern, re.IGNORECASE))
 
 
 @dataclass(slots=True)
@@ -147,17 +153,6 @@ class AclRules:
         at_most("acceleration limit of the table", value, self._limits.max_acceleration_deg_s2, "deg/s^2")
         if not value > 0.0:  # ACL manual: it inhibits every change of rate, stopping included
             raise Beyond("a table whose acceleration is 0 could not be stopped")
-
-
-_READS_AND_STOPS: Mapping[str, re.Pattern[str]] = MappingProxyType(
-    {
-        "zaber": re.compile(r"/(?:\d+ )*(?:get .*|stop|estop|warnings(?: clear)?|)", re.IGNORECASE),
-        "esp": re.compile(r"\d*(?:[A-Z]{2}\d*\?|ST|AB)", re.IGNORECASE),
-        "atl": re.compile(r"STO|PPO|PVE|STA", re.IGNORECASE),
-    }
-)
-"""What surely only reads or stops: Zaber ASCII protocol manual, Newport ESP301 manual, users' code of Aerosmith tables.
-In the other commands rates are in units of the stage, which the bench file does not know."""
 
 
 class ReadsAndStops:

@@ -12,7 +12,7 @@ import re
 import struct
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import on_grid
@@ -23,19 +23,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["AclDialect", "Header", "detect_header"]
+__all__ = ["AclDialect", "detect_header"]
 
-Header = Literal["none", "u32le2", "u32be2", "auto"]
-"""What precedes a reply on a byte stream: nothing, or error code and length as two 32-bit words.
-
-On every interface except GPIB each command is answered, error code and length before the data (ACL manual section
-2). That they are two 32-bit words is inferred from the reflective-memory layout and from a client that drops eight
-bytes; their byte order is unknown.
-"""
-
+# On every interface except GPIB each command is answered, error code and length before the data (manual section 2).
+# That they are two 32-bit words is inferred from the reflective-memory layout and from a client that drops eight
+# bytes; their byte order is unknown.
 _HEADER_BYTES = 8
 _FORMATS: Mapping[str, struct.Struct] = MappingProxyType(
     {"u32le2": struct.Struct("<II"), "u32be2": struct.Struct(">II")}
@@ -98,6 +93,11 @@ class AclDialect:
     rate_quantum_deg_s: ClassVar[float] = 1e-5
     gap_s: ClassVar[float] = 0.0
     _identity: bytes = b""
+
+    @classmethod
+    def for_axis(cls, settings: AxisSettings) -> AclDialect:
+        """Return the dialect of one axis."""
+        return cls(settings.axis, settings.header)
 
     # Identity and synchronisation
 

@@ -20,7 +20,7 @@ from vcfbench.errors import DeadlineExceeded, InstrumentError, LinkLost, OutOfSy
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
-    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
 __all__ = ["AtlDialect"]
@@ -43,7 +43,15 @@ class AtlDialect:
     _owed: bool = False
     """Whether a prompt may still come that belongs to an earlier command."""
     _tells_rate: bool = True
+    typed_line_end: ClassVar[bytes] = b"\r"
+    """What ends a line that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)
+
+    @classmethod
+    def for_axis(cls, settings: AxisSettings) -> AtlDialect:
+        """Return the dialect; such a table has one axis."""
+        del settings
+        return cls()
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Read the angle: there is no question for the identity, but somebody must answer."""

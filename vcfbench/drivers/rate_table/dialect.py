@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.interfaces import Identity
 
-__all__ = ["TableDialect", "TableLimits"]
+__all__ = ["AxisSettings", "Header", "TableDialect", "TableLimits"]
+
+Header = Literal["none", "u32le2", "u32be2", "auto"]
+"""What precedes a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSettings:
+    """What the bench file says of the axis; a dialect takes what its language asks for.
+
+    `header` is what precedes replies, `steps_per_deg` the stage's microsteps per degree.
+    """
+
+    axis: int = 1
+    header: Header = "auto"
+    steps_per_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from vcfbench.clock import Deadline, sleep
-from vcfbench.drivers.rate_table.acl import AclDialect, Header
+from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.line import SerialWire, TableLine
-from vcfbench.drivers.rate_table.names import BUILT_IN, DIALECTS, SHIPPED
-from vcfbench.errors import ConfigError, ConnectFailed, TransportError
+from vcfbench.errors import ConnectFailed, TransportError
+from vcfbench.models import LANGUAGES, find_language, resolve
 
 if TYPE_CHECKING:
     import serial
@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.profile import Link
     from vcfbench.drivers.wire import Wire
 
-__all__ = ["BUILT_IN", "DIALECTS", "SHIPPED", "Spoken", "is_dialect", "open_serial", "spoken"]
+__all__ = ["DIALECTS", "SHIPPED", "Spoken", "open_serial", "spoken"]
 
-_BAUD: Final = {"acl": 9_600, "zaber": 115_200, "atl": 9_600, "esp": 19_200}
-"""8N1 all; 19 200 Bd of the ESP is unverified."""
+DIALECTS: Final = tuple(row.name for row in LANGUAGES)
+"""The languages that come with the project."""
+SHIPPED: Final = tuple(row.name for row in LANGUAGES if row.dialect is None)
+"""Those of them that a profile tells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +35,7 @@ class Spoken:
     link: Link
 
 
-def is_dialect(name: str) -> bool:
-    """Tell whether `name` can be the dialect of a table: a known one, or a TOML file."""
-    return name in DIALECTS or name.endswith(".toml")
-
-
-def spoken(name: str, *, axis: int = 1, header: Header = "auto", steps_per_deg: float | None = None) -> Spoken:
+def spoken(name: str, settings: AxisSettings | None = None) -> Spoken:
     """Return the dialect `name` for an axis.
 
     Raises:
@@ -46,26 +43,14 @@ def spoken(name: str, *, axis: int = 1, header: Header = "auto", steps_per_deg: 
     """
     from vcfbench.drivers.rate_table.profile import Link, load_profile  # noqa: PLC0415 - what few benches need
 
-    if name not in BUILT_IN:
-        from vcfbench.drivers.rate_table.configurable import ConfigurableDialect  # noqa: PLC0415 - when first needed
+    wanted = settings or AxisSettings()
+    row = find_language(name)
+    if row is not None and row.dialect is not None:
+        return Spoken(resolve(row.dialect).for_axis(wanted), Link(baud=row.baud_rate))
+    from vcfbench.drivers.rate_table.configurable import ConfigurableDialect  # noqa: PLC0415 - when first needed
 
-        profile = load_profile(name)
-        return Spoken(ConfigurableDialect(profile, axis), profile.link)
-    return Spoken(_built_in(name, axis, header, steps_per_deg), Link(baud=_BAUD[name]))
-
-
-def _built_in(name: str, axis: int, header: Header, steps_per_deg: float | None) -> TableDialect:
-    from vcfbench.drivers.rate_table.atl import AtlDialect  # noqa: PLC0415
-    from vcfbench.drivers.rate_table.esp import EspDialect  # noqa: PLC0415
-    from vcfbench.drivers.rate_table.zaber import ZaberDialect  # noqa: PLC0415
-
-    if name == "zaber":
-        if steps_per_deg is None:
-            raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, came nothing")
-        return ZaberDialect(steps_per_deg, axis)
-    if name == "atl":
-        return AtlDialect()
-    return EspDialect(axis) if name == "esp" else AclDialect(axis, header)
+    profile = load_profile(name)
+    return Spoken(ConfigurableDialect(profile, wanted.axis), profile.link)
 
 
 def open_serial(

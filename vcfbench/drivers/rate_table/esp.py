@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
 __all__ = ["EspDialect"]
@@ -47,10 +47,17 @@ class EspDialect:
     axis: int = 1
     rate_quantum_deg_s: ClassVar[float] = 1e-4
     gap_s: ClassVar[float] = 0.0
+    typed_line_end: ClassVar[bytes] = b"\r"
+    """What ends a line that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)
     _faults: list[str] = field(default_factory=list)
     _refused: list[tuple[int, str]] = field(default_factory=list)
     _version: str = ""
+
+    @classmethod
+    def for_axis(cls, settings: AxisSettings) -> EspDialect:
+        """Return the dialect of one axis."""
+        return cls(settings.axis)
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for the controller's version, ``ESP301 Version 3.0.1 6/1/99``."""

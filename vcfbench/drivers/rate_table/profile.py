@@ -17,9 +17,9 @@ from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.checksums import CHECKSUMS
 from vcfbench.drivers.rate_table.fields import BinaryType, Order, TextType, Wrap  # noqa: TC001 - msgspec reads them
 from vcfbench.drivers.rate_table.frames import frame_bytes
-from vcfbench.drivers.rate_table.names import SHIPPED
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
+from vcfbench.models import find_language
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -286,18 +286,24 @@ class Profile(_Part, frozen=True, kw_only=True):
         return self.reply_frame or self.frame
 
 
+def _comes_along(name: str) -> bool:
+    """Tell whether `name` is a language whose profile comes with the package."""
+    row = find_language(name)
+    return row is not None and row.dialect is None
+
+
 def load_profile(name: str) -> Profile:
     """Return the shipped profile `name`, or that of the file of this name.
 
     Raises:
         ConfigError: there is none, or it is not one; the message is one line with file, key and what was expected.
     """
-    return parse_profile(profile_text(name), f"profile {name}" if name in SHIPPED else shown(name))
+    return parse_profile(profile_text(name), f"profile {name}" if _comes_along(name) else shown(name))
 
 
 def profile_text(name: str) -> str:
     """Return the text of the shipped profile `name`, or of the file of this name; ConfigError if it cannot be read."""
-    if name in SHIPPED:
+    if _comes_along(name):
         return resources.files("vcfbench.drivers.rate_table").joinpath(f"profiles/{name}.toml").read_text("utf-8")
     return read_text(name, "a profile of a rate table")
 

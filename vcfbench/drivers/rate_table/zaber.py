@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
-from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, TransportError
+from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError, TransportError
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
 __all__ = ["ZaberDialect", "ZaberReply", "frame_request", "lrc", "parse_reply"]
@@ -117,7 +117,16 @@ class ZaberDialect:
     device: int = 1
     gap_s: ClassVar[float] = 0.0
     _number: int = -1
+    typed_line_end: ClassVar[bytes] = b"\n"
+    """What ends a line that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)
+
+    @classmethod
+    def for_axis(cls, settings: AxisSettings) -> ZaberDialect:
+        """Return the dialect of one axis; raises ConfigError without the stage's microsteps per degree."""
+        if settings.steps_per_deg is None:
+            raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, came nothing")
+        return cls(settings.steps_per_deg, settings.axis)
 
     @property
     def rate_quantum_deg_s(self) -> float:

@@ -10,6 +10,8 @@ what raises the alarm bit (here an interlock, the over-rate trip, following erro
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import SerialTiming
@@ -31,6 +33,8 @@ _TRAVEL_DEG = _LARGEST / _PER_DEG + 0.5
 
 class AaaaTable(Interlocked, FrameDevice):
     """The table: loops open after switching on. One axis turns, the others stay at zero."""
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
         super().__init__(world.clock, _TIMING, header=_HEADER, length=21)

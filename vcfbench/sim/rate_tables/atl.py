@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
@@ -36,6 +36,8 @@ _COMMAND = re.compile(r"([A-Za-z]{3}|[Pp](?=[-+.\d]))([+-]?\d+(?:\.\d*)?|[+-]?\.
 
 class AtlTable(Interlocked, LineDevice):
     """The table. It is off after power-up; SRV1 switches it on, and so does the first JOG (unverified)."""
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, prompt_after_motion: bool = True) -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=80)

@@ -9,7 +9,7 @@ Only one axis turns; frames for the other are taken without effect.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
@@ -31,6 +31,8 @@ _HOMING_DEG_S = 20.0
 
 class Dd16Table(Interlocked, FrameDevice):
     """The table: power off and nobody connected after switching on."""
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
         super().__init__(world.clock, _TIMING, header=b"\xdd", length=16)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
@@ -59,6 +59,8 @@ class _Refused(Exception):
 
 class EspTable(Interlocked, LineDevice):
     """The controller; motor off after power-up. Errors go to a queue read by TE? or TB?."""
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors) -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=80)

@@ -9,7 +9,7 @@ rate (here: moving). One axis of the three turns, the others are at rest.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
@@ -37,6 +37,8 @@ class _Refused(Exception):
 
 class MnAsTable(Interlocked, LineDevice):
     """The table: local control, servo off after switching on."""
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=160)

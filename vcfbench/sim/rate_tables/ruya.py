@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from enum import IntEnum
+from typing import ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
@@ -51,6 +52,8 @@ _MOVES = (_State.HOMING, _State.POSITION_RUN, _State.MULTI_TURN)
 
 class RuyaTable(Interlocked, LineDevice):
     """The table: released after switching on."""
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=64)

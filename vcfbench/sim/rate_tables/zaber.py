@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.motion import Ripple
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
@@ -80,6 +80,8 @@ def longitudinal_redundancy(text: str) -> str:
 
 class ZaberTable(Interlocked, LineDevice):
     """The stage; the drive is on after power-up."""
+
+    errors_class: ClassVar = StepperErrors
 
     def __init__(self, world: TableWorld, errors: StepperErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=256)

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
 
+from vcfbench.models import Wire as Offer
 from vcfbench.sim.faults import FaultScript
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
@@ -33,16 +34,13 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.clock import ServedClock
     from vcfbench.sim.world import World
 
-__all__ = ["DEFAULT_OFFERS", "BenchServer", "Offer", "Rs232", "ServedBench", "ServerSettings", "Wires"]
+__all__ = ["BenchServer", "Offer", "Rs232", "ServedBench", "ServerSettings", "Wires"]
 
-Offer = Literal["tcp", "vxi11", "hislip", "pty"]
 Rs232 = Literal["ideal", "real", "three-wire"]
 
-DEFAULT_OFFERS: dict[str, frozenset[Offer]] = {
-    "33220A": frozenset({"tcp", "vxi11"}),
-    "DSO7104B": frozenset({"tcp", "vxi11"}),
-}
 _SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})
+"""Where an instrument is offered of which nothing is said: rate tables."""
+
 _DEFAULT_CONTROL_PORT = 20220
 
 
@@ -57,6 +55,8 @@ class ServedBench:
     """What it was built from, for whoever asks."""
     rebuild: Callable[[int | None], ServedBench] | None = None
     """Builds it anew, of a seed and on the same clock; without it a served bench cannot be reset."""
+    wires: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
+    """The interfaces of the real boxes by role."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,8 +204,7 @@ class BenchServer:
 
     def offered(self, role: str) -> frozenset[Offer]:
         """Return the interfaces of an instrument."""
-        usual = DEFAULT_OFFERS.get(self.bench.models[role], _SERIAL)
-        offers = usual | self.settings.offers.get(role, frozenset())
+        offers = self.bench.wires.get(role, _SERIAL) | self.settings.offers.get(role, frozenset())
         wrong = offers - frozenset(get_args(Offer))
         if wrong:
             raise ValueError(f"offer: {role} can be on {', '.join(get_args(Offer))}, not on {min(wrong)!r}")
@@ -251,7 +250,7 @@ class BenchServer:
         self._listeners[role].append(listener)
 
     def _tcp(self, instrument: Instrument, ports: _Ports) -> int:
-        on_converter = self.bench.models[instrument.role] not in DEFAULT_OFFERS
+        on_converter = "pty" in self.bench.wires.get(instrument.role, _SERIAL)  # a box without a network port
         text_only = instrument.engine is not None and not instrument.engine.dialect.takes_blocks
         interface = CONVERTER if on_converter and text_only else SOCKET
 

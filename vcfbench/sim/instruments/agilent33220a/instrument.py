@@ -14,7 +14,7 @@ out: `waveforms` by `phases`, played by `playing`, or `noise`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from vcfbench.sim.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
 from vcfbench.sim.instruments.agilent33220a.commands import TABLE
@@ -60,6 +60,8 @@ class GeneratorWorld(Protocol):
 
 class Agilent33220A(ScpiInstrument):
     """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own."""
+
+    errors_class: ClassVar = GeneratorErrors
 
     def __init__(
         self, world: GeneratorWorld, errors: GeneratorErrors, interface: str = "usb", noise_seed: int = 0

@@ -17,7 +17,7 @@ fields of television are waited for in vain.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -88,6 +88,8 @@ TABLE = CommandTable(
 
 class Dso7104B(ScpiInstrument):
     """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan."""
+
+    errors_class: ClassVar = ScopeErrors
 
     def __init__(
         self, world: ScopeWorld, channels: Mapping[int, str], errors: ScopeErrors, interface: str = "usb"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.instruments.e3631a.calibration import Calibration
@@ -81,6 +81,8 @@ class E3631A(ScpiInstrument):
         errors: imperfections of this specimen.
         interface: "gpib" or "rs232", one of which is selected on the front panel.
     """
+
+    errors_class: ClassVar = SupplyErrors
 
     def __init__(
         self, world: World, *, rails: Mapping[str, str] = _RAILS, errors: SupplyErrors, interface: str = "gpib"

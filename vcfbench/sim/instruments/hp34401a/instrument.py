@@ -9,7 +9,7 @@ measure, `setup` settings, `inputs` readings, `ac`, `counter`, `ohms`, `current`
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.sim.instruments.hp34401a import ohms
 from vcfbench.sim.instruments.hp34401a.calculation import MATH_RULES, OVERLOAD, Math
@@ -66,6 +66,8 @@ class Hp34401A(ScpiInstrument):
         sense: the node on its sense terminals, for ratios and four-wire resistance; None leaves them open.
         interface: "gpib" or "rs232", one of which is selected on the front panel.
     """
+
+    errors_class: ClassVar = MeterErrors
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ coding of the mode bits, and what a faulty command answers.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from vcfbench.sim.rate_tables.acl.demand import Demand
 from vcfbench.sim.rate_tables.acl.demand_commands import DemandCommands
@@ -29,6 +29,7 @@ from vcfbench.sim.rate_tables.acl.registers import Registers
 from vcfbench.sim.rate_tables.acl.replies import StateFormat
 from vcfbench.sim.rate_tables.acl.status import Status
 from vcfbench.sim.rate_tables.acl.system_queries import system_queries
+from vcfbench.sim.rate_tables.axis import TableErrors
 from vcfbench.sim.rate_tables.interlocked import interlock_adjustments
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.adjustment import Adjustment
     from vcfbench.sim.rate_tables.acl.arguments import Action, Query
-    from vcfbench.sim.rate_tables.axis import TableErrors, TableWorld
+    from vcfbench.sim.rate_tables.axis import TableWorld
 
 __all__ = ["AclTable", "Header"]
 
@@ -53,6 +54,8 @@ class AclTable(LineDevice):
     `header` is the prefix of every reply: none, or error code and length as two 32-bit words of either byte order.
     Without a prefix a command is acknowledged by ``OK``, a faulty one by an empty line (both unverified).
     """
+
+    errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, header: Header = "none") -> None:
         super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=MAX_MESSAGE_CHARS)

@@ -1,0 +1,161 @@
+"""Rows of models: those that come along, those that other packages bring, and what becomes of rows that do not fit."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench import models
+from vcfbench.bench.discovery import recognise
+from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.bench.guard import guard_of
+from vcfbench.bench.simulated import twins
+from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
+from vcfbench.drivers.registry import find_driver
+from vcfbench.errors import ConfigError, LimitError
+from vcfbench.models import LANGUAGES, MODELS, Model, TableLanguage, find_language, find_model, resolve
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.description import BenchDescription
+
+
+class Meter(Hp34401A):
+    model = "M1"
+
+
+class Twin:
+    errors_class = dict
+
+
+@pytest.fixture(autouse=True)
+def packages(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Three models: one that fits, one whose package is broken, one that registers something else."""
+    module = ModuleType("acme_of_a_test")
+    module.MODEL = Model("M1", ("multimeter",), driver=Meter, twin=Twin, makers=("ACME",))  # type: ignore[attr-defined]
+    module.LANGUAGE = TableLanguage(  # type: ignore[attr-defined]
+        "acme",
+        twin="vcfbench.sim.rate_tables.atl:AtlTable",
+        dialect="vcfbench.drivers.rate_table.atl:AtlDialect",
+    )
+    module.TWIN = Twin  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "acme_of_a_test", module)
+    where = {
+        "M1": "acme_of_a_test:MODEL",
+        "M2": "no_such_module:MODEL",
+        "M3": "acme_of_a_test:TWIN",
+        "acme": "acme_of_a_test:LANGUAGE",
+    }
+    points = [EntryPoint(name, value, "vcfbench.models") for name, value in where.items()]
+
+    def found(group: str, name: str | None = None) -> list[EntryPoint]:
+        assert group == "vcfbench.models"
+        return [each for each in points if name in {None, each.name}]
+
+    monkeypatch.setattr(models, "entry_points", found)
+    models._installed_names.cache_clear()
+    yield
+    models._installed_names.cache_clear()
+
+
+def bench(old: str, new: str) -> BenchDescription:
+    return parse_bench(embedded_text("paper").replace(old, new, 1), "lab.toml")
+
+
+@pytest.mark.parametrize("row", MODELS, ids=lambda row: row.name)
+def test_what_a_row_names_is_there(row: Model) -> None:
+    assert find_driver(row.name).model == resolve(row.driver).model == row.name
+    assert resolve(row.twin).errors_class.none() is not None
+    assert callable(resolve(row.console))
+    assert set(row.roles) <= set(models.ROLES)
+    maker, model, *_ = row.answers["*IDN?"].split(",")
+    assert row.recognises(maker, model)
+    assert recognise(row.answers["*IDN?"]) == row.name
+    assert not row.recognises("ACME", model)
+
+
+@pytest.mark.parametrize("row", LANGUAGES, ids=lambda row: row.name)
+def test_what_a_language_names_is_there(row: TableLanguage) -> None:
+    assert resolve(row.twin).errors_class is not None
+    if row.dialect is not None:
+        dialect: TableDialect = resolve(row.dialect).for_axis(AxisSettings(steps_per_deg=1000.0))
+        assert dialect.rate_quantum_deg_s > 0.0
+
+
+def test_names_are_given_once() -> None:
+    names = [row.name for row in (*MODELS, *LANGUAGES)]
+    assert len(set(names)) == len(names)
+
+
+def test_rows_load_no_driver_and_no_simulation() -> None:
+    code = "import sys, vcfbench.models as m; m.find_model('34401A'); print([n for n in sys.modules if n.startswith("
+    code += "('vcfbench.drivers', 'vcfbench.sim', 'vcfbench.bench', 'numpy', 'pyvisa'))])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 - our own interpreter and words
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_registered_model_fills_a_role() -> None:
+    assert bench('"34401A"', '"M1"').multimeter.model == "M1"
+    assert find_driver("M1").driver_class is Meter
+    assert twins(bench('"34401A"', '"M1"'))["multimeter"] is Twin
+
+
+def test_a_registered_model_is_discovered_like_one_that_comes_along() -> None:
+    assert recognise("ACME,M1,7,1.0") == "M1"
+    assert recognise("ACME,M9,7,1.0") is None
+
+
+def test_a_registered_language_is_one_that_bench_files_know() -> None:
+    assert bench('"acl"', '"acme"').rate_table.dialect == "acme"
+    assert find_language("acme") is not None
+
+
+def test_what_speaks_the_same_words_is_one_line_of_the_bench_file() -> None:
+    described = bench('"34401A"', '"34410A"\nlike = "34401A"')
+    driver = find_driver("34410A", described.multimeter.like).driver_class
+    assert driver.model == "34410A"
+    assert issubclass(driver, Hp34401A)
+    assert twins(described)["multimeter"].__name__ == "Hp34401A"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            '"34401A"',
+            '"2000"',
+            "lab.toml: multimeter.model: expected '34401A' or 'M1', or one that speaks the same words (like = ...)",
+        ),
+        ('"33220A"', '"M1"', "rate_source.model: expected '33220A', or one that speaks the same words"),
+        ('"34401A"', '"X"\nlike = "33220A"', "multimeter.like: expected '34401A' or 'M1', came '33220A'"),
+        ('"34401A"', '"M2"', "the model 'M2' (no_such_module:MODEL) cannot be loaded: No module named"),
+        ('"34401A"', '"M3"', "what is registered for 'M3' (acme_of_a_test:TWIN) is no row of vcfbench.models"),
+        ('"acl"', '"M1"', "rate_table.dialect: expected a text: one of acl, zaber"),
+    ],
+)
+def test_a_model_that_does_not_fit_is_a_mistake_of_the_bench_file(old: str, new: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        bench(old, new)
+    assert said in str(caught.value)
+
+
+def test_a_model_without_a_twin_serves_on_real_benches_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["acme_of_a_test"], "MODEL", Model("M1", ("multimeter",), driver=Meter))
+    assert find_model("M1") is not None
+    with pytest.raises(ConfigError, match="there is no simulated M1"):
+        twins(bench('"34401A"', '"M1"'))
+
+
+def test_of_words_that_nobody_has_rules_for_only_questions_pass() -> None:
+    guard = guard_of("multimeter", bench('"34401A"', '"M1"'))
+    guard.judge("*IDN?;MEASURE?", str)
+    for message in ("RANGE 10", "*IDN?;RANGE 10", "*TST?"):
+        with pytest.raises(LimitError, match="cannot be judged"):
+            guard.judge(message, str)

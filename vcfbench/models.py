@@ -1,0 +1,265 @@
+"""Every instrument model and every table language that bench files can name: one row each.
+
+A row is data. It names classes as ``module:Name`` and imports them when they are used, so that reading a bench file
+loads no driver and no simulation. Another package brings rows of its own as entry points::
+
+    [project.entry-points."vcfbench.models"]
+    M1 = "acme.m1:MODEL"
+
+`MODEL` is a :class:`Model` (its classes may stand there themselves, not by name) or a :class:`TableLanguage`. What
+comes with the project and what comes with another package are treated alike: discovery, console, served wires, RS-232.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Wire = Literal["tcp", "vxi11", "hislip", "pty"]
+"""An interface on which a served bench can offer an instrument."""
+
+ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration_source")
+"""The places on a bench that an instrument model can fill; the rate table's place takes a language."""
+
+_GROUP = "vcfbench.models"
+HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
+"""The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
+
+_Row = TypeVar("_Row", "Model", "TableLanguage")
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """An instrument model.
+
+    Args:
+        name: what bench files call it, and what ``*IDN?`` answers as its second field.
+        roles: places on the bench that it can fill, in the order in which discovery gives them out.
+        driver: its :class:`~vcfbench.drivers.scpi_instrument.ScpiInstrument`, or a whole
+            :class:`~vcfbench.drivers.registry.Driver`.
+        twin: its simulated instrument with the class attribute `errors_class`; None leaves real benches only.
+        console: what may be typed to it, made from the bench description; None lets questions pass alone.
+        makers: how the maker's name in ``*IDN?`` may begin, in capitals.
+        wires: on which a served bench offers it by default: those of the real box, and TCP where labs put it on a
+            converter.
+        rs232: whether it has a serial port.
+        answers: what it answers while it is at rest and well, by the beginning of the question; ``*IDN?`` at least.
+    """
+
+    name: str
+    roles: tuple[str, ...]
+    driver: Any
+    twin: Any = None
+    console: Any = None
+    makers: tuple[str, ...] = HP_MAKERS
+    wires: frozenset[Wire] = frozenset({"tcp", "pty"})
+    rs232: bool = False
+    answers: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    def recognises(self, maker: str, model: str) -> bool:
+        """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
+        return maker.upper().startswith(self.makers) and model.upper().startswith(self.name.upper())
+
+    def speaking_as(self, name: str) -> Model:
+        """Return the row of the model `name`, which speaks the same words under its own name."""
+        return replace(self, name=name)
+
+
+@dataclass(frozen=True, slots=True)
+class TableLanguage:
+    """The language of a rate table.
+
+    Args:
+        name: what bench files call it.
+        twin: the simulated table that speaks it, with the class attribute `errors_class`.
+        dialect: its class in Python, made by `for_axis`; None for a profile ``NAME.toml`` that comes along.
+        baud_rate: of its serial line, unless the bench file or its profile says otherwise.
+        makers: how the maker's name in ``*IDN?`` may begin, for those that answer it.
+        model_prefix: how the model there begins.
+        reads_and_stops: pattern of what surely only reads or stops, for consoles; None lets nothing pass.
+    """
+
+    name: str
+    twin: Any = None
+    dialect: Any = None
+    baud_rate: int = 9_600
+    makers: tuple[str, ...] = ()
+    model_prefix: str = ""
+    reads_and_stops: str | None = None
+
+    def recognises(self, maker: str, model: str) -> bool:
+        """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of a table of this language."""
+        named = bool(self.makers) and maker.upper().startswith(self.makers)
+        return named and model.upper().startswith(self.model_prefix)
+
+
+MODELS: Final = (
+    Model(
+        "E3631A",
+        ("power",),
+        driver="vcfbench.drivers.e3631a:E3631A",
+        twin="vcfbench.sim.instruments.e3631a:E3631A",
+        console="vcfbench.bench.guard.supply:supply_rules",
+        rs232=True,
+        answers={"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"},
+    ),
+    Model(
+        "33220A",
+        ("rate_source", "vibration_source"),
+        driver="vcfbench.drivers.agilent33220a:Agilent33220A",
+        twin="vcfbench.sim.instruments.agilent33220a:Agilent33220A",
+        console="vcfbench.bench.guard.generator:generator_rules",
+        makers=("AGILENT", "KEYSIGHT"),
+        wires=frozenset({"tcp", "vxi11"}),
+        answers={"*IDN?": "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2", "OUTP?": "0"},
+    ),
+    Model(
+        "34401A",
+        ("multimeter",),
+        driver="vcfbench.drivers.hp34401a:Hp34401A",
+        twin="vcfbench.sim.instruments.hp34401a:Hp34401A",
+        console="vcfbench.bench.guard.meter:meter_rules",
+        rs232=True,
+        answers={"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"},
+    ),
+    Model(
+        "DSO7104B",
+        ("oscilloscope",),
+        driver="vcfbench.drivers.dso7104b:Dso7104B",
+        twin="vcfbench.sim.instruments.dso7104b:Dso7104B",
+        console="vcfbench.bench.guard.rules:no_rules",
+        makers=("AGILENT", "KEYSIGHT"),
+        wires=frozenset({"tcp", "vxi11"}),
+        answers={"*IDN?": "AGILENT TECHNOLOGIES,DSO7104B,MY1,06.00.0003", ":OPER:COND?": "+0"},
+    ),
+)
+"""The instrument models that come with the project."""
+
+LANGUAGES: Final = (
+    TableLanguage(
+        "acl",
+        twin="vcfbench.sim.rate_tables.acl:AclTable",
+        dialect="vcfbench.drivers.rate_table.acl:AclDialect",
+        makers=("ACUTRONIC", "ACTIDYN"),
+        model_prefix="AC",
+    ),
+    TableLanguage(
+        "zaber",
+        twin="vcfbench.sim.rate_tables.zaber:ZaberTable",
+        dialect="vcfbench.drivers.rate_table.zaber:ZaberDialect",
+        baud_rate=115_200,
+        reads_and_stops=r"/(?:\d+ )*(?:get .*|stop|estop|warnings(?: clear)?|)",  # Zaber ASCII protocol manual
+    ),
+    TableLanguage(
+        "atl",
+        twin="vcfbench.sim.rate_tables.atl:AtlTable",
+        dialect="vcfbench.drivers.rate_table.atl:AtlDialect",
+        reads_and_stops="STO|PPO|PVE|STA",  # users' code of Aerosmith tables
+    ),
+    TableLanguage(
+        "esp",
+        twin="vcfbench.sim.rate_tables.esp:EspTable",
+        dialect="vcfbench.drivers.rate_table.esp:EspDialect",
+        baud_rate=19_200,  # unverified
+        reads_and_stops=r"\d*(?:[A-Z]{2}\d*\?|ST|AB)",  # Newport ESP301 manual
+    ),
+    TableLanguage("dd16", twin="vcfbench.sim.rate_tables.dd16:Dd16Table"),
+    TableLanguage("mn_as", twin="vcfbench.sim.rate_tables.mn_as:MnAsTable"),
+    TableLanguage("ruya", twin="vcfbench.sim.rate_tables.ruya:RuyaTable"),
+    TableLanguage("aaaa", twin="vcfbench.sim.rate_tables.aaaa:AaaaTable"),
+)
+"""The languages of rate tables that come with the project."""
+
+
+def resolve(reference: Any) -> Any:
+    """Return what ``module:Name`` names; what is no text is what it is."""
+    if not isinstance(reference, str):
+        return reference
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name)
+
+
+def model_names() -> tuple[str, ...]:
+    """Return the names of all models and languages, those of other packages last."""
+    own = tuple(row.name for row in (*MODELS, *LANGUAGES))
+    return (*own, *(name for name in _installed_names() if name not in own))
+
+
+def models_for(role: str) -> tuple[str, ...]:
+    """Return the names of the models that can fill `role`; a package that cannot be loaded fills none."""
+    return tuple(row.name for row in _every(Model) if role in row.roles)
+
+
+def languages() -> tuple[str, ...]:
+    """Return the names of all table languages; those of packages that cannot be loaded are left out."""
+    return tuple(row.name for row in _every(TableLanguage))
+
+
+def find_model(name: str) -> Model | None:
+    """Return the row of the model `name`, None when there is none.
+
+    Raises:
+        ConfigError: another package registers it and cannot be loaded.
+    """
+    return _find(name, MODELS, Model)
+
+
+def find_language(name: str) -> TableLanguage | None:
+    """Return the row of the table language `name`, None when there is none.
+
+    Raises:
+        ConfigError: another package registers it and cannot be loaded.
+    """
+    return _find(name, LANGUAGES, TableLanguage)
+
+
+def recognised(maker: str, model: str) -> Model | TableLanguage | None:
+    """Return the row of whatever answers ``*IDN?`` with `maker` and `model` first, None when there is none."""
+    rows: tuple[Model | TableLanguage, ...] = (*_every(Model), *_every(TableLanguage))
+    return next((row for row in rows if row.recognises(maker, model)), None)
+
+
+def _every(kind: type[_Row]) -> tuple[_Row, ...]:
+    own: tuple[Model | TableLanguage, ...] = (*MODELS, *LANGUAGES)
+    rows = (*own, *(_load_quietly(name) for name in _installed_names()))
+    return tuple(row for row in rows if isinstance(row, kind))
+
+
+def _find(name: str, own: tuple[_Row, ...], kind: type[_Row]) -> _Row | None:
+    row = next((each for each in own if each.name == name), None)
+    if row is not None or name not in _installed_names():
+        return row
+    loaded = _load(name)
+    return loaded if isinstance(loaded, kind) else None
+
+
+@cache  # looking through the installed packages takes milliseconds
+def _installed_names() -> tuple[str, ...]:
+    return tuple(sorted({entry.name for entry in entry_points(group=_GROUP)}))
+
+
+def _load_quietly(name: str) -> Model | TableLanguage | None:
+    try:
+        return _load(name)
+    except ConfigError:
+        return None
+
+
+def _load(name: str) -> Model | TableLanguage:
+    (entry, *_) = entry_points(group=_GROUP, name=name)
+    try:
+        row = entry.load()
+    except Exception as error:  # another package is anyone's code
+        raise ConfigError(f"the model {name!r} ({entry.value}) cannot be loaded: {error}") from error
+    if isinstance(row, Model | TableLanguage) and row.name == name:
+        return row
+    raise ConfigError(f"what is registered for {name!r} ({entry.value}) is no row of vcfbench.models of that name")
