@@ -26,7 +26,7 @@ limits.
 
 from __future__ import annotations
 
-from typing import ClassVar, TypedDict, Unpack
+from typing import Any, ClassVar, TypedDict, Unpack
 
 __all__ = [
     "Aborted",
@@ -133,9 +133,13 @@ class Aborted(BenchError):
 
 
 class NotSafe(BenchError):
-    """Something could not be made safe; the message names it."""
+    """Something could not be made safe; the message names it.
+
+    `reports` tell what came of every instrument (:class:`vcfbench.interfaces.SafeReport`), as far as that is known.
+    """
 
     exit_code = 5
+    reports: tuple[Any, ...] = ()
 
 
 class TransportError(BenchError):

@@ -111,14 +111,16 @@ def test_usage_errors_have_exit_code_two_and_no_traceback(arguments: list[str]) 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
-@pytest.mark.parametrize("arguments", [["bench", "show", "--template"], ["bench", "check"], ["--help"]])
-def test_a_reader_that_leaves_is_left_in_peace(arguments: list[str]) -> None:
-    """A pipe without a reader: nothing is said, not even by the interpreter when it ends."""
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(["bench", "show", "--template"], 4), (["bench", "check"], 0), (["--help"], 4)]
+)
+def test_a_reader_that_leaves_is_left_in_peace(arguments: list[str], code: int) -> None:
+    """A pipe without a reader: nothing is said, not even by the interpreter; a check says how the bench is."""
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "wb") as pipe:
         done = vcfbench(*arguments, stdout=pipe)
-    assert (done.returncode, done.stderr) == (4, "")
+    assert (done.returncode, done.stderr) == (code, "")
 
 
 FULL_DISK = Path("/dev/full")
@@ -131,7 +133,11 @@ ANSWERS = [["--help"], ["--version"], ["bench", "show"], ["bench", "check"], ["r
 def test_an_answer_that_cannot_be_written_is_one_sentence(arguments: list[str]) -> None:
     with FULL_DISK.open("wb") as full:
         done = vcfbench(*arguments, stdout=full)
-    assert (done.returncode, done.stderr) == (3, "vcfbench: cannot read or write: No space left on device\n")
+    assert done.returncode == 3
+    assert done.stderr in {
+        "vcfbench: cannot read or write: No space left on device\n",
+        "vcfbench: the answer could not be written: No space left on device\n",
+    }
 
 
 @NEEDS_FULL_DISK

@@ -180,7 +180,55 @@ def test_an_unreachable_instrument_is_an_aborted_run_without_record(station: Sta
     answer = json.loads(result.stdout)
     assert (answer["run"], answer["status"], answer["points"]) == (None, "aborted", [])
     assert result.exception is station.refuses
-    assert list(tmp_path.iterdir()) == []
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_a_bench_that_opened_into_something_unsafe_has_a_record_of_that(station: Station, tmp_path: Path) -> None:
+    unsafe = SafeReport("rate_table", "COM1", safe=False, detail="it turns at 12 deg/s")
+    station.refuses = NotSafe("NOT SAFE: rate_table at COM1: it turns at 12 deg/s")
+    station.refuses.reports = (unsafe,)
+    result = call("run", "turntable", "--json")
+    assert result.exception is station.refuses
+    (journal,) = (tmp_path / "runs").glob("*/journal.jsonl")
+    header, footer = (json.loads(line) for line in journal.read_text().splitlines())
+    assert (header["identities"], footer["error"]["kind"], footer["status"]) == ({}, "NotSafe", "aborted")
+    assert footer["safe"] == [{"instrument": "rate_table", "resource": "COM1", "safe": False, "detail": unsafe.detail}]
+
+
+def test_a_record_that_cannot_be_kept_is_found_before_an_instrument_is_opened(station: Station, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for runs in ("file", "file/runs", ""):
+        result = call("run", "turntable", "--runs", runs)
+        assert isinstance(result.exception, ConfigError)
+        assert "no record can be kept there" in str(result.exception) or "came an empty name" in str(result.exception)
+    assert station.opened == []
+
+
+def test_a_display_that_fails_is_in_the_record_and_changes_nothing(
+    station: Station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("I/O operation on closed file")
+
+    monkeypatch.setattr("vcfbench.report.progress.LineProgress.handle", fail)
+    assert call("run", "turntable").exit_code == 0
+    (journal,) = (tmp_path / "runs").glob("*/journal.jsonl")
+    footer = json.loads(journal.read_text().splitlines()[-1])
+    assert (footer["status"], footer["display_lost"]) == ("complete", "ValueError: I/O operation on closed file")
+    assert station.opened
+
+
+def test_a_mistake_of_ours_leaves_a_record_that_is_ended(station: Station, tmp_path: Path) -> None:
+    def breaks(bench: FakeBench) -> None:
+        bench.power.enable_outputs = lambda: 1 / 0  # type: ignore[assignment, return-value]
+
+    station.spoil = breaks
+    assert isinstance(call("run", "turntable", "--quiet").exception, ZeroDivisionError)
+    (journal,) = (tmp_path / "runs").glob("*/journal.jsonl")
+    footer = json.loads(journal.read_text().splitlines()[-1])
+    assert footer["error"]["what"] == "the program has a mistake: ZeroDivisionError: division by zero"
+    assert [report["safe"] for report in footer["safe"]] == [True]
+    assert (journal.parent / "points.csv").exists()
 
 
 def test_not_safe_comes_before_everything(station: Station) -> None:
@@ -248,6 +296,16 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
     assert header["bench"]["name"] == load_bench().name
     assert header["identities"]["power"]["maker"] == "fake"
     assert header["seed"] == 3
+    assert header["options"] == {
+        "bench": None,
+        "seed": 3,
+        "json": False,
+        "dry_run": False,
+        "runs": "runs",
+        "speed": None,
+        "quiet": True,
+        "match": "zero",
+    }
     assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])
     assert footer["status"] == "complete"
     assert [report["safe"] for report in footer["safe"]] == [True]

@@ -86,3 +86,23 @@ def test_no_name_is_no_run(tmp_path: Path) -> None:
     begun(tmp_path, "only", "2024-01-01T00:00:00+00:00")
     with pytest.raises(ConfigError, match="came nothing"):
         find_run(tmp_path, "")
+
+
+def test_a_disk_that_takes_no_file_is_found_at_once_and_nothing_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("vcfbench.record.directory.os.fsync", full)
+    with pytest.raises(ConfigError, match="no record can be kept there: No space left on device"):
+        create_run(tmp_path / "runs", "turntable")
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_a_directory_without_a_record_is_taken_away_and_no_other(tmp_path: Path) -> None:
+    empty, kept = create_run(tmp_path, "turntable"), create_run(tmp_path, "turntable")
+    Journal(kept.journal).close()
+    empty.discard()
+    kept.discard()
+    assert list(tmp_path.iterdir()) == [kept.path]

@@ -1,12 +1,19 @@
-"""How the commands answer ``--json``."""
+"""How the commands answer: on stdout, and with ``--json`` one object there."""
 
 from __future__ import annotations
 
-from typing import Any
+import sys
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-__all__ = ["print_json"]
+from vcfbench.cli.ending import discard_stdout, terminal_gone
+from vcfbench.errors import BenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["answer", "given", "print_json"]
 
 
 def print_json(values: dict[str, Any]) -> None:
@@ -14,3 +21,31 @@ def print_json(values: dict[str, Any]) -> None:
     import msgspec  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
 
     typer.echo(msgspec.json.encode(values).decode())
+
+
+def answer(show: Callable[[], None], outcome: BenchError | None) -> None:
+    """Let `show` print an answer, then raise what it amounts to: that it cannot be printed hides nothing."""
+    unwritten = given(show)
+    if outcome is not None:
+        raise outcome
+    if unwritten is not None:
+        raise unwritten
+
+
+def given(show: Callable[[], None]) -> BenchError | None:
+    """Let `show` print an answer, and return what kept it from being printed; None when nobody is there to read it.
+
+    For commands whose exit code says how a bench or a run is: a reader that has left changes nothing about that.
+    """
+    try:
+        show()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        discard_stdout()
+    except OSError as error:
+        gone = terminal_gone(error)
+        discard_stdout()
+        return None if gone else BenchError(f"the answer could not be written: {error.strerror}")
+    except ValueError as error:  # stdout was closed, or cannot write some character
+        return BenchError(f"the answer could not be written: {error}")
+    return None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vcfbench.cli.answer import print_json
+from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.discover import discover
 
 if TYPE_CHECKING:
@@ -60,12 +60,14 @@ def check(bench: Bench_ = None, *, json: Json_ = False) -> None:
 
     description = load_bench(bench)
     done = check_bench(description)
-    if json:
-        print_json(_check_json(description.name, done))
-    else:
-        _print_check(description.title, done)
-    if (failure := done.failure()) is not None:
-        raise failure
+
+    def show() -> None:
+        if json:
+            print_json(_check_json(description.name, done))
+        else:
+            _print_check(description.title, done)
+
+    answer(show, done.failure())
 
 
 def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:

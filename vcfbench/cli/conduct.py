@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from vcfbench.cli.answer import print_json
+from vcfbench.cli.answer import given, print_json
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 
 if TYPE_CHECKING:
@@ -18,15 +18,17 @@ if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.signals import StopSignals
-    from vcfbench.interfaces import SafeReport
+    from vcfbench.cli.ending import EarlyAndLate
+    from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.catalogue import Procedure
-    from vcfbench.procedures.executor import Execution
+    from vcfbench.procedures.executor import Execution, Observer
     from vcfbench.procedures.rehearsal import Rehearsed
     from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.record.schema import Point
     from vcfbench.report.progress import NoProgress
+    from vcfbench.report.shielded import Shielded
 
 __all__ = ["Record", "RunOptions", "RunReport", "conduct"]
 
@@ -45,8 +47,11 @@ class RunOptions:
     match: str
 
 
-def conduct(name: str, options: RunOptions) -> None:
-    """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell."""
+def conduct(name: str, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
+    """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell.
+
+    `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
+    """
     if options.dry_run:
         _dry_run(name, options)
         return
@@ -57,10 +62,15 @@ def conduct(name: str, options: RunOptions) -> None:
         try:
             _run(report, options, signals)
         except BenchError as error:
-            report.error = report.error or error
-        report.show(options)
+            _take_error(report, error)
+        unwritten = given(lambda: report.show(options))
+        if ending is not None:
+            ending.answered()
     if report.error is not None:
         raise report.error
+    if unwritten is not None:
+        unwritten.hint = None if report.directory is None else f"it is in the record {report.directory.path}"
+        raise unwritten
 
 
 @dataclass(slots=True)
@@ -194,28 +204,41 @@ def _dry_run_json(name: str, rehearsed: Sequence[Rehearsed], minimum_s: float) -
 def _run(report: RunReport, options: RunOptions, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
+    from vcfbench.report.shielded import Shielded  # noqa: PLC0415
 
     procedure, settings = _prepare(report, options)
     description = report.description
     assert description is not None  # noqa: S101  # _prepare filled it in
-    record = Record(report, procedure, settings)
+    record = Record(report, procedure, settings, options)
+    estimate_s = _estimate_s(_rehearse(procedure, settings))
+    display = Shielded(lambda: _progress(options, estimate_s))
+    record.prepare()
     try:
-        with (
-            open_bench(description, seed=report.seed, speed=options.speed, signals=signals) as bench,
-            _progress(options, _estimate_s(_rehearse(procedure, settings))) as progress,
-        ):
-            record.perform(bench, options, progress)
-    except BenchError as error:
-        _take_error(report, error)
-    except KeyboardInterrupt:
-        _take_error(report, Aborted("stopped by the operator"))
+        with display, open_bench(description, seed=report.seed, speed=options.speed, signals=signals) as bench:
+            record.perform(bench, display)
+    except BaseException as error:
+        _take_error(report, _as_bench_error(error))
+        if not isinstance(error, BenchError | KeyboardInterrupt):
+            raise  # a mistake of ours; the record is closed all the same
     finally:
         signals.close()
-    record.close()
+        record.close(display)
+
+
+def _as_bench_error(error: BaseException) -> BenchError:
+    """Return what `error` means for the record."""
+    match error:
+        case BenchError():
+            return error
+        case KeyboardInterrupt():
+            return Aborted("stopped by the operator")
+    return BenchError(f"the program has a mistake: {type(error).__name__}: {error}")
 
 
 def _take_error(report: RunReport, error: BenchError) -> None:
     """Keep the first error, unless something is not safe: that comes before everything."""
+    if report.error is error or isinstance(report.error, NotSafe):
+        return
     if isinstance(error, NotSafe) and report.error is not None:
         error.hint = "; ".join(filter(None, [error.hint, f"before that: {report.error}"]))
     if isinstance(error, NotSafe) or report.error is None:
@@ -238,44 +261,58 @@ class Record:
     report: RunReport
     procedure: Procedure
     settings: CalibrationSettings
+    options: RunOptions
     journal: Journal | None = None
     safe_reports: Sequence[SafeReport] = ()
 
-    def perform(self, bench: Bench, options: RunOptions, progress: NoProgress) -> None:
+    def prepare(self) -> None:
+        """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin."""
+        from vcfbench.record.directory import create_run  # noqa: PLC0415
+
+        self.report.directory = create_run(self.options.runs, self.procedure.name)
+
+    def perform(self, bench: Bench, display: Observer) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it in the report."""
         from vcfbench.procedures.executor import Executor  # noqa: PLC0415
-        from vcfbench.record.directory import create_run  # noqa: PLC0415
-        from vcfbench.record.journal import Journal  # noqa: PLC0415
 
         self.report.seed = bench.seed
-        self.report.directory = create_run(options.runs, self.procedure.name)
-        self.journal = Journal(self.report.directory.journal)
-        self.journal.header(self._header(bench, options))
         self.safe_reports = bench.safe_reports  # filled when the bench is left
-        executor = Executor(bench, self.journal, [progress])
+        journal = self._open_journal(bench.identities)
+        executor = Executor(bench, journal, [display])
         try:
             execution = executor.execute(self.procedure.plan(self.settings))
         finally:
             self.report.execution = executor.so_far()
-        self.report.error = execution.error
+        if execution.error is not None:
+            _take_error(self.report, execution.error)
 
-    def _header(self, bench: Bench, options: RunOptions) -> dict[str, Any]:
+    def _open_journal(self, identities: Mapping[str, Identity]) -> Journal:
+        from vcfbench.record.journal import Journal  # noqa: PLC0415
+
+        assert self.report.directory is not None  # noqa: S101  # prepared
+        self.journal = Journal(self.report.directory.journal)
+        self.journal.header(self._header(identities))
+        return self.journal
+
+    def _header(self, identities: Mapping[str, Identity]) -> dict[str, Any]:
         import msgspec  # noqa: PLC0415
 
+        description = self.report.description
+        assert description is not None  # noqa: S101  # a record is made of a bench that was read
         return {
             "run": self.report.as_json()["run"],
             "procedure": self.procedure.name,
-            "simulated": bench.simulated,
+            "simulated": description.simulated,
             "seed": self.report.seed,
             "versions": _versions(),
-            "identities": msgspec.to_builtins(bench.identities),
-            "options": {key: str(value) for key, value in asdict(options).items()},
+            "identities": msgspec.to_builtins(identities),
+            "options": msgspec.to_builtins(asdict(self.options), enc_hook=str),
             "settings": asdict(self.settings),
-            "bench": msgspec.to_builtins(bench.description),
-            **_profile_of(bench.description.rate_table.dialect),
+            "bench": msgspec.to_builtins(description),
+            **_profile_of(description.rate_table.dialect),
         }
 
-    def close(self) -> None:
+    def close(self, display: Shielded) -> None:
         """Compute the results, end the journal, and write what is derived from it."""
         from vcfbench.record.schema import Status  # noqa: PLC0415
 
@@ -283,14 +320,35 @@ class Record:
         if report.execution is not None and report.execution.status is Status.COMPLETE:
             self._compute()
         if self.journal is None:
-            return
+            self._without_journal()
+        if self.journal is not None:
+            try:
+                self._end(self.journal, display.lost)
+            except BenchError as error:
+                _take_error(report, error)
+
+    def _end(self, journal: Journal, display_lost: str | None) -> None:
+        """Write the footer and all that is derived, each whatever becomes of the others."""
         try:
-            self.journal.footer(self._footer())
-            self._derive()
-        except BenchError as error:
-            _take_error(report, error)
+            journal.footer(self._footer(display_lost))
         finally:
-            self.journal.close()
+            try:
+                self._derive()
+            finally:
+                journal.close()
+
+    def _without_journal(self) -> None:
+        """Keep no record of a bench that did not open, unless something was left unsafe by that."""
+        report = self.report
+        if isinstance(report.error, NotSafe):
+            self.safe_reports = report.error.reports
+            try:
+                self._open_journal({})
+            except BenchError as error:
+                _take_error(report, error)
+        elif report.directory is not None:
+            report.directory.discard()
+            report.directory = None
 
     def _compute(self) -> None:
         try:
@@ -298,7 +356,7 @@ class Record:
         except ConfigError as error:
             _take_error(self.report, MeasurementError(f"the points give no result: {error.what}"))
 
-    def _footer(self) -> dict[str, Any]:
+    def _footer(self, display_lost: str | None) -> dict[str, Any]:
         report, execution = self.report, self.report.execution
         error = None if report.error is None else {"kind": type(report.error).__name__, "what": str(report.error)}
         return {
@@ -308,6 +366,7 @@ class Record:
             "bench_seconds": None if execution is None else execution.bench_seconds,
             "physical_minimum_s": None if execution is None else execution.physical_minimum_s,
             "safe": [asdict(safe) for safe in self.safe_reports],
+            **({} if display_lost is None else {"display_lost": display_lost}),
         }
 
     def _derive(self) -> None:

@@ -8,9 +8,9 @@ command runs.
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from contextlib import contextmanager, suppress
+import traceback
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -18,7 +18,8 @@ from typer.core import TyperGroup
 
 from vcfbench import __version__
 from vcfbench.cli import analyze, bench, run, runs, sim, talk
-from vcfbench.errors import Aborted, BenchError
+from vcfbench.cli.ending import EarlyAndLate, discard_stdout, ending_of, open_streams, say, usage_of
+from vcfbench.errors import BenchError, NotSafe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,30 +49,26 @@ def _errors_told() -> Iterator[None]:
     """Turn what a user can cause into a sentence and an exit code."""
     try:
         yield
-    except BenchError as error:
-        _tell(f"{error}; the bench was made safe" if isinstance(error, Aborted) else error)
-        raise typer.Exit(error.exit_code) from None
-    except KeyboardInterrupt:
-        _tell("stopped by the keyboard")
-        raise typer.Exit(Aborted.exit_code) from None
-    except BrokenPipeError:  # whoever read our output has left: nobody is there to be told
-        _discard_stdout()
-        raise typer.Exit(Aborted.exit_code) from None
-    except OSError as error:  # a full disk behind stdout; files that the user named have errors of their own
-        _tell(f"cannot read or write: {error.strerror}")
-        _discard_stdout()
-        raise typer.Exit(BenchError.exit_code) from None
+    except typer.Exit:
+        raise
+    except BaseException as error:
+        code = _told(error)
+        if code is None:
+            raise
+        raise typer.Exit(code) from error
 
 
-def _tell(what: object) -> None:
-    with suppress(OSError):  # who closes stderr is not told
-        typer.echo(f"vcfbench: {what}", err=True)
-
-
-def _discard_stdout() -> None:
-    """Send what is still buffered nowhere, or the interpreter complains about it when it ends."""
-    with suppress(OSError, ValueError):  # stdout need not be a file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _told(error: BaseException) -> int | None:
+    """Say what ended the command and return its exit code; None for a mistake of ours."""
+    ending = ending_of(error) or usage_of(error)
+    if ending is None:
+        return None
+    words, code = ending
+    if isinstance(error, OSError):
+        discard_stdout()
+    if words:
+        say(words if usage_of(error) else f"vcfbench: {words}", alarm=code == NotSafe.exit_code)
+    return code
 
 
 app = typer.Typer(
@@ -113,11 +110,34 @@ app.command("talk")(talk.talk)
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; the process ends with the code of the worst that happened, whatever comes in the way."""
     # the model's matrices have some twenty rows: threads for them cost half as much again as the whole calibration
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    open_streams()
+    code = BenchError.exit_code
+    with EarlyAndLate() as signals:
+        try:
+            code = app(prog_name="vcfbench", standalone_mode=False, obj=signals) or 0
+            signals.answered()
+        except BaseException as error:  # noqa: BLE001  # a signal, on the way out, or a mistake of ours
+            signals.answered()
+            code = _last_word(error)
+        _finish_stdout()
+        sys.exit(code)
+
+
+def _last_word(error: BaseException) -> int:
+    """Say what ended the command past all its own handling, and return the exit code: never 1, which is a verdict."""
+    code = _told(error)
+    if code is not None:
+        return code
+    say("".join(traceback.format_exception(error)).rstrip("\n"))
+    return BenchError.exit_code
+
+
+def _finish_stdout() -> None:
+    """Write what is still buffered, or the interpreter changes the exit code when it cannot."""
     try:
-        app(prog_name="vcfbench")
-    finally:  # the answer is given: a signal that comes this late shall not change the exit code
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        discard_stdout()

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from vcfbench.errors import PlanError
+from vcfbench.cli.ending import EarlyAndLate
+from vcfbench.errors import ConfigError, PlanError
 
 __all__ = ["app"]
 
@@ -37,7 +38,16 @@ Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on st
 DryRun_ = Annotated[
     bool, typer.Option("--dry-run", help="Print every step and the estimated bench time; touch nothing.")
 ]
-Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records go.")]
+
+
+def _directory(name: str | Path) -> Path:
+    """Read the name of a directory; an empty one would be the working directory, which nobody means by it."""
+    if not str(name).strip():
+        raise ConfigError("--runs: expected a directory, came an empty name")
+    return Path(name)
+
+
+Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", parser=_directory, help="Where the records go.")]
 Speed_ = Annotated[
     str | None,
     typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
@@ -60,12 +70,14 @@ def turntable(
     runs: Runs_ = Path("runs"),
     speed: Speed_ = None,
     *,
+    context: typer.Context,
     json: Json_ = False,
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
 ) -> None:
     """Calibrate on the rate table: 17 rates, generator off."""
     _conduct(
+        context,
         "turntable",
         bench=bench,
         seed=seed,
@@ -86,12 +98,14 @@ def virtual_coriolis(
     speed: Speed_ = None,
     match: Match_ = "zero",
     *,
+    context: typer.Context,
     json: Json_ = False,
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
 ) -> None:
     """Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force."""
     _conduct(
+        context,
         "virtual-coriolis",
         bench=bench,
         seed=seed,
@@ -104,7 +118,7 @@ def virtual_coriolis(
     )
 
 
-def _conduct(name: str, **options: Any) -> None:
+def _conduct(context: typer.Context, name: str, **options: Any) -> None:
     from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
 
-    conduct(name, RunOptions(**options))
+    conduct(name, RunOptions(**options), context.find_object(EarlyAndLate))

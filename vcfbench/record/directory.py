@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMP_LENGTH = len("20260821T142530Z")
 _CLOCKS_DIFFER = timedelta(minutes=1)
 """Two hosts that share a directory need not agree to the second."""
+_TRIAL_BYTES = 65_536
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +46,41 @@ class RunDirectory:
         """Read the journal."""
         return read_journal(self.journal)
 
+    def discard(self) -> None:
+        """Take the directory away again, if nothing was recorded."""
+        with suppress(OSError):  # something is in it, or it cannot be taken away: it does no harm
+            self.path.rmdir()
+
 
 def create_run(runs: Path, procedure: str) -> RunDirectory:
-    """Make the directory of a new run under `runs`.
+    """Make the directory of a new run under `runs`, and try whether a record can be kept there.
 
     Raises:
-        ConfigError: it cannot be made.
+        ConfigError: it cannot be made, or takes no files: no right to, disk full.
     """
     path = runs / f"{utc_now():{_STAMP}}-{procedure}-{secrets.token_hex(3)}"
     try:
         path.mkdir(parents=True)
+        _try_out(path)
     except OSError as error:
         raise ConfigError(f"{path}: no record can be kept there: {error.strerror}", hint="choose --runs") from error
     return RunDirectory(path)
+
+
+def _try_out(path: Path) -> None:
+    """Write a file as long as a short record, and take it away; take the directory away too when that fails."""
+    trial = path / "trial"
+    try:
+        with trial.open("wb") as file:
+            file.write(bytes(_TRIAL_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        with suppress(OSError):
+            trial.unlink(missing_ok=True)
+            path.rmdir()
+        raise
+    trial.unlink()
 
 
 def list_runs(runs: Path) -> tuple[RunDirectory, ...]:

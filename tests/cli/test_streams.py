@@ -1,0 +1,251 @@
+"""What was found out about the bench stands, whatever has become of stdout, stderr and the terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import pytest
+
+from tests.cli.streams import ENDINGS, QUICK
+from vcfbench.bench.file import embedded_text
+from vcfbench.cli import ending
+from vcfbench.cli.answer import given
+from vcfbench.errors import Aborted, BenchError, NotSafe
+from vcfbench.report.progress import NoProgress
+from vcfbench.report.shielded import Shielded
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+ROOT = Path(__file__).parents[2]
+posix = pytest.mark.skipif(sys.platform == "win32", reason="processes are forked, and have signals and terminals")
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory: pytest.TempPathFactory) -> list[Mapping[str, Any]]:
+    """How runs ended, each with streams of its own."""
+    folder = tmp_path_factory.mktemp("streams")
+    command = [sys.executable, "-m", "tests.cli.streams", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)  # noqa: S603
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+@posix
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_code_journal_and_words_are_right_whatever_the_streams_are(ended: list[Mapping[str, Any]]) -> None:
+    for case in ended:
+        unwritten = case["ending"] == "done" and case["out"] == "full"
+        assert case["code"] == (3 if unwritten else ENDINGS[case["ending"]]), case
+        assert "Traceback" not in case["said"]["err"], case
+        if case["err"] == "open":
+            assert ("NOT SAFE: power at GPIB0::5" in case["said"]["err"]) == ("unsafe" in case["ending"]), case
+        if case["ending"] == "usage":
+            assert case["last"] is None
+            continue
+        last = case["last"]
+        assert last["type"] == "footer", case
+        assert last["files"] == ["journal.jsonl", "points.csv", "result.json"], case
+        assert [report["safe"] for report in last["safe"]].count(False) == ("unsafe" in case["ending"]), case
+        assert last["status"] == ("complete" if case["ending"] in {"done", "unsafe"} else "aborted"), case
+        kind = {"done": None, "instrument": "MeasurementError", "aborted": "Aborted"}.get(case["ending"], "NotSafe")
+        assert (last["error"] or {}).get("kind") == kind, case
+
+
+@posix
+def test_a_closed_terminal_is_code_four_and_the_record_is_whole(tmp_path: Path) -> None:
+    """The terminal goes away amid the live display, as when its window is closed."""
+    import pty  # noqa: PLC0415  # Windows has none
+
+    quick = embedded_text("paper").replace("\n[procedure.drive]", QUICK)
+    (tmp_path / "quick.toml").write_text(quick, encoding="utf-8")
+    process, terminal = pty.fork()
+    if process == 0:
+        os.chdir(tmp_path)
+        words = ["-m", "vcfbench", "run", "turntable", "--bench", "quick.toml", "--speed", "5"]
+        os.execv(sys.executable, [sys.executable, *words])  # noqa: S606
+    shown = b""
+    while b"deg/s" not in shown:
+        shown += os.read(terminal, 4096)
+    os.close(terminal)
+    _, status = os.waitpid(process, 0)
+    assert os.waitstatus_to_exitcode(status) == 4
+    (journal,) = tmp_path.glob("runs/*/journal.jsonl")
+    last = json.loads(journal.read_bytes().splitlines()[-1])
+    assert (last["type"], last["error"]["kind"]) == ("footer", "Aborted")
+    assert [report["safe"] for report in last["safe"]] == [True] * 5
+
+
+LATE = """
+import os, signal, sys
+from vcfbench.bench.signals import StopSignals
+from vcfbench.cli import conduct, main
+left = StopSignals.__exit__
+def leave(self, *what):
+    left(self, *what)
+    for name in ("SIGHUP", "SIGTERM", "SIGINT"):
+        os.kill(os.getpid(), getattr(signal, name))
+StopSignals.__exit__ = leave
+import atexit
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGHUP))
+main.main()
+"""
+
+
+@posix
+def test_a_signal_in_the_last_milliseconds_changes_nothing(tmp_path: Path) -> None:
+    quick = embedded_text("paper").replace("\n[procedure.drive]", QUICK)
+    (tmp_path / "quick.toml").write_text(quick, encoding="utf-8")
+    command = [sys.executable, "-c", LATE, "run", "turntable", "--bench", "quick.toml", "--quiet", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)  # noqa: S603
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["status"] == "complete"
+
+
+# --- what is not safe wins over what came after it ---
+
+
+def test_not_safe_is_found_wherever_it_is_in_the_chain() -> None:
+    def leave() -> NoReturn:
+        try:
+            raise NotSafe("NOT SAFE: the table turns")
+        finally:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError) as caught:
+        leave()
+    assert ending.ending_of(caught.value) == ("NOT SAFE: the table turns", 5)
+    assert ending.ending_of(BrokenPipeError()) == ("", 4)
+    assert ending.ending_of(Aborted("stopped by SIGHUP")) == ("stopped by SIGHUP; the bench was made safe", 4)
+    assert ending.ending_of(ZeroDivisionError()) is None
+
+
+@posix
+@pytest.mark.parametrize(("answered", "code"), [(False, 4), (True, 0)])
+def test_a_signal_ends_a_command_until_it_has_answered(*, answered: bool, code: int) -> None:
+    script = f"""
+import os, signal, sys, typer
+from vcfbench.cli import ending, main
+@main.app.command("wait")
+def wait(context: typer.Context):
+    if {answered}:
+        context.find_object(ending.EarlyAndLate).answered()
+    os.kill(os.getpid(), signal.SIGHUP)
+main.main()
+"""
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", script, "wait"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (code, "" if answered else "vcfbench: stopped by SIGHUP\n")
+
+
+def test_a_mistake_of_ours_is_code_three_with_its_traceback() -> None:
+    """Code 1 is a verdict on a gyroscope."""
+    script = "from vcfbench.cli import main\n@main.app.command('fail')\ndef fail(): 1 / 0\nmain.main()"
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", script, "fail"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 3
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
+# --- words that stderr does not take ---
+
+
+@pytest.fixture
+def elsewhere(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What goes to the terminal and to the system's log."""
+    told: list[str] = []
+    monkeypatch.setattr(ending, "_to_terminal", lambda _: False)
+    monkeypatch.setattr(ending, "_to_system_log", told.append)
+    return told
+
+
+@posix
+@pytest.mark.parametrize("broken", [True, False])
+def test_an_alarm_that_stderr_does_not_take_goes_elsewhere(
+    elsewhere: list[str], monkeypatch: pytest.MonkeyPatch, *, broken: bool
+) -> None:
+    """Also when nobody reads: a full pipe must not keep the exit code from whoever waits for it."""
+    monkeypatch.setattr(ending, "_SAYING_S", 0.1)
+    reader, writer = os.pipe()
+    with os.fdopen(writer, "w", encoding="utf-8") as stream:
+        if broken:
+            os.close(reader)
+        else:
+            os.set_blocking(writer, False)
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    os.write(writer, bytes(4096))
+            os.set_blocking(writer, True)
+        monkeypatch.setattr(sys, "stderr", stream)
+        ending.say("an instrument does not answer")
+        ending.say("NOT SAFE: the table turns", alarm=True)
+        if not broken:
+            os.close(reader)
+            while any(thread.daemon for thread in threading.enumerate() if thread.name.startswith("Thread")):
+                time.sleep(0.01)  # noqa: TID251  # the writers end now
+    assert elsewhere == ["NOT SAFE: the table turns"]
+
+
+def test_a_stderr_that_was_closed_before_the_start_is_none(
+    elsewhere: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", None)
+    ending.say("NOT SAFE: the table turns", alarm=True)
+    assert elsewhere == ["NOT SAFE: the table turns"]
+
+
+def raising(error: Exception) -> NoReturn:
+    raise error
+
+
+def test_an_answer_that_cannot_be_written_is_an_error_unless_nobody_is_there() -> None:
+    assert given(lambda: None) is None
+    assert given(lambda: raising(BrokenPipeError())) is None
+    unwritten = given(lambda: raising(OSError(28, "No space left on device")))
+    assert str(unwritten) == "the answer could not be written: No space left on device"
+    assert "'ascii' codec" in str(given(lambda: raising(UnicodeEncodeError("ascii", "°", 0, 1, "no"))))
+
+
+# --- the display ---
+
+
+class Broken(NoProgress):
+    def __init__(self, error: Exception) -> None:
+        self.told = 0
+        self._error = error
+
+    def handle(self, event: object) -> None:
+        del event
+        self.told += 1
+        raise self._error
+
+
+def test_a_display_that_fails_is_told_no_more_and_harms_nobody() -> None:
+    event: Any = None
+    broken = Broken(ValueError("I/O operation on closed file"))
+    with Shielded(lambda: broken) as shielded:
+        shielded.handle(event)
+        shielded.handle(event)
+    assert broken.told == 1
+    assert shielded.lost == "ValueError: I/O operation on closed file"
+
+
+def test_a_display_that_cannot_be_made_is_none() -> None:
+    with Shielded(lambda: raising(OSError(5, "Input/output error"))) as shielded:
+        pass
+    assert shielded.lost == "OSError: [Errno 5] Input/output error"
+
+
+def test_a_stop_that_comes_while_the_display_is_told_reaches_the_run() -> None:
+    event: Any = None
+    with Shielded(lambda: Broken(Aborted("stopped by SIGINT"))) as shielded, pytest.raises(BenchError, match="SIGINT"):
+        shielded.handle(event)
