@@ -1,8 +1,13 @@
 """The tests. How long an example takes, and what a shell makes of signals, is the machine's affair and no failure."""
 
+import os
 import signal
 
 from hypothesis import settings
+
+# The matrices are small: a second thread of the linear algebra only waits, and does that busily.
+# It is read when numpy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")

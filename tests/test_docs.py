@@ -23,6 +23,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from tests import warm
 from tests.conftest import HERE, SLOW
 from tests.ports import free_port
 
@@ -58,32 +59,15 @@ def blocks(document: Path) -> Iterator[Block]:
         yield Block(found["info"].strip(), found["body"])
 
 
-def started(command: str, folder: Path) -> subprocess.Popen[str]:
-    """Start one command line in the background; it is ready once it has printed a line."""
+@contextmanager
+def started(command: str, folder: Path) -> Iterator[None]:
+    """Start one command line in the background; it is ready once it has printed a line, and must have ended well."""
     words = shlex.split(command)
     assert (words[0], words.pop()) == ("vcfbench", "&")
-    process = subprocess.Popen(  # noqa: S603 - our own documentation
-        [*VCFBENCH, *words[1:]],
-        cwd=folder,
-        env={**os.environ, "PYTHONUTF8": "1"},
-        stdout=subprocess.PIPE,
-        encoding="utf-8",
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline(), command
-    return process
-
-
-@contextmanager
-def ended(process: subprocess.Popen[str]) -> Iterator[None]:
-    """See to it that `process` ends, and that it had when it was to."""
-    try:
+    with warm.running(words, folder) as (wait, printed):
+        assert printed.readline(), command
         yield
-        process.communicate(timeout=30)
-        assert process.returncode == 0
-    finally:
-        process.kill()
-        process.communicate()
+        assert wait(30.0) == 0
 
 
 def run(command: str, folder: Path) -> str:
@@ -92,21 +76,21 @@ def run(command: str, folder: Path) -> str:
     target = folder / words.pop() if ">" in words else None
     if target is not None:
         assert words.pop() == ">"
-    program = {"vcfbench": VCFBENCH, "python": [sys.executable]}[words[0]]
-    done = subprocess.run(  # noqa: S603 - our own documentation
-        [*program, *words[1:]],
-        cwd=folder,
-        env={**os.environ, "PYTHONUTF8": "1"},
-        capture_output=True,
-        encoding="utf-8",
-        timeout=120,
-        check=False,
-    )
+    done = module_run(words, folder) if words[:2] == ["python", "-m"] else warm.run(words, folder)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr
     if target is not None:
         target.write_text(done.stdout, encoding="utf-8")
     return done.stdout
+
+
+def module_run(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run ``python -m MODULE`` in a fresh interpreter."""
+    command = [sys.executable, *words[1:]]
+    environment = {**os.environ, "PYTHONUTF8": "1"}
+    return subprocess.run(  # noqa: S603 - our own documentation
+        command, cwd=folder, env=environment, capture_output=True, encoding="utf-8", timeout=120, check=False
+    )
 
 
 @pytest.fixture
@@ -139,7 +123,7 @@ def test_what_is_shown_works(document: Path, folder: Path, monkeypatch: pytest.M
 def run_or_start(command: str, folder: Path, background: ExitStack) -> str:
     if not command.endswith("&"):
         return run(command, folder)
-    background.enter_context(ended(started(command, folder)))
+    background.enter_context(started(command, folder))
     return ""
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests import warm
 from tests.sim.rate_tables.turning import RATE, START
 from vcfbench.bench.file import embedded_text
 from vcfbench.sim.serve.remote import Control
@@ -43,16 +44,11 @@ def bench_file(folder: Path, dialect: str) -> Path:
 
 @contextmanager
 def served(bench: Path) -> Iterator[tuple[dict[str, Any], Control]]:
-    words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--json", "--bench", str(bench)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
-        assert server.stdout is not None
-        try:
-            said = json.loads(server.stdout.readline())
-            with Control(said["control"]["port"]) as control:
-                yield said["instruments"]["rate_table"], control
-        finally:
-            server.terminate()
-            server.wait(10)
+    words = ["vcfbench", "sim", "serve", "--json", "--bench", str(bench)]
+    with warm.running(words, bench.parent) as (_, printed):
+        said = json.loads(printed.readline())
+        with Control(said["control"]["port"]) as control:
+            yield said["instruments"]["rate_table"], control
 
 
 @contextmanager
