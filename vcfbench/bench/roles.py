@@ -35,10 +35,12 @@ def filled_roles(description: BenchDescription) -> list[Role]:
 
 
 def safe_action(role: Role, instrument: Instrument, description: BenchDescription) -> SafeAction:
-    """Return how `instrument` is made safe; a table is given the time to come down from the highest rate."""
+    """Return how `instrument` is made safe; a table is given time to come down from the highest rate, and to say so."""
     timeout_s = getattr(description, role.name).timeout_s
     ramp_s = description.limits.max_rate_deg_s / description.procedure.acceleration_deg_s2
-    deadline_s = 4.0 * timeout_s + (2.0 * ramp_s if role.stage is Stage.MOTION else 0.0)
+    deadline_s = 4.0 * timeout_s
+    if role.stage is Stage.MOTION:
+        deadline_s += 2.0 * (ramp_s + getattr(instrument, "own_time_s", 0.0))  # drivers of others need not know theirs
     return SafeAction(role.stage, instrument, deadline_s, lambda: role.wrong(instrument))
 
 

@@ -12,7 +12,7 @@ from vcfbench.interfaces import Identity, SafeReport, Told
 from vcfbench.models import HP_MAKERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from typing import Self
 
     from vcfbench.clock import Clock
@@ -159,23 +159,32 @@ class _Named(Protocol):
     def command_safe(self) -> Told: ...
 
 
-def safely(instrument: _Named, prove: Callable[[Deadline], str], deadline: Deadline, attempts: int = 3) -> SafeReport:
+_SHARES = (1.0 / 3.0, 1.0 / 2.0, 1.0)
+
+
+def safely(
+    instrument: _Named,
+    prove: Callable[[Deadline], str],
+    deadline: Deadline,
+    shares: Sequence[float] = _SHARES,
+) -> SafeReport:
     """Send the safe words, then run `prove`, again if it fails and time is left; it returns in words what it proved.
 
-    Each attempt gets its share of what is left, so that one which hangs leaves time for another. A connection that is
-    gone is waited for, in wall time. Where nothing can be proved the safe words are sent once more.
+    There are as many attempts as `shares`, each a share of what is left then, so that one which hangs leaves time for
+    another. A connection that is gone is waited for, in wall time. Where nothing can be proved the safe words are sent
+    once more.
     """
     instrument.command_safe()
-    failure, wall, left = "there was no time left to make it safe", WallClock(), attempts
+    failure, wall, left = "there was no time left to make it safe", WallClock(), list(shares)
     while left and not deadline.expired():
         try:
-            detail = prove(Deadline.after(deadline.clock, deadline.remaining() / left))
+            detail = prove(Deadline.after(deadline.clock, deadline.remaining() * left[0]))
         except ConnectFailed as error:
-            failure, left = str(error), left if wall.now() < _RETURN_S else left - 1
+            failure, left = str(error), left if wall.now() < _RETURN_S else left[1:]
             sleep(deadline.clock, min(_BETWEEN_S, deadline.remaining()))
             sleep(wall, _BETWEEN_S - wall.now() % _BETWEEN_S)  # the bench's clock may stand still or jump
         except BenchError as error:
-            failure, left = str(error), left - 1
+            failure, left = str(error), left[1:]
         else:
             return SafeReport(instrument.name, instrument.resource, safe=True, detail=detail)
     return SafeReport(instrument.name, instrument.resource, safe=False, detail=failure, told=instrument.command_safe())

@@ -270,14 +270,14 @@ def test_safe_brakes_harder_when_the_deadline_asks_for_it() -> None:
         BLIND,
         *IN_STEP,
         (":Read:Rate? 1", "10.5"),
-        (":Limit:Acceleration R,1,42;:Demand:Rate 1,0", None),  # 10.5 deg/s within a fifth of a third of 3.75 s
+        (":Limit:Acceleration R,1,42;:Demand:Rate 1,0", None),  # 10.5 deg/s within a half of a half of 1 s
         FINE,
     ]
     exchanges = [*ENABLING, *TURNING, *stop, *[STILL] * 3, *RELEASING, *UNLOCKING]
     with expected_exchange(table(), [IDN, *exchanges]) as driver:
         driver.enable()
         driver.set_rate(10.5, 20.0)
-        assert driver.make_safe(Deadline.after(driver.clock, 3.75)).safe
+        assert driver.make_safe(Deadline.after(driver.clock, 1.0)).safe
 
 
 def test_safe_without_ever_having_been_enabled() -> None:

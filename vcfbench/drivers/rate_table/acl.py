@@ -92,6 +92,7 @@ class AclDialect:
     header: Header = "auto"
     rate_quantum_deg_s: ClassVar[float] = 1e-5
     gap_s: ClassVar[float] = 0.0
+    own_time_s: ClassVar[float] = 0.0
     _identity: bytes = b""
 
     @classmethod

@@ -39,6 +39,7 @@ class AtlDialect:
 
     rate_quantum_deg_s: ClassVar[float] = 1e-4
     gap_s: ClassVar[float] = 0.0
+    own_time_s: ClassVar[float] = 4.0  # a dozen rates from angles, where the table does not tell its rate
     _servo: bool = False
     _owed: bool = False
     """Whether a prompt may still come that belongs to an earlier command."""

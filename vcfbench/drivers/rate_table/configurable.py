@@ -43,6 +43,13 @@ if TYPE_CHECKING:
 __all__ = ["ConfigurableDialect", "Received"]
 
 
+_SPAN_S = 0.25
+"""Over how long the angle is watched where a profile says nothing of the rate."""
+
+_READINGS = 8
+"""Rates that are read in one making safe, beside those that it waits for rest with."""
+
+
 @dataclass(frozen=True, slots=True)
 class Received:
     """A reply: bytes, or the text of a line and the groups of the pattern that it matched."""
@@ -118,6 +125,24 @@ class ConfigurableDialect:
         """What the profile wants between two messages."""
         return self.profile.link.gap_s
 
+    @property
+    def own_time_s(self) -> float:
+        """What the profile's own pauses and the spans of its rate take of one making safe."""
+        profile = self.profile
+        names = ("set_accel", *profile.safety.stop, *profile.safety.stop, *profile.safety.close, "local")
+        steps = [step for name in names for step in profile.commands.get(name, ())]
+        pauses_s = sum((step.delay_s + profile.link.gap_s) * step.repeat for step in steps)
+        waits_s = sum(step.timeout_s or 0.0 for step in steps if step.until is not None)
+        return pauses_s + waits_s + _READINGS * self._span_s
+
+    @property
+    def _span_s(self) -> float:
+        """Over how long the angle is watched for a rate."""
+        rate = self.profile.fields.get("rate")
+        if rate is None:
+            return _SPAN_S
+        return 0.0 if rate.differentiate is None else rate.span_s
+
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Return what the profile stops with, after what ends a torn message; where it can, with an acceleration."""
         stop = self._words(self.profile.safety.stop, {})
@@ -176,9 +201,9 @@ class ConfigurableDialect:
         values = self._motion_values(line, rate_deg_s, acceleration_deg_s2)
         if rate_deg_s == 0.0:
             try:
-                self._set_acceleration(line, values, deadline)
-            finally:
-                self._stop(line, deadline)
+                self._set_acceleration(line, values, self._generous(line, deadline, "set_accel"))
+            finally:  # whatever time that took: stopping is never what there is no time left for
+                self._stop(line, line.deadline(max(deadline.remaining(), line.timeout_s)))
             return
         generous = self._generous(line, deadline, "set_accel", "load_rate", "start")
         for name in ("load_rate", "start"):
@@ -194,8 +219,9 @@ class ConfigurableDialect:
 
     def _stop(self, line: TableLine, deadline: Deadline) -> None:
         self._steady.demand(0.0)
+        generous = self._generous(line, deadline, *self.profile.safety.stop)
         for name in self.profile.safety.stop:
-            self.perform(line, name, deadline)
+            self.perform(line, name, generous)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Tell whether the servo is closed; a table that does not say is taken to be as it was last told."""
@@ -214,7 +240,7 @@ class ConfigurableDialect:
         """Read the rate; where the table does not tell it, watch the angle."""
         if "rate" in self.profile.fields:
             return self._sign * self.number(line, "rate", deadline)
-        return self._sign * self._slope(line, "position", 0.25, deadline)
+        return self._sign * self._slope(line, "position", _SPAN_S, deadline)
 
     def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
         """Read the angle."""
@@ -393,6 +419,8 @@ class ConfigurableDialect:
         stream = self.profile.stream
         assert stream is not None  # noqa: S101 - the profile was checked
         within = Deadline.after(line.clock, min(stream.max_age_s, deadline.remaining()))
+        if within.expired():
+            raise line.locate(DeadlineExceeded("there was no time left to wait for a status"), STREAM, deadline)
         with line.exclusive():
             try:
                 line.take_unasked()

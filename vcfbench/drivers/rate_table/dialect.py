@@ -53,6 +53,11 @@ class TableDialect(Protocol):
         """What the table needs between two messages."""
         ...
 
+    @property
+    def own_time_s(self) -> float:
+        """What the language itself takes of one making safe: its pauses, and what rates are read over."""
+        ...
+
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Return the messages, as sent, that bring the table to rest with its servo closed, whatever it is doing.
 

@@ -40,6 +40,9 @@ _SERVO_S = 10.0
 
 _STOP_ATTEMPTS = 3
 
+_SHARES = (0.5, 0.5, 1.0)
+"""The first attempt to prove rest has half of the time: on a good line the ramp is all that takes any."""
+
 _BRAKING_S = 3.0
 """Within this time a table comes to rest that is told so blind, as far as its limits allow."""
 
@@ -94,6 +97,11 @@ class RateTableDriver:
     def dialect(self) -> TableDialect:
         """The language that it is spoken to in."""
         return self._dialect
+
+    @property
+    def own_time_s(self) -> float:
+        """What the table's language takes of one making safe, beyond time-outs and ramps."""
+        return self._dialect.own_time_s
 
     @property
     def clock(self) -> Clock:
@@ -237,7 +245,7 @@ class RateTableDriver:
         after them the table's own shutdown, where that is one that brakes.
         """
         self._enabled = False
-        report = safely(self, self._prove_at_rest, deadline)
+        report = safely(self, self._prove_at_rest, deadline, shares=_SHARES)
         shutdown = () if report.safe else self._dialect.shutdown_words()
         if shutdown:
             self._line.say_blind(shutdown, self._dialect.gap_s)
@@ -246,8 +254,8 @@ class RateTableDriver:
     def _prove_at_rest(self, deadline: Deadline) -> str:
         self._line.revive(deadline, self._stop_words(), self._dialect.gap_s)
         with suppress(DeadlineExceeded, FramingError, InstrumentError):  # it counts what is read back next
-            share = self._share(deadline, 0.2)
-            self._stop_within(self._braking_deg_s2(share), share)
+            acceleration_deg_s2 = self._braking_deg_s2(self._share(deadline, 0.5))
+            self._stop_within(acceleration_deg_s2, self._share(deadline, 0.2))
         if not self._wait_for_rest(self._share(deadline, 0.8)):
             self._abort(deadline)
         return self._release_at_rest(deadline)

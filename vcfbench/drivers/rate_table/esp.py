@@ -47,6 +47,7 @@ class EspDialect:
     axis: int = 1
     rate_quantum_deg_s: ClassVar[float] = 1e-4
     gap_s: ClassVar[float] = 0.0
+    own_time_s: ClassVar[float] = 0.0
     typed_line_end: ClassVar[bytes] = b"\r"
     """What ends a line that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)

@@ -116,6 +116,7 @@ class ZaberDialect:
     axis: int = 1
     device: int = 1
     gap_s: ClassVar[float] = 0.0
+    own_time_s: ClassVar[float] = 0.0
     _number: int = -1
     typed_line_end: ClassVar[bytes] = b"\n"
     """What ends a line that a person types."""
