@@ -322,7 +322,7 @@ def test_window_over_a_transient_is_the_mean_of_what_a_capture_shows() -> None:
     assert node.mean_v() == pytest.approx(float(capture.samples("v_vc", fine).mean()), abs=1e-4)
 
 
-def test_a_window_in_which_the_output_clips_is_right_to_a_thousandth() -> None:
+def test_a_window_in_which_the_output_clips_is_right_to_a_microvolt() -> None:
     clock, world = powered(QUIET)
     start = clock.now()
     world.drive_v_vc(Drive(120.0 / k_vc_deg_s_v(PAPER), 80.0 / k_vc_deg_s_v(PAPER), 24.0))
@@ -331,7 +331,7 @@ def test_a_window_in_which_the_output_clips_is_right_to_a_thousandth() -> None:
     middles = np.asarray(start + 0.05 + (np.arange(60_000) + 0.5) * 1e-5, float)
     volts = capture.samples("output", middles)
     assert volts.min() == -8.5
-    assert window.mean_v() == pytest.approx(float(volts.mean()), abs=8.5e-3)
+    assert window.mean_v() == pytest.approx(float(volts.mean()), abs=1e-6)
 
 
 def test_overlapping_windows_do_not_disturb_each_other() -> None:

@@ -49,7 +49,7 @@ class Window:
         self.stop_s = stop_s
 
     def mean_v(self) -> float:
-        """Return the mean voltage over the window; carrier-level nodes have none in the mean.
+        """Return the mean voltage over the window.
 
         Raises:
             RuntimeError: the window is not over yet.

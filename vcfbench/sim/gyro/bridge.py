@@ -16,6 +16,7 @@ V_s shows the part that turns with it, which is the one that the demodulator bri
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -127,14 +128,34 @@ class NoisePath:
             volts[held] = waveform.sense(elapsed)
         return volts
 
+    def variance_v2(self, duration_s: float) -> float:
+        """Return the variance that the filtered noise is expected to have about its mean over a time, V^2."""
+        own = self._noisy.variance_v2(duration_s)
+        if not self._shaking:
+            return own
+        return own + self._shaking**2 * (self._noisy.shaken(1.0).variance_v2(duration_s) - own)
+
+    def carried_v_s(self, carrier_rad_s: float, duration_s: float) -> complex:
+        """Return the integral of the noise of V_s on its carrier that its values at both ends make, V s."""
+        end = self._spans[0, 0].end if self._spans else self._start
+        speeds = self._noisy.moving + 1j * carrier_rad_s
+        weights = self._noisy.shows[:, 2] / speeds
+        turned = self._noisy.freed(end) * cmath.exp(1j * carrier_rad_s * duration_s) - self._noisy.freed(self._start)
+        return complex(weights @ turned)
+
+    def _disturbed(self) -> NoisyChain:
+        """Return the chain with the table's flutter in it."""
+        if self._shaking:
+            self._noisy, self._shaking = self._noisy.shaken(self._shaking), 0.0
+        return self._noisy
+
     def _looked_at(
         self, times_s: NDArray[np.float64]
     ) -> list[tuple[NDArray[np.bool_], _Waveform, NDArray[np.float64]]]:
         """Return which of the times lie in which part, and where in it."""
         if not self._spans:
             return []
-        if self._shaking:
-            self._noisy, self._shaking = self._noisy.shaken(self._shaking), 0.0
+        self._disturbed()
         parts = 2**self._levels
         length = self._spans[0, 0].duration_s / parts
         index = np.clip((times_s / length).astype(np.intp), 0, parts - 1)

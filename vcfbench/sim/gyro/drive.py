@@ -15,6 +15,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from vcfbench.sim.gyro.signals import ExponentialSum
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -45,6 +49,15 @@ class Motion:
         elapsed = instant_s - self.start_s
         parts = mode.step(self.parts, self.force_m_s2, self.drive_rad_s, elapsed)
         return mode.displacement(parts) * cmath.exp(1j * (self.phase_rad + self.drive_rad_s * elapsed))
+
+    def waveform(self, mode: Resonance) -> ExponentialSum:
+        """Return the analytic displacement D as a signal from `start_s` on."""
+        plus, minus = mode.poles
+        turn, scale = cmath.exp(1j * self.phase_rad), 1 / (plus - minus)
+        steady = [-self.force_m_s2 / (pole - 1j * self.drive_rad_s) for pole in (plus, minus)]
+        amplitudes = [scale * (self.parts[0] - steady[0]), -scale * (self.parts[1] - steady[1])]
+        sizes = turn * np.array([*amplitudes, scale * (steady[0] - steady[1])])
+        return ExponentialSum(0j, 0j, sizes, np.array([plus, minus, 1j * self.drive_rad_s]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -95,6 +95,7 @@ class Interval:
 
 STEPS_KEPT = 64
 BLOCK = 128
+SMALL = 1e-3
 
 
 class NoisyChain:
@@ -122,6 +123,8 @@ class NoisyChain:
         self.shows = np.concatenate((shows, follow.T @ shows))
         """What the modes (:meth:`freed`) show: filtered noise and its slope (real parts), noise of the V_s envelope."""
         self._steps: dict[int, Interval] = {}
+        self._shaken: dict[float, NoisyChain] = {}
+        self._autocovariance: NDArray[np.complex128] | None = None
 
     def _integral_row(self, chain: Chain, follow: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the integral of v as a sum of modes; the mode of exponent 0 gets its input here."""
@@ -146,8 +149,7 @@ class NoisyChain:
         key = round(interval_s * 1e9)
         once = self._steps.get(key)
         if once is None:
-            if len(self._steps) >= STEPS_KEPT:
-                del self._steps[next(iter(self._steps))]
+            _make_room(self._steps)
             once = self._steps[key] = self.interval(key * 1e-9)
         drawn = once.factor @ random.standard_normal(len(once.factor))
         return once.later(state).plus(drawn), once.integral_of(state) + float(drawn[-1])
@@ -164,8 +166,31 @@ class NoisyChain:
 
     def shaken(self, rad_sqrt_s: float) -> NoisyChain:
         """Return the same with white noise of this size added in phase with the Coriolis force: a table's flutter."""
-        chain, flicker, (in_phase, quadrature) = self._made_of
-        return NoisyChain(chain, flicker, math.hypot(in_phase, rad_sqrt_s), quadrature)
+        if rad_sqrt_s not in self._shaken:
+            _make_room(self._shaken)
+            chain, flicker, (in_phase, quadrature) = self._made_of
+            self._shaken[rad_sqrt_s] = NoisyChain(chain, flicker, math.hypot(in_phase, rad_sqrt_s), quadrature)
+        return self._shaken[rad_sqrt_s]
+
+    def variance_v2(self, duration_s: float) -> float:
+        """Return the variance of stationary filtered noise about its mean over a time, on average, V^2.
+
+        The autocovariance is a sum of exponentials c exp(l t); the mean over T has the variance of sum c m(l T), m(x) =
+        2 (exp(x) - 1 - x) / x^2.
+        """
+        if self._autocovariance is None:
+            self._autocovariance = self._correlated()
+        x = self.moving * duration_s
+        small = np.abs(x) < SMALL
+        far = np.where(small, 1.0, x)
+        mean = np.where(small, 1 + x / 3 + x**2 / 12, 2 * (np.expm1(far) - far) / far**2)
+        return max(float((self._autocovariance * (1 - mean)).sum().real), 0.0)
+
+    def _correlated(self) -> NDArray[np.complex128]:
+        shows, sources, moving = self.shows[:, 0], self._input[:-1], self.moving
+        plain = (sources @ sources.T) / -np.add.outer(moving, moving) @ shows
+        turned = (sources @ sources.conj().T) / -np.add.outer(moving, moving.conj()) @ shows.conj()
+        return np.asarray(0.5 * shows * (plain + turned))
 
     @property
     def moving(self) -> NDArray[np.complex128]:
@@ -248,6 +273,12 @@ class Flutter:
         gathered, integral = self._unit.step(self._rest, interval_s, random)
         modal = state.modal + rad_sqrt_s * gathered.modal
         return NoiseState(modal, state.rates_rad_s), integral_v_s + rad_sqrt_s * integral
+
+
+def _make_room(kept: dict[Any, Any]) -> None:
+    """Let the oldest go where there are `STEPS_KEPT`."""
+    if len(kept) >= STEPS_KEPT:
+        del kept[next(iter(kept))]
 
 
 def by_rows(rows: NDArray[_Number], matrix: NDArray[_Number]) -> NDArray[_Number]:

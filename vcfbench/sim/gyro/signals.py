@@ -65,6 +65,11 @@ class ExponentialSum:
         ramped = self.turning * (end * np.exp(turn * end) - np.expm1(turn * end) / turn) / turn if self.turning else 0j
         return complex(self.amplitudes @ grown) + ramp + complex(ramped)
 
+    def carried(self, turn: complex) -> ExponentialSum:
+        """Return this signal, which has no ramped exponential, times exp(turn t)."""
+        amplitudes = np.append(self.amplitudes, self.constant)
+        return ExponentialSum(0j, 0j, amplitudes, np.append(self.exponents, 0j) + turn, self.slope, turn)
+
     def swing(self) -> float:
         """Return a bound of how far the exponentials can move the signal, all of them decaying or turning."""
         return float(np.abs(self.amplitudes).sum())
