@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 import socket
+import struct
 import sys
 import threading
 from contextlib import contextmanager
@@ -90,9 +91,18 @@ def test_real_sockets_are_asked_by_name() -> None:
     assert (found.answer, found.model, found.serial_number) == (GENERATOR, "33220A", "MY44008868")
 
 
-@pytest.mark.parametrize("header", [b"", b"\0\0\0\0\x34\0\0\0", b"\0\0\0\0\0\0\0\x34"])
-def test_tables_are_asked_by_name(header: bytes) -> None:
-    with server(header + TABLE.encode() + b"\r\n") as port:
+@pytest.mark.parametrize(
+    ("header", "end"),
+    [
+        (b"", b"\r\n"),
+        (struct.pack("<II", 0, len(TABLE) + 2), b"\r\n"),
+        (struct.pack(">II", 0, len(TABLE) + 2), b"\r\n"),
+        (struct.pack("<II", 0, len(TABLE)), b""),
+        (struct.pack(">II", 0, len(TABLE)), b""),
+    ],
+)
+def test_tables_are_asked_by_name(header: bytes, end: bytes) -> None:
+    with server(header + TABLE.encode() + end) as port:
         found = tried(f"socket://127.0.0.1:{port}")
     assert (found.answer, found.model) == (TABLE, "acl")
 

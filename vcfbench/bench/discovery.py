@@ -206,7 +206,8 @@ def _ask_port(url: str, timeout_s: float) -> Found:
 
 
 def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
-    from vcfbench.drivers.rate_table.line import open_line  # noqa: PLC0415  # loaded when first needed
+    from vcfbench.drivers.rate_table.acl import take_counted  # noqa: PLC0415  # loaded when first needed
+    from vcfbench.drivers.rate_table.line import open_line  # noqa: PLC0415
 
     clock = WallClock()
     line = open_line(url, clock=clock, name=url, timeout_s=timeout_s, baud_rate=baud_rate)
@@ -214,17 +215,14 @@ def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
         deadline = Deadline.after(clock, timeout_s)
         line.take_unasked()
         line.send(question, deadline)
-        return _text(line.take_line(deadline))
+        counted = take_counted(line, deadline)  # which need not end as a line does
+        return _text(line.take_line(deadline) if counted is None else counted)
     finally:
         line.close()
 
 
 def _text(reply: bytes) -> str:
-    """Return a reply as text, without the eight bytes that an ACL controller may put before it."""
-    from vcfbench.drivers.rate_table.acl import detect_header  # noqa: PLC0415  # loaded when first needed
-
-    body = reply[8:] if len(reply) > 8 and detect_header(reply[:8]) != "none" else reply
-    words = body.decode("latin-1").strip()
+    words = reply.decode("latin-1").strip()
     if not words or not (words.isascii() and words.isprintable()):
         raise ConnectFailed(f"it answers {reply[:20]!r}, which is no text")
     return words

@@ -280,8 +280,11 @@ class _NotWired:
 
 
 def _header(asked: str) -> str:
-    """Return what a simulated table puts before its replies: where the driver finds out by itself, nothing."""
-    return "none" if asked == "auto" else asked
+    """Return what a simulated table puts before its replies: error code and length, as on every byte stream.
+
+    Which of the two words' byte orders a real one has is unknown; a driver on ``auto`` takes either.
+    """
+    return "u32le2" if asked == "auto" else asked
 
 
 def _errors(kind: Any, asked: str | dict[str, Any], random: Generator) -> Any:

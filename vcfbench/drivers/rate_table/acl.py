@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["AclDialect", "detect_header"]
+__all__ = ["AclDialect", "detect_header", "take_counted"]
 
 # On every interface except GPIB each command is answered, error code and length before the data (manual section 2).
 # That they are two 32-bit words is inferred from the reflective-memory layout and from a client that drops eight
@@ -82,6 +82,20 @@ def detect_header(first: bytes) -> Header:
         if 0 < length < _LONGEST_MESSAGE and error < _LONGEST_MESSAGE:
             return header  # type: ignore[return-value]
     return "none"
+
+
+def take_counted(line: TableLine, deadline: Deadline) -> bytes | None:
+    """Return the reply to an accepted question if a header counts it; None, and nothing is taken, if it is text."""
+    first = line.take(1, deadline)
+    line.put_back(first)
+    if first != b"\0":  # an error code of zero begins so in either byte order, and no text does
+        return None
+    start = line.take(_HEADER_BYTES, deadline)
+    header = detect_header(start)
+    if header == "none":
+        line.put_back(start)
+        return None
+    return line.take(_FORMATS[header].unpack(start)[1], deadline)
 
 
 @dataclass(slots=True)
