@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,7 +15,6 @@ from vcfbench.cli.main import app
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from typer.testing import Result
 
@@ -100,3 +100,16 @@ def test_check_says_what_it_could_not_make_safe(rack: Callable[..., FakeRack], b
     assert done.exit_code == 5
     told = "told to switch off, not proved; last read back: on 3 s ago"
     assert f"NOT SAFE: power at FAKE::power: {told}; reported safe, but its outputs are on" in done.stderr
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_wrong_profile_is_a_wrong_bench_file(tmp_path: Path, *, simulated: bool) -> None:
+    folder = Path(__file__).parents[2] / "examples" / "own-table"
+    bench = (folder / "bench.toml").read_text("utf-8")
+    (tmp_path / "bench.toml").write_text(bench if simulated else bench[: bench.index("[simulation]")], "utf-8")
+    table = (folder / "table.toml").read_text("utf-8")
+    asks_itself = table.replace('send = "1MO?",', 'send = "1MO?", until = "enabled",')
+    (tmp_path / "table.toml").write_text(asks_itself, "utf-8")
+    checked = vcfbench("bench", "check", "--bench", str(tmp_path / "bench.toml"))
+    assert checked.exit_code == 2
+    assert "table.toml: commands.status[0].until" in checked.stderr

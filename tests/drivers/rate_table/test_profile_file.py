@@ -103,6 +103,54 @@ def test_every_mistake_is_one_line_that_names_its_key(old: str, new: str, words:
     assert words in refusal(LEAST.replace(old, new, 1))
 
 
+_STATE = """
+[status]
+on = { from = "status", group = "p", in = [1] }
+still = { from = "read_all", group = "v", in = [0] }
+"""
+
+
+@pytest.mark.parametrize(
+    ("commands", "rest", "words"),
+    [
+        (
+            'status = [{ send = "T", expect = "both", until = "on" }]',
+            "",
+            "commands.status[0].until: CIRCLE status itself (status -> status), came 'on'",
+        ),
+        (
+            'status = [{ send = "T", expect = "both" }]',
+            '[requires.status]\nflag = "on"',
+            "requires.status.flag: CIRCLE status itself (status -> status), came 'on'",
+        ),
+        (
+            'status = [{ send = "T", expect = "both", until = "still" }]',
+            '[requires.read_all]\nflag = "on"',
+            "commands.status[0].until: CIRCLE status itself (read_all -> status -> read_all), came 'still'",
+        ),
+        (
+            'status = [{ send = "T", expect = "both" }]\nenable = [{ send = "E" }]',
+            '[requires.enable]\nflag = "on"\nby = "enable"',
+            "requires.enable.by: CIRCLE enable itself (enable -> enable), came 'enable'",
+        ),
+        (
+            'status = [{ send = "T", expect = "both" }]\nenable = [{ send = "E" }]\npower_on = [{ send = "P" }]',
+            '[requires.enable]\nflag = "on"\nby = "power_on"\n[requires.power_on]\nflag = "on"\nby = "enable"',
+            "requires.power_on.by: CIRCLE power_on itself (enable -> power_on -> enable), came 'enable'",
+        ),
+    ],
+)
+def test_a_command_that_needs_itself_is_refused(commands: str, rest: str, words: str) -> None:
+    text = LEAST.replace("[replies]", f"{commands}\n[replies]") + _STATE + rest
+    assert refusal(text) == f"lab.toml: {words.replace('CIRCLE', 'expected what does not need')}"
+
+
+def test_commands_that_need_others_are_taken() -> None:
+    commands = 'status = [{ send = "T", expect = "both" }]\nenable = [{ send = "E", until = "on" }]'
+    rest = '[requires.start]\nflag = "on"\nby = "enable"\n[requires.stop]\nflag = "on"'
+    parse_profile(LEAST.replace("[replies]", f"{commands}\n[replies]") + _STATE + rest, "lab.toml")
+
+
 def test_a_profile_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.toml: expected a profile of a rate table, there is no such file"):
         load_profile(str(tmp_path / "none.toml"))

@@ -408,6 +408,7 @@ def _misfits(profile: Profile) -> Iterator[_Misfit]:
     yield from _command_misfits(profile)
     yield from _field_misfits(profile)
     yield from _flag_misfits(profile)
+    yield from _circle_misfits(profile)
     yield from _safety_misfits(profile)
 
 
@@ -539,6 +540,41 @@ def _flag_misfits(profile: Profile) -> Iterator[_Misfit]:
             yield f"requires.{name}.flag", "one of [status]", need.flag
         if need.by is not None and need.by not in profile.commands:
             yield f"requires.{name}.by", "one of [commands]", need.by
+
+
+def _circle_misfits(profile: Profile) -> Iterator[_Misfit]:
+    """Find commands that need themselves, straight or by way of others: such a table would be asked for ever."""
+    done: set[str] = set()
+
+    def walk(name: str, way: tuple[str, ...]) -> Iterator[_Misfit]:
+        for path, came, needed in _needs(name, profile):
+            if needed in (*way, name):
+                circle = " -> ".join((*way, name, needed)[(*way, name).index(needed) :])
+                yield path, f"what does not need {name} itself ({circle})", came
+            elif needed not in done:
+                yield from walk(needed, (*way, name))
+        done.add(name)
+
+    for name in profile.commands:
+        if name not in done:
+            yield from walk(name, ())
+
+
+def _needs(name: str, profile: Profile) -> Iterator[tuple[str, str, str]]:
+    """Yield the commands that are sent for a command: the key that asks for it, what stands there, which."""
+
+    def read(path: str, flag: str) -> Iterator[tuple[str, str, str]]:
+        if flag in profile.status and profile.status[flag].source in profile.commands:
+            yield path, flag, profile.status[flag].source
+
+    for number, step in enumerate(profile.commands[name]):
+        if step.until is not None:
+            yield from read(f"commands.{name}[{number}].until", step.until)
+    need = profile.requires.get(name)
+    if need is not None:
+        yield from read(f"requires.{name}.flag", need.flag)
+        if need.by in profile.commands:
+            yield f"requires.{name}.by", str(need.by), str(need.by)
 
 
 def _safety_misfits(profile: Profile) -> Iterator[_Misfit]:
