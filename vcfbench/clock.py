@@ -7,6 +7,7 @@ nothing of simulated time has a :class:`ScaledClock`.
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -45,6 +46,9 @@ def utc_now() -> datetime:
 
 def within(wall_s: float, act: Callable[[], object]) -> None:
     """Run `act` in a thread and leave it behind when it takes longer than `wall_s` of wall time."""
+    if sys.is_finalizing():  # a thread that is started now never begins, and in 3.11 is waited for for ever
+        act()
+        return
     worker = threading.Thread(target=act, daemon=True)
     try:
         worker.start()

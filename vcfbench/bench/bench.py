@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager, nullcontext
+import warnings
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.bench.holding import Holding, Watch
 from vcfbench.bench.limits import LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import filled_roles, require_still, safe_action
-from vcfbench.bench.safety import LeaveNow, SafetyStack, not_safe
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.bench.station import station
-from vcfbench.errors import BenchError, NotSafe
+from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
+    from types import TracebackType
+    from typing import Self
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.safety import SafetyStack
     from vcfbench.bench.station import Builder, Station
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
@@ -33,12 +37,12 @@ if TYPE_CHECKING:
 __all__ = ["Bench", "open_bench"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Bench:
     """The instruments of an open bench by role, each within the bench's limits.
 
     `clock` is bench time with a safe point at every wait; `identities` says by role who answered; `safe_reports`
-    fills when the bench is left.
+    fills when the bench is left: at the end of a ``with``, by :meth:`close`, or when Python ends.
     """
 
     description: BenchDescription
@@ -50,16 +54,51 @@ class Bench:
     multimeter: Multimeter
     oscilloscope: Oscilloscope
     rate_table: RateTable
+    holding: Holding
     vibration_source: FunctionGenerator | None = None
-    safe_reports: list[SafeReport] = field(default_factory=list)
 
     @property
     def simulated(self) -> bool:
         """Tell whether the bench is simulated."""
         return self.description.simulated
 
+    @property
+    def safe_reports(self) -> list[SafeReport]:
+        """What making safe came to, once the bench was left."""
+        return self.holding.reports
 
-@contextmanager
+    @property
+    def closed(self) -> bool:
+        """Tell whether the bench was left."""
+        return self.holding.closed
+
+    def close(self) -> None:
+        """Make everything safe and close it; does nothing when that is done already.
+
+        Raises:
+            NotSafe: something could not be made safe.
+        """
+        self.holding.leave()
+
+    def __enter__(self) -> Self:
+        self.holding.watch()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.holding.leave(error)
+
+    def __repr__(self) -> str:
+        return f"<Bench {self.description.name}, {'closed' if self.closed else 'open'}>"
+
+    def __del__(self) -> None:
+        """Make safe what nobody can command any more."""
+        if not self.holding.closed:
+            warnings.warn(f"{self!r} was never closed; it is made safe now", ResourceWarning, stacklevel=2, source=self)
+            self.holding.abandon("nothing referred to it any more")
+
+
 def open_bench(
     description: BenchDescription,
     *,
@@ -67,36 +106,41 @@ def open_bench(
     speed: str | float | None = None,
     signals: StopSignals | None = None,
     build: Builder | None = None,
-) -> Iterator[Bench]:
-    """Open every instrument of the bench; make everything safe when left, however it is left.
+) -> Bench:
+    """Open every instrument of the bench; everything is made safe when it is left, however it is left.
+
+    To be used in a ``with``, or left by its `close`; what is still open when Python ends is made safe then.
 
     `seed` and `speed` are for simulated benches: by default the seed of the bench file, and as fast as it goes.
-    SIGINT and SIGTERM raise Aborted at the next safe point, a second one at once. Who watches for them already, before
-    and after, hands over his `signals`. `build` builds what a simulated bench stands on, in place of
-    `SimulatedBench.build`: to put something between its instruments and their drivers, or to look behind them.
+    While it opens, and inside of a ``with``, SIGINT and SIGTERM raise Aborted at the next safe point, a second one at
+    once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe. Who
+    watches for them already, before and after, hands over his `signals`. `build` builds what a simulated bench stands
+    on, in place of `SimulatedBench.build`: to put something between its instruments and their drivers, or to look
+    behind them.
 
     Raises:
         ConfigError: a real bench was asked for a speed.
         BenchError: the bench is in use, or instruments did not open; the message names them all.
         InterlockError: the table was found turning.
-        NotSafe: on leaving, something could not be made safe.
+        NotSafe: something was found on, or turning, and could not be made safe.
     """
-    with nullcontext(signals) if signals else StopSignals() as stops, station(description, seed, speed, build) as stand:
-        safety = SafetyStack(stand.clock, patience=stand.patience)
-        reports: list[SafeReport] = []
-        under_way: BaseException | None = None
-        try:
-            try:
-                opened = _open_all(description, stand, safety, stops)
-                require_still(opened.instruments["rate_table"])
-                yield _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, reports)
-            except BaseException as error:
-                under_way = error
-                raise
-            finally:
-                stops.unwind()
-        finally:
-            _leave(safety, stops, reports, under_way)
+    stops = signals or StopSignals()
+    holding: Holding | None = None
+    with ExitStack() as stack:
+        watch = Watch(None if signals else stops)
+        stack.callback(watch.end)
+        watch.begin()
+        stand = stack.enter_context(station(description, seed, speed, build))
+        holding = Holding(description.name, stand, stops, watch, stack.pop_all())
+    try:
+        opened = _open_all(description, stand, holding.safety, stops)
+        require_still(opened.instruments["rate_table"])
+        bench = _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, holding)
+        watch.end()
+    except BaseException as error:
+        holding.leave(error)
+        raise
+    return bench
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +178,7 @@ def _all(failures: list[BenchError]) -> BenchError:
     return error
 
 
-def _bench(
-    description: BenchDescription, clock: Clock, seed: int | None, opened: _Opened, reports: list[SafeReport]
-) -> Bench:
+def _bench(description: BenchDescription, clock: Clock, seed: int | None, opened: _Opened, holding: Holding) -> Bench:
     limits, instruments = description.limits, opened.instruments
     vibration = instruments.get("vibration_source")
     return Bench(
@@ -149,25 +191,6 @@ def _bench(
         multimeter=instruments["multimeter"],
         oscilloscope=instruments["oscilloscope"],
         rate_table=LimitedRateTable(instruments["rate_table"], limits),
+        holding=holding,
         vibration_source=None if vibration is None else LimitedGenerator(vibration, limits),
-        safe_reports=reports,
     )
-
-
-def _leave(
-    safety: SafetyStack, signals: StopSignals, reports: list[SafeReport], under_way: BaseException | None
-) -> None:
-    """Make everything safe, close it, and raise NotSafe from what is under way if something is not."""
-    signals.unwind()
-    try:
-        reports += safety.make_safe()
-        error = not_safe(reports)
-    except LeaveNow:
-        error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at every instrument")
-    signals.close()
-    safety.close()
-    if error is None:
-        return
-    if isinstance(under_way, BenchError):
-        error.hint = f"{error.hint}; before that: {under_way}"
-    raise error from under_way

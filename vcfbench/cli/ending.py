@@ -14,7 +14,7 @@ import stat
 import sys
 import threading
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final, Protocol, cast
+from typing import TYPE_CHECKING, Final, Protocol, cast
 
 import typer
 
@@ -53,19 +53,22 @@ class EarlyAndLate:
 
     def __init__(self) -> None:
         self._answered = False
-        self._previous: dict[signal.Signals, Any] = {}
+        self._watched: list[signal.Signals] = []
 
     def __enter__(self) -> Self:
         for name in _WATCHED:
             number = getattr(signal.Signals, name, None)
             if number is not None and signal.getsignal(number) in {signal.SIG_DFL, signal.default_int_handler}:
-                self._previous[number] = signal.signal(number, self._handle)
+                signal.signal(number, self._handle)
+                self._watched.append(number)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stay: the last thing that a process does is not to be killed in the last millisecond."""
+        """Ignore signals from now on: the interpreter gives up all handlers before it ends, and would be killed."""
+        for number in self._watched:
+            signal.signal(number, signal.SIG_IGN)
 
     def answered(self) -> None:
         """Say that the code is known: from now on signals change nothing."""

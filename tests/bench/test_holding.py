@@ -1,0 +1,132 @@
+"""A bench that is still open when Python ends is made safe, and the process ends by itself."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from msgspec import structs
+
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.writing import bench_text
+from vcfbench.errors import Aborted, NotSafe
+from vcfbench.testing.benches import open_simulated, serve_simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.testing.benches import ServedLab
+
+ROOT = Path(__file__).parents[2]
+
+SCRIPT = """
+import os, signal, sys
+from pathlib import Path
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.file import load_bench
+from vcfbench.clock import sleep
+
+bench = open_bench(load_bench(Path(sys.argv[1])))
+bench.power.configure_output("P25V", 10.0, 0.1)
+bench.power.configure_output("N25V", -10.0, 0.1)
+bench.power.enable_outputs()
+bench.rate_source.configure_dc(0.5)
+bench.rate_source.enable_output()
+bench.rate_table.enable()
+bench.rate_table.set_rate(50.0, 100.0)
+sleep(bench.clock, 2.0)
+print(bench, round(bench.rate_table.rate_deg_s()), flush=True)
+"""
+ENDS = {
+    "the script raises": ("raise ValueError('a typo')", 1),
+    "the script ends": ("", 0),
+    "it leaves": ("sys.exit(7)", 7),
+    "it is terminated": ("os.kill(os.getpid(), signal.SIGTERM)\nraise ValueError('too late')", 4),
+    "nothing referred to it any more": ("bench = None\nprint('went on', flush=True)", 0),
+}
+
+
+@pytest.fixture(scope="module")
+def lab() -> Iterator[ServedLab]:
+    with serve_simulated() as served:
+        yield served
+
+
+def ended(lab: ServedLab, folder: Path, end: str) -> subprocess.CompletedProcess[str]:
+    bench = lab.on_wires()
+    bench = structs.replace(bench, rate_source=structs.replace(bench.rate_source, timeout_s=0.3))
+    (folder / "served.toml").write_text(bench_text(bench), encoding="utf-8")
+    command = [sys.executable, "-W", "default", "-c", SCRIPT + end, str(folder / "served.toml")]
+    while True:
+        done = subprocess.run(  # noqa: S603
+            command, capture_output=True, text=True, check=False, timeout=60, cwd=ROOT
+        )
+        if "leads the clock" not in done.stderr:  # the server has not yet seen that the one before has gone
+            return done
+
+
+def what_is_on(lab: ServedLab) -> list[str]:
+    names = ("applied_rate_deg_s", "rail.positive.voltage_v", "rail.negative.voltage_v", "node.v_vc")
+    return [f"{name} {value}" for name in names if abs(value := lab.ask("get", name=name)) > 0.1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process sends itself a SIGTERM")
+@pytest.mark.parametrize("how", ENDS)
+def test_a_bench_that_is_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_path: Path, how: str) -> None:
+    end, code = ENDS[how]
+    done = ended(lab, tmp_path, end)
+    assert (done.stdout.split("\n")[0], done.returncode) == ("<Bench paper, open> 50", code), done.stderr
+    when = how if how.startswith("nothing") else "Python ended"
+    assert f"vcfbench: bench paper was still open when {when}; it was made safe\n" in done.stderr
+    assert ("ResourceWarning" in done.stderr) == how.startswith("nothing")
+    assert what_is_on(lab) == []
+
+
+def test_what_cannot_be_proved_at_the_end_of_python_is_said_and_is_code_five(lab: ServedLab, tmp_path: Path) -> None:
+    end = """
+from vcfbench.sim.serve import Control
+with Control(int(bench.description.served.control.rpartition(":")[2])) as control:
+    control.request("fault", instrument="rate_source", kind="silent")
+raise ValueError("a typo")
+"""
+    done = ended(lab, tmp_path, end)
+    assert done.returncode == 5, done.stderr
+    assert "ValueError: a typo" in done.stderr
+    assert "NOT SAFE: rate_source at " in done.stderr
+    assert what_is_on(lab) == []
+    lab.ask("clear_faults")
+
+
+def test_a_bench_without_with_is_closed_once_and_has_a_short_name() -> None:
+    bench = open_bench(load_bench(None))
+    assert (repr(bench), bench.closed, bench.safe_reports) == ("<Bench paper, open>", False, [])
+    bench.close()
+    reports = list(bench.safe_reports)
+    bench.close()
+    assert (repr(bench), bench.closed) == ("<Bench paper, closed>", True)
+    assert [report.safe for report in reports] == [True] * 5
+    assert bench.safe_reports == reports
+
+
+def test_closing_raises_what_is_not_safe_and_does_so_once() -> None:
+    with pytest.raises(NotSafe, match="rate_table") as caught, open_simulated() as lab:  # noqa: PT012
+        lab.bench.rate_table.enable()
+        lab.bench.rate_table.set_rate(50.0, 100.0)
+        lab.fault("rate_table", "silent")
+        with pytest.raises(NotSafe):
+            lab.bench.close()
+        lab.bench.close()
+        raise NotSafe("rate_table: that was all")
+    assert caught.value.what == "rate_table: that was all"
+
+
+def test_a_bench_may_be_opened_first_and_entered_later() -> None:
+    bench = open_bench(load_bench(None))
+    with pytest.raises(Aborted, match="stopped by the test"), bench as entered:  # noqa: PT012
+        assert entered is bench
+        raise Aborted("stopped by the test")
+    assert bench.closed

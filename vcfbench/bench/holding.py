@@ -1,0 +1,201 @@
+"""What an open bench holds, and the one way in which it is left: everything made safe, then closed, once.
+
+A bench may be left by nobody: a script ends, or raises, while it is open; a notebook's kernel is shut down. What is
+still open when Python ends is made safe then, while threads can still be started; code 5 says if it could not be.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+import threading
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.bench.safety import LeaveNow, SafetyStack, not_safe
+from vcfbench.errors import Aborted, BenchError, NotSafe
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from vcfbench.bench.signals import StopSignals
+    from vcfbench.bench.station import Station
+    from vcfbench.interfaces import SafeReport
+
+__all__ = ["Holding", "Watch"]
+
+_LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
+"""What ends a Python program at once, without a word to anybody."""
+
+
+class Watch:
+    """When the bench's own `signals` have the handlers: while it opens, inside of a ``with``, while it is left.
+
+    `signals` is None for a bench whose opener watches himself. In between, what would end Python without a word ends it
+    in the orderly way.
+    """
+
+    def __init__(self, signals: StopSignals | None) -> None:
+        self._signals = signals
+        self._watching = False
+
+    def begin(self) -> None:
+        """Take the handlers."""
+        if self._signals is not None and not self._watching:
+            self._watching = True
+            _STILL_OPEN.give_back_signals()
+            self._signals.__enter__()
+
+    def end(self) -> None:
+        """Give the handlers back; while something is open Python's own are replaced."""
+        if self._signals is not None and self._watching:
+            self._watching = False
+            self._signals.__exit__(None, None, None)
+            _STILL_OPEN.take_signals()
+
+
+class Holding:
+    """What is held while instruments are open: signals, station with its locks, safety stack.
+
+    `stack` holds what is given back last: the station and the handlers.
+    """
+
+    def __init__(self, name: str, stand: Station, signals: StopSignals, watch: Watch, stack: ExitStack) -> None:
+        self.name = name
+        self.safety = SafetyStack(stand.clock, patience=stand.patience)
+        self.reports: list[SafeReport] = []
+        self._signals = signals
+        self._stack = stack
+        self._watch = watch
+        self._closed = False
+        self._process = os.getpid()
+        _STILL_OPEN.add(self)
+
+    @property
+    def closed(self) -> bool:
+        """Tell whether it was left; in a forked process it is not ours to leave."""
+        return self._closed or os.getpid() != self._process
+
+    def watch(self) -> None:
+        """Let the bench's own signals have the handlers until it is left."""
+        if not self.closed:
+            self._watch.begin()
+
+    def leave(self, under_way: BaseException | None = None) -> None:
+        """Make everything safe and close it; does nothing the second time.
+
+        Raises:
+            NotSafe: something is not safe; from what is `under_way`.
+        """
+        if self.closed:
+            return
+        self._watch.begin()
+        self._signals.unwind()
+        self._closed = True
+        _STILL_OPEN.discard(self)
+        with self._stack:
+            error = self._made_safe()
+        if error is None:
+            return
+        if isinstance(under_way, BenchError):
+            error.hint = f"{error.hint}; before that: {under_way}"
+        raise error from under_way
+
+    def abandon(self, when: str) -> None:
+        """Leave what nobody is there to leave, and say so on stderr; what is not safe is code 5 when Python ends."""
+        try:
+            self.leave()
+            said = "it was made safe"
+        except NotSafe as error:
+            _STILL_OPEN.unsafe = True
+            said = str(error)
+        with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
+            sys.stderr.write(f"vcfbench: bench {self.name} was still open when {when}; {said}\n")
+            sys.stderr.flush()
+
+    def _made_safe(self) -> NotSafe | None:
+        try:
+            self.reports += self.safety.make_safe()
+            error = not_safe(self.reports)
+            self._signals.close()
+        except LeaveNow:
+            self._signals.close()
+            error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at every instrument")
+        self.safety.close()
+        if error is not None:
+            error.reports = tuple(self.reports)
+        return error
+
+
+class _StillOpen:
+    """Everything that is held in this process, for its end.
+
+    While a bench is open outside of a ``with``, signals that would end Python without a word end it in the orderly way.
+    """
+
+    def __init__(self) -> None:
+        self._held: dict[Holding, None] = {}
+        self._watching = False
+        self._taken: list[signal.Signals] = []
+        self.unsafe = False
+
+    def add(self, holding: Holding) -> None:
+        """Take care of `holding` until it is left."""
+        self._held[holding] = None
+        if not self._watching:
+            self._watching = True
+            # atexit alone comes too late: no thread can be started any more (3.12), or one is waited for for ever
+            atexit.register(self._leave_with_code)
+            atexit.register(self._end)
+            with suppress(AttributeError, RuntimeError):  # it is not there, or Python is ending already
+                threading._register_atexit(self._end)  # type: ignore[attr-defined]  # noqa: SLF001  # no other is in time
+
+    def discard(self, holding: Holding) -> None:
+        """Forget what was left."""
+        self._held.pop(holding, None)
+        if not self._held:
+            self.give_back_signals()
+
+    def take_signals(self) -> None:
+        """Turn what would end Python at once into a SystemExit, where nobody else has taken the signal."""
+        if not self._held or threading.current_thread() is not threading.main_thread():
+            return
+        for name in _LEFT_TO_PYTHON:
+            number = getattr(signal.Signals, name, None)
+            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, self._stop)
+                self._taken.append(number)
+
+    def give_back_signals(self) -> None:
+        """Leave the signals to Python again."""
+        if self._taken and threading.current_thread() is threading.main_thread():
+            for number in self._taken:
+                if signal.getsignal(number) == self._stop:
+                    signal.signal(number, signal.SIG_DFL)
+            self._taken.clear()
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(Aborted.exit_code)
+
+    def _end(self) -> None:
+        """Make safe what is still open; Python is ending."""
+        for holding in tuple(self._held):
+            holding.abandon("Python ended")
+
+    def _leave_with_code(self) -> None:
+        """End with the code of what is not safe; the interpreter knows no other way at this point."""
+        if not self.unsafe:
+            return
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError, AttributeError):
+                stream.flush()
+        logging: Any = sys.modules.get("logging")
+        if logging is not None:
+            logging.shutdown()
+        os._exit(NotSafe.exit_code)
+
+
+_STILL_OPEN: Final = _StillOpen()
+"""One a process: Python ends once."""
