@@ -28,10 +28,12 @@ def open_role(role: str, description: BenchDescription, stand: Station) -> tuple
 
     settings = _settings(role, description)
     model, resource, like = settings.pop("model"), settings.pop("resource"), settings.pop("like", None)
+    if role == "rate_table" and stand.rate_table != resource:  # its wire is elsewhere, messages name the bench file's
+        settings["port"] = stand.rate_table
     instrument = open_instrument(
         role,
         model,
-        stand.rate_table if role == "rate_table" else resource,
+        resource,
         library=stand.visa_library,
         clock=stand.clock,
         settings=settings,

@@ -46,6 +46,8 @@ class TableSettings:
     reply_header: Header = "auto"
     steps_per_deg: float | None = None
     rest_tolerance_deg_s: float = 0.05
+    port: str | None = None
+    """What is opened instead of the resource, which messages name all the same."""
 
 
 Opener = Callable[[str, str, str, "Clock", Mapping[str, Any]], "Instrument"]
@@ -103,7 +105,13 @@ def _table(name: str) -> Driver:
         told = _settings(TableSettings, role, settings)
         speech = spoken(name, AxisSettings(told.axis, told.reply_header, told.steps_per_deg))
         line = open_serial(
-            resource, speech.link, clock=clock, name=role, timeout_s=told.timeout_s, baud_rate=told.baud_rate
+            told.port or resource,
+            speech.link,
+            clock=clock,
+            name=role,
+            timeout_s=told.timeout_s,
+            baud_rate=told.baud_rate,
+            resource=resource,
         )
         try:
             return RateTableDriver(

@@ -289,38 +289,36 @@ class Session:
 
         The lock is not: another thread may hang in an exchange. Commands have no answers, so the session stays in step.
         """
-        taken: list[bool] = []
-        within(_BLIND_S, lambda: taken.append(self._speak_blind()))
-        return bool(taken and taken[0])
-
-    def _speak_blind(self) -> bool:
         if not self._safe_words:
             return True
-        try:
-            return self._spoken_on_what_is_left() or self._spoken_anew()
-        except Exception:  # noqa: BLE001 - whatever a VISA library raises: the other instruments must hear theirs
-            return False
+        taken: list[bool] = []  # the latest that is known when the time is up
+        within(_BLIND_S, lambda: self._speak_blind(taken))
+        return bool(taken and taken[-1])
 
-    def _spoken_on_what_is_left(self) -> bool:
-        if self.closed:
-            return False
-        try:
-            if self._wire.pending():  # also finds out that the peer has gone, which sending would not
-                self._dirty = True
-            self._wire.send(self._safe_words, _blind_deadline())
-        except LinkLost:
-            return False
-        return True
+    def _speak_blind(self, taken: list[bool]) -> None:
+        with suppress(Exception):  # whatever a VISA library raises: the other instruments must hear their words
+            try:
+                self._speak_on_what_is_left(taken)
+            except LinkLost:
+                taken.append(False)
+                self._speak_anew(taken)
 
-    def _spoken_anew(self) -> bool:
+    def _speak_on_what_is_left(self, taken: list[bool]) -> None:
+        self._require_open()
+        self._wire.send(self._safe_words, _blind_deadline())
+        taken.append(True)
+        if self._wire.pending():  # also finds out that the peer has gone, which sending did not
+            self._dirty = True
+
+    def _speak_anew(self, taken: list[bool]) -> None:
         """Connect anew and speak; whoever holds the lock meanwhile is doing so already."""
         if self._reconnect is None or not self._lock.acquire(blocking=False):
-            return False
+            return
         try:
             self._renew(self._reconnect, _blind_deadline())
+            taken.append(True)
         finally:
             self._lock.release()
-        return True
 
     def _renew(self, reconnect: Callable[[Deadline], Wire], deadline: Deadline) -> None:
         """Make a new connection; the safe words are the first that is said there."""

@@ -54,9 +54,18 @@ def spoken(name: str, settings: AxisSettings | None = None) -> Spoken:
 
 
 def open_serial(
-    url: str, link: Link, *, clock: Clock, name: str, timeout_s: float, baud_rate: int | None = None
+    url: str,
+    link: Link,
+    *,
+    clock: Clock,
+    name: str,
+    timeout_s: float,
+    baud_rate: int | None = None,
+    resource: str | None = None,
 ) -> TableLine:
     """Open a port with all that `link` says of it; `baud_rate` overrides its speed.
+
+    Messages name `resource`, by default the `url`.
 
     Raises:
         ConnectFailed: there is no such port, it is in use, or nobody answers there.
@@ -70,9 +79,9 @@ def open_serial(
     try:
         wire = connect(Deadline.after(clock, timeout_s))
     except TransportError as error:
-        error.instrument, error.resource = name, url
+        error.instrument, error.resource = name, resource or url
         raise
-    return TableLine(wire, name=name, resource=url, clock=clock, timeout_s=timeout_s, reconnect=connect)
+    return TableLine(wire, name=name, resource=resource or url, clock=clock, timeout_s=timeout_s, reconnect=connect)
 
 
 def _open_port(url: str, link: Link, baud_rate: int, timeout_s: float) -> serial.Serial:

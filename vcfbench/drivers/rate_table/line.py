@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
@@ -172,7 +173,9 @@ class TableLine:
 
     def take_line(self, deadline: Deadline) -> bytes:
         """Return what comes up to the next line end (CR, LF or both), without it; empty lines are lines."""
-        while (found := _LINE_END.search(self._received)) is None:
+        searched = 0  # what never ends comes byte by byte, and shall not take ever longer
+        while (found := _LINE_END.search(self._received, searched)) is None:
+            searched = len(self._received)
             self._fill(deadline)
         line, self._received = self._received[: found.start()], self._received[found.end() :]
         return line
@@ -190,7 +193,9 @@ class TableLine:
 
     def take_through(self, known: bytes, deadline: Deadline) -> None:
         """Drop everything up to and including `known`."""
-        while (found := self._received.find(known)) < 0:
+        searched = 0
+        while (found := self._received.find(known, searched)) < 0:
+            searched = max(0, len(self._received) - len(known) + 1)
             self._fill(deadline)
         self._received = self._received[found + len(known) :]
 
@@ -221,37 +226,35 @@ class TableLine:
         Nor is the lock waited for: another thread may hang in an exchange. A connection that is closed is made anew.
         The line is dirty afterwards, for the words may be answered. `gap_s` is left between them if that is short.
         """
-        taken: list[bool] = []
-        within(_BLIND_S, lambda: taken.append(self._speak_blind(words, gap_s)))
-        return bool(taken and taken[0])
+        taken: list[bool] = []  # the latest that is known when the time is up
+        within(_BLIND_S, lambda: self._speak_blind(words, gap_s, taken))
+        return bool(taken and taken[-1])
 
-    def _speak_blind(self, words: Sequence[bytes], gap_s: float) -> bool:
-        try:
-            return self._spoken_on_what_is_left(words, gap_s) or self._spoken_anew(words, gap_s)
-        except Exception:  # noqa: BLE001 - a port is anyone's code, and the other instruments must hear their words
-            return False
+    def _speak_blind(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
+        with suppress(Exception):  # a port is anyone's code, and the other instruments must hear their words
+            try:
+                self._speak_on_what_is_left(words, gap_s, taken)
+            except LinkLost:
+                taken.append(False)
+                self._speak_anew(words, gap_s, taken)
 
-    def _spoken_on_what_is_left(self, words: Sequence[bytes], gap_s: float) -> bool:
-        if self._closed:
-            return False
+    def _speak_on_what_is_left(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
+        self._require_open()
         self.dirty = True
-        try:
-            self._wire.pending()  # finds out that the other end has gone, which sending would not
-            self._send_all(words, gap_s)
-        except LinkLost:
-            return False
-        return True
+        self._send_all(words, gap_s)
+        taken.append(True)
+        self._wire.pending()  # finds out that the other end has gone, which sending did not
 
-    def _spoken_anew(self, words: Sequence[bytes], gap_s: float) -> bool:
+    def _speak_anew(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
         """Connect anew and speak; whoever holds the lock meanwhile is doing so already."""
         if self._reconnect is None or not self._lock.acquire(blocking=False):
-            return False
+            return
         try:
             self.give_up()
             self.revive(Deadline.after(WallClock(), _BLIND_S), words, gap_s)
+            taken.append(True)
         finally:
             self._lock.release()
-        return True
 
     def _send_all(self, words: Sequence[bytes], gap_s: float) -> None:
         wall = WallClock()
