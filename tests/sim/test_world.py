@@ -21,6 +21,7 @@ QUIET = replace(
     PAPER,
     noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0),
     table=replace(PAPER.table, flutter_per_sqrt_hz=0.0),
+    pick_up=IDEAL.pick_up,
 )
 K_IDEAL = -12.542052e-3
 

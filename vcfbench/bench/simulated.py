@@ -125,10 +125,14 @@ def named_parameters(simulation: Simulation) -> BenchParameters:
 
 
 def physical_parameters(description: BenchDescription) -> BenchParameters:
-    """Return the parameters of gyroscope, PCB and table: the named set at the bench's latitude, then the overrides."""
+    """Return the parameters of gyroscope, PCB and table: the named set at the bench's site, then the overrides."""
     simulation = _simulation(description)
     named = named_parameters(simulation)
-    here = replace(named, site=replace(named.site, latitude_deg=description.site.latitude_deg))
+    here = replace(
+        named,
+        site=replace(named.site, latitude_deg=description.site.latitude_deg),
+        pick_up=replace(named.pick_up, mains_hz=float(description.site.mains_hz)),
+    )
     return overridden(here, simulation.override)
 
 
@@ -259,7 +263,7 @@ def _as_seen(description: BenchDescription, world: World) -> dict[str, Any]:
 
     channels = description.wiring.oscilloscope.channels()
     return {
-        "multimeter": Leads(world, "multimeter", {"input": description.wiring.multimeter}),
+        "multimeter": Leads(world, "multimeter", {"input": description.wiring.multimeter}, world.mains.in_meter_leads),
         "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
         "vibration_source": _NotWired(world),
     }

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from vcfbench.sim import mains
 from vcfbench.sim.world import NODES
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.sources import Sine
     from vcfbench.sim.trace import Piece, Trace
     from vcfbench.sim.world import Capture, Recording, Window, World
 
@@ -23,10 +25,11 @@ __all__ = ["Lead", "Leads"]
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """Where a lead goes: a node of the PCB, None when it hangs free and reads 0 V; either way round."""
+    """Where a lead goes: a node of the PCB, None when it hangs free and reads 0 V; its way round, what it catches."""
 
     node: str | None
     reversed: bool = False
+    pick_up: Sine | None = None
 
     @property
     def sign(self) -> float:
@@ -46,7 +49,11 @@ class _LeadWindow:
     def mean_v(self) -> float:
         """Return the mean voltage at the instrument's terminals."""
         mean = self._window.mean_v()
-        return 0.0 if self._lead.node is None else self._lead.sign * mean
+        if self._lead.node is None:
+            return 0.0
+        caught = self._lead.pick_up
+        seen = self._lead.sign * mean
+        return seen if caught is None else seen + mains.mean_v(caught, self._window.start_s, self._window.stop_s)
 
 
 class _LeadCapture:
@@ -63,7 +70,8 @@ class _LeadCapture:
         lead = self._leads[node]
         if lead.node is None:
             return 0.0 * times_s
-        return lead.sign * self._capture.samples(lead.node, times_s)
+        volts = lead.sign * self._capture.samples(lead.node, times_s)
+        return volts if lead.pick_up is None else volts + lead.pick_up.at(times_s)
 
     def finest_s(self, node: str) -> float:
         """Return a time in which the voltage at input `node` bends so little that a cubic tells it."""
@@ -108,7 +116,9 @@ class _LeadTrace:
         if lead.node is None:
             return []
         pieces = self._trace.pieces(lead.node)
-        return [piece.reversed() for piece in pieces] if lead.reversed else pieces
+        seen = [piece.reversed() for piece in pieces] if lead.reversed else pieces
+        caught = lead.pick_up
+        return seen if caught is None else [piece.with_sine(caught) for piece in seen]
 
     def end(self) -> None:
         """Forget it."""
@@ -122,12 +132,13 @@ class Leads:
         world: the World.
         role: whose leads these are.
         inputs: node that each input is wired to.
+        pick_up: what the leads catch of the mains.
     """
 
-    def __init__(self, world: World, role: str, inputs: Mapping[str, str]) -> None:
+    def __init__(self, world: World, role: str, inputs: Mapping[str, str], pick_up: Sine | None = None) -> None:
         self._world = world
         self._role = role
-        self._leads = {name: Lead(node) for name, node in inputs.items()}
+        self._leads = {name: Lead(node, pick_up=pick_up) for name, node in inputs.items()}
         self._loads_ohm: dict[str, float] = {}
         world.leads[role] = self
 
@@ -196,4 +207,7 @@ class Leads:
     def value_v(self, name: str) -> float:
         """Return the voltage at input `name` now."""
         lead = self._leads[name]
-        return 0.0 if lead.node is None else lead.sign * self._world.value_v(lead.node)
+        if lead.node is None:
+            return 0.0
+        volts = lead.sign * self._world.value_v(lead.node)
+        return volts if lead.pick_up is None else volts + lead.pick_up.value_v(self.clock.now())

@@ -24,6 +24,7 @@ __all__ = [
     "NoiseSources",
     "OutputStage",
     "ParameterRow",
+    "PickUp",
     "SenseMode",
     "SensePath",
     "Site",
@@ -36,6 +37,8 @@ __all__ = [
 
 PAPER = "Wang et al. 2018"
 CHOSEN = "chosen"
+UNVERIFIED = "chosen, unverified"
+OFF = "off: it would move the paper's figures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +160,10 @@ class SensePath(_Group):
     low_pass_order: int = quantity(
         "1", "order of the Butterworth low-pass filter", "chosen; the paper gives none", _Range(least=1, most=10)
     )
+    carrier_feedthrough: float = quantity("V/V", "part of the carrier that is in V_s without any motion", OFF)
+    v_vc_feedthrough: float = quantity(
+        "V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", OFF
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +223,30 @@ class NoiseSources(_Group):
     flicker_processes: int = quantity(
         "1", "number of Ornstein-Uhlenbeck processes, each four times slower", CHOSEN, _Range(least=0, most=30)
     )
+    electronic_v_sqrt_hz: float = quantity(
+        "V/sqrt(Hz)",
+        "white noise of the electronics behind the demodulator, at the output",
+        "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
+        NOT_NEGATIVE,
+    )
+    electronic_corner_hz: float = quantity(
+        "Hz", "where that noise is 3 dB down, first order", CHOSEN, _Range(least=1.0, most=5e3)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PickUp(_Group):
+    """What the leads catch of the mains; its phases come from the seed."""
+
+    mains_hz: float = quantity("Hz", "nominal line frequency", "the bench file: site.mains_hz", _Range(least=1.0))
+    mains_deviation_hz: float = quantity(
+        "Hz",
+        "standard deviation of the line frequency from bench to bench, constant within a run",
+        "off; a grid keeps within some 0.05 Hz (unverified)",
+        _Range(least=0.0, most=2.0),
+    )
+    meter_leads_v: float = quantity("V rms", "in the loop of the multimeter's leads", UNVERIFIED, NOT_NEGATIVE)
+    v_vc_lead_v: float = quantity("V rms", "in the lead from generator to V_Vc", UNVERIFIED, NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,6 +349,7 @@ class BenchParameters:
     table: TableMechanics
     site: Site
     source: SourceResistance
+    pick_up: PickUp
 
     def __post_init__(self) -> None:
         """Refuse values that contradict each other, whatever group they are in.

@@ -43,6 +43,10 @@ class Sine:
         """Return its volts at bench times."""
         return _sines((self,), times_s)
 
+    def value_v(self, now_s: float) -> float:
+        """Return its volts at one bench time."""
+        return self.amplitude_v * math.sin(math.tau * self.frequency_hz * now_s + self.phase_rad)
+
 
 @dataclass(frozen=True, slots=True)
 class Drive:
@@ -62,6 +66,10 @@ class Drive:
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return its volts at bench times."""
         return _sines((Sine(self.amplitude_v, self.frequency_hz, self.phase_rad), *self.overtones), times_s) + self.dc_v
+
+    def with_overtone(self, sine: Sine) -> Drive:
+        """Return it with one more sine."""
+        return replace(self, overtones=(*self.overtones, sine))
 
     def divided(self, share: float) -> Drive:
         """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""

@@ -44,6 +44,12 @@ class Piece:
         )
         return Piece(self.start_s, self.stop_s, -self.dc_v, sines, lambda times: -self.at(times))
 
+    def with_sine(self, sine: Sine) -> Piece:
+        """Return what is seen with a sine (of bench time) in series."""
+        here = replace(sine, phase_rad=sine.phase_rad + math.tau * sine.frequency_hz * self.start_s)
+        sines = None if self.sines is None else (*self.sines, here)
+        return Piece(self.start_s, self.stop_s, self.dc_v, sines, lambda times: self.at(times) + sine.at(times))
+
 
 class History(Protocol):
     """The history of what an instrument is wired to."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads
+from vcfbench.sim.mains import Mains
 from vcfbench.sim.motion import TableMotion
 from vcfbench.sim.trace import Trace
 
@@ -144,6 +145,8 @@ class World:
         self.parameters = parameters
         self.table = TableMotion(clock, parameters.table, self.advance)
         self._gyro = Gyro(parameters, seed, clock.now())
+        self.mains = Mains.drawn(parameters.pick_up, seed)
+        """What the leads catch of the mains."""
         self.leads: dict[str, Leads] = {}
         """The leads of what looks at the World, by role."""
         self._rails_v = dict.fromkeys(RAILS, 0.0)
@@ -282,8 +285,8 @@ class World:
         that the modulator's leakage does not reach the combs.
         """
         self.advance()
-        self._v_vc_source = source
-        self._gyro.connect_v_vc(self._node_loads.behind(source))
+        self._v_vc_source = self.mains.through_v_vc_lead(source)
+        self._gyro.connect_v_vc(self._node_loads.behind(self._v_vc_source))
 
     def window(self, node: str, start_s: float, stop_s: float) -> Window:
         """Register an averaging window that begins now or later.

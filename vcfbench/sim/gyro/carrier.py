@@ -71,6 +71,8 @@ class CarrierModel:
             (starts[:-1] @ (to_samples.transpose(0, 2, 1) @ row).T).ravel() for row in self._rows()
         )
         step = self.cycle_s / self._samples
+        turned = 2 * math.pi / self._samples * np.arange(1, len(sense) + 1)
+        sense += self._through(np.asarray(turned, float), virtual_v)
         times = np.asarray(step * np.arange(1, len(drive) + 1), float)
         return CarrierRun(times, drive, sense, filtered, starts[-1])
 
@@ -105,7 +107,7 @@ class CarrierModel:
         for row, each in zip((2, 4), modes, strict=True):
             _oscillate(matrices, row, 2 * math.pi * each.frequency_hz, drive, each.quality)
             self._force(matrices, row + 1, each, phases, rate_rad_s, virtual_v)
-        self._filter(matrices, phases)
+        self._filter(matrices, phases, virtual_v)
         return matrices
 
     def _force(  # noqa: PLR0917
@@ -127,7 +129,13 @@ class CarrierModel:
         force = virtual_v * combs * self._bench.sense_path.reference_amplitude_v / path.mass_kg
         matrices[:, row, -1] = force * volts / self._drive_rad_s * np.sin(phases + path.carrier_phase_rad)
 
-    def _filter(self, matrices: NDArray[np.float64], phases: NDArray[np.float64]) -> None:
+    def _through(self, phases: NDArray[np.float64], virtual_v: float) -> NDArray[np.float64]:
+        """Return what of carrier and modulated V_Vc is in V_s without motion."""
+        sense = self._bench.sense_path
+        size = sense.carrier_feedthrough * sense.reference_amplitude_v + sense.v_vc_feedthrough * virtual_v
+        return np.asarray(size * np.sin(phases + self._bench.virtual_path.carrier_phase_rad))
+
+    def _filter(self, matrices: NDArray[np.float64], phases: NDArray[np.float64], virtual_v: float) -> None:
         """Demodulate V_s into the low-pass filter, a chain of integrators with feedback."""
         sense, order = self._bench.sense_path, self._order
         cut_off = 2 * math.pi * sense.low_pass_hz
@@ -135,9 +143,11 @@ class CarrierModel:
         for index in range(order - 1):
             matrices[:, 6 + index, 7 + index] = cut_off
         matrices[:, 5 + order, 6 : 6 + order] = -cut_off * feedback
-        gain = sense.multiplier_per_v * sense.reference_amplitude_v * sense.preamplifier_gain * sense.amplifier_gain
-        product = cut_off * gain * np.sin(phases + sense.demodulator_phase_rad)
-        matrices[:, 5 + order, 2] = matrices[:, 5 + order, 4] = product
+        scale = cut_off * sense.multiplier_per_v * sense.reference_amplitude_v
+        product = scale * np.sin(phases + sense.demodulator_phase_rad)
+        gain = sense.preamplifier_gain * sense.amplifier_gain
+        matrices[:, 5 + order, 2] = matrices[:, 5 + order, 4] = gain * product
+        matrices[:, 5 + order, -1] = product * self._through(phases, virtual_v)
 
     def _rows(self) -> NDArray[np.float64]:
         """Return the rows that show drive pick-off, V_s and the filtered signal."""

@@ -66,7 +66,8 @@ class Response:
     """The chain's answer to a forcing, t from the moment it began.
 
     Eigenmodes move as `free exp(eigenmodes t) + constant + slope t + forced exp(exponents t)`, and the filter's
-    besides as `(turned_constant + turned_slope t + turned_forced exp(exponents t)) exp(2j w_d t)`.
+    besides as `(turned_constant + turned_slope t + turned_forced exp(exponents t)) exp(2j w_d t)`. `through` is what
+    V_s has without motion: constant, slope, one size an exponent.
     """
 
     chain: Chain
@@ -79,6 +80,7 @@ class Response:
     turned_constant: NDArray[np.complex128]
     turned_slope: NDArray[np.complex128]
     turned_forced: NDArray[np.complex128]
+    through: tuple[complex, complex, NDArray[np.complex128]]
 
     def modal(self, time_s: float) -> NDArray[np.complex128]:
         """Return the eigenmodes' coordinates at `time_s`."""
@@ -92,10 +94,11 @@ class Response:
     def sense(self) -> ExponentialSum:
         """Return the envelope S of V_s."""
         weights = self.chain.to_sense
+        constant, slope, moving = self.through
         return ExponentialSum(
-            complex(weights @ self.constant),
-            complex(weights @ self.slope),
-            np.concatenate((weights * self.free, _weighed(weights, self.forced))),
+            complex(weights @ self.constant) + constant,
+            complex(weights @ self.slope) + slope,
+            np.concatenate((weights * self.free, _weighed(weights, self.forced) + moving)),
             np.concatenate((self.chain.eigenmodes, self.exponents)),
         )
 
@@ -131,7 +134,8 @@ class Chain:
     `coupling` and `turned_coupling` (times e^{2j th}) tell the filter's parts from its free motions. Sources: `rate`
     per rad/s, `virtual` per volt at the modulator's output, `quadrature` the constant force; `turned_*` act on the
     filter's free motions times e^{2j th}. `to_filtered` and `turned_to_filtered` (times e^{2j th}, on the modes'
-    parts) weigh eigenmodes into the filtered signal, `to_sense` into the envelope of V_s, V.
+    parts) weigh eigenmodes into the filtered signal, `to_sense` into the envelope of V_s, V. What feeds through into
+    V_s without motion acts on the filter alone: `carrier_through` of the carrier, `virtual_through` per modulator volt.
     """
 
     resonances: tuple[Resonance, Resonance]
@@ -148,6 +152,8 @@ class Chain:
     to_filtered: NDArray[np.complex128]
     turned_to_filtered: NDArray[np.complex128]
     to_sense: NDArray[np.complex128]
+    carrier_through: complex
+    virtual_through: complex
 
     def modal(self, state: ChainState, turn: complex) -> NDArray[np.complex128]:
         """Return the eigenmodes' coordinates of a state; `turn` is e^{2j th}, 0 leaves the second product out."""
@@ -189,8 +195,24 @@ class Chain:
         free = modal - constant - forced.sum(axis=1)
         free[4:] -= turned_constant + turned_forced.sum(axis=1)
         return Response(
-            self, turn, free, constant, slope, forced, exponents, turned_constant, turned_slope, turned_forced
+            self,
+            turn,
+            free,
+            constant,
+            slope,
+            forced,
+            exponents,
+            turned_constant,
+            turned_slope,
+            turned_forced,
+            self._through(forcing),
         )
+
+    def _through(self, forcing: Forcing) -> tuple[complex, complex, NDArray[np.complex128]]:
+        """Return what is in the envelope of V_s without motion; of a rate there is nothing."""
+        sizes = [0j] * len(forcing.rate_terms) + [self.virtual_through * a for a, _ in forcing.virtual_terms]
+        constant = self.carrier_through + self.virtual_through * forcing.virtual_v
+        return constant, self.virtual_through * forcing.virtual_slope, np.array(sizes, complex)
 
 
 def _moved(forced: NDArray[np.complex128], moved: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -241,6 +263,10 @@ def build_chain(
     quadrature = -2 * nominal * drive_displacement_m * _each(bench, lambda mode: mode.quadrature_rad_s)
     carrier = -1j * cmath.exp(1j * bench.virtual_path.carrier_phase_rad) * v_dac / bench.virtual_path.mass_kg
     virtual = carrier * _each(bench, lambda mode: _combs(bench, mode))
+    unit = -1j * cmath.exp(1j * bench.virtual_path.carrier_phase_rad) * v_dac
+    carrier_through = bench.sense_path.carrier_feedthrough * unit
+    virtual_through = bench.sense_path.v_vc_feedthrough * unit / bench.sense_path.reference_amplitude_v
+    down, up = residues[:, 0] * demodulator, residues[:, 0] * demodulator.conjugate()
     return Chain(
         resonances,
         drive_rad_s,
@@ -248,14 +274,16 @@ def build_chain(
         coupling,
         turned,
         rate=np.concatenate((rate, -coupling @ rate)),
-        virtual=np.concatenate((virtual, -coupling @ virtual)),
-        quadrature=np.concatenate((quadrature, -coupling @ quadrature)),
+        virtual=np.concatenate((virtual, down * virtual_through - coupling @ virtual)),
+        quadrature=np.concatenate((quadrature, down * carrier_through - coupling @ quadrature)),
         turned_rate=-turned @ rate,
-        turned_virtual=-turned @ virtual,
-        turned_quadrature=-turned @ quadrature,
+        turned_virtual=up * virtual_through - turned @ virtual,
+        turned_quadrature=up * carrier_through - turned @ quadrature,
         to_filtered=np.concatenate((coupling.sum(axis=0), np.ones(len(filter_poles)))),
         turned_to_filtered=turned.sum(axis=0),
         to_sense=np.concatenate((seen, np.zeros(len(filter_poles)))),
+        carrier_through=carrier_through,
+        virtual_through=virtual_through,
     )
 
 

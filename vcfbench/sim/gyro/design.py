@@ -16,6 +16,7 @@ from vcfbench.sim.parameters import (
     DriveMode,
     NoiseSources,
     OutputStage,
+    PickUp,
     SenseMode,
     SensePath,
     Site,
@@ -159,6 +160,8 @@ SENSE_PATH = SensePath(
     multiplier_per_v=0.1,
     low_pass_hz=100.0,
     low_pass_order=4,
+    carrier_feedthrough=0.0,
+    v_vc_feedthrough=0.0,
 )
 VIRTUAL_PATH = VirtualPath(
     pull_down_ohm=1e6,
@@ -181,7 +184,12 @@ SUPPLY = Supply(
     ripple_feedthrough=0.0,
 )
 NOISE = NoiseSources(
-    angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0, flicker_shortest_s=0.125, flicker_processes=9
+    angle_random_walk_deg_sqrt_s=0.0,
+    bias_instability_deg_s=0.0,
+    flicker_shortest_s=0.125,
+    flicker_processes=9,
+    electronic_v_sqrt_hz=0.0,
+    electronic_corner_hz=1000.0,
 )
 THERMAL = Thermal(
     ambient_c=20.0,
@@ -204,6 +212,7 @@ TABLE = TableMechanics(
 )
 SITE = Site(latitude_deg=0.0)
 SOURCE = SourceResistance(output_ohm=100.0, drive_ohm=100.0, carrier_ohm=100.0, sense_ohm=100.0)
+PICK_UP = PickUp(mains_hz=50.0, mains_deviation_hz=0.0, meter_leads_v=0.0, v_vc_lead_v=0.0)
 PERFECT = BenchParameters(
     drive_mode=DRIVE_MODE,
     sense_in_phase=SENSE_IN_PHASE,
@@ -218,6 +227,7 @@ PERFECT = BenchParameters(
     table=TABLE,
     site=SITE,
     source=SOURCE,
+    pick_up=PICK_UP,
 )
 
 
@@ -267,6 +277,7 @@ def _imperfect() -> BenchParameters:
             flutter_per_sqrt_hz=5e-6,
         ),
         site=Site(latitude_deg=37.9),
+        pick_up=replace(PERFECT.pick_up, meter_leads_v=1e-3, v_vc_lead_v=20e-6),
     )
 
 

@@ -17,6 +17,7 @@ from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
+from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Oscillation, output_limits, passage, rail_current_a
 from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
@@ -34,8 +35,8 @@ __all__ = ["Gyro"]
 
 FORGOTTEN_DEG_S = 1e-18
 COLDEST_C, HOTTEST_C = -55.0, 125.0
-_SHAKES, _LOOKS = 1, 2
-"""Numbers of the random streams beside the gyro's own noise; never given again, so that a seed keeps its meaning."""
+_SHAKES, _LOOKS, _BEHIND = 1, 2, 4
+"""Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
 
 
 class Gyro:
@@ -50,6 +51,12 @@ class Gyro:
         self._flicker = Flicker.of(bench.noise)
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
         self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
+        noise = bench.noise
+        self._electronic = (
+            ElectronicNoise(noise.electronic_v_sqrt_hz, noise.electronic_corner_hz, (seed, _BEHIND))
+            if noise.electronic_v_sqrt_hz
+            else None
+        )
         self._rails = (0.0, 0.0)
         self._ripples: list[Ripple | None] = [None, None]
         self._running = False
@@ -221,6 +228,7 @@ class Gyro:
             (self._rail(0), self._rail(1)),
             output_limits(bench.output_stage, *self._rails),
             self._weaker_rail() >= bench.supply.dead_v,
+            self._electronic,
         )
 
     # -- what acts on the chain --

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
+    from vcfbench.sim.gyro.electronic import ElectronicNoise
     from vcfbench.sim.gyro.electronics import PlayedVoltage
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
@@ -51,6 +52,7 @@ class Stretch:
     rails: tuple[Oscillation, Oscillation]
     limits_v: tuple[float, float]
     alive: bool
+    electronic: ElectronicNoise | None = None
     shares: Mapping[str, float] = field(default_factory=dict)
 
     def integral(self, node: str) -> float:
@@ -98,7 +100,9 @@ class Stretch:
         """Return the integral of the output, the rails' ripple in it."""
         rippling = self._rippling()
         output = self._output_integral(duration)
-        return output + rippling.integral(duration) if rippling is not None else output
+        if rippling is not None:
+            output += rippling.integral(duration)
+        return output if self.electronic is None else output + self.electronic.integral(self.start_s, self.stop_s)
 
     def _rippling(self) -> Oscillation | None:
         """Return what of the rails' ripple comes through to the output, None where nothing does."""
@@ -163,7 +167,8 @@ class Stretch:
             filtered = self.response.filtered().at(elapsed).real
             volts = self._amplified(filtered if self.noise is None else filtered + self.noise.filtered(elapsed))
             rippling = self._rippling()
-            return volts if rippling is None else volts + rippling.at(elapsed)
+            volts = volts if rippling is None else volts + rippling.at(elapsed)
+            return volts if self.electronic is None else volts + self.electronic.at(times_s)
         return self._carrier_level(node, times_s)
 
     def _carrier_level(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,88 @@
+"""What leads catch of the mains: one sine each, in series with what they connect."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.sources import Drive, Piece, Sine
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.parameters import PickUp
+    from vcfbench.sim.sources import Bend, Played
+
+__all__ = ["Mains", "mean_v"]
+
+_STREAM = 3
+"""Number of this random stream among those of the World's seed; see :mod:`.gyro.gyro`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mains:
+    """What is in the leads of the multimeter and in that of V_Vc; None where nothing is."""
+
+    in_meter_leads: Sine | None
+    in_v_vc_lead: Sine | None
+
+    @classmethod
+    def drawn(cls, pick_up: PickUp, seed: int) -> Mains:
+        """Return the pick-up of a bench: frequency and phases by the seed."""
+        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
+
+        random = np.random.default_rng([seed, _STREAM])
+        frequency_hz = pick_up.mains_hz + pick_up.mains_deviation_hz * float(random.standard_normal())
+        phases = random.uniform(0.0, math.tau, 2)
+
+        def sine(rms_v: float, phase_rad: float) -> Sine | None:
+            return Sine(math.sqrt(2.0) * rms_v, frequency_hz, phase_rad) if rms_v else None
+
+        return cls(sine(pick_up.meter_leads_v, float(phases[0])), sine(pick_up.v_vc_lead_v, float(phases[1])))
+
+    def through_v_vc_lead(self, source: Drive | Played | None) -> Drive | Played | None:
+        """Return a generator together with what its lead catches; a lead that leads nowhere brings nothing."""
+        if source is None or self.in_v_vc_lead is None:
+            return source
+        if isinstance(source, Drive):
+            return source.with_overtone(self.in_v_vc_lead)
+        return _Overlaid(source, self.in_v_vc_lead)
+
+
+def mean_v(sine: Sine, start_s: float, stop_s: float) -> float:
+    """Return the mean of a sine over a stretch of bench time."""
+    turned = math.pi * sine.frequency_hz * (stop_s - start_s)
+    middle = math.pi * sine.frequency_hz * (start_s + stop_s) + sine.phase_rad
+    return sine.amplitude_v * math.sin(middle) * math.sin(turned) / turned
+
+
+@dataclass(frozen=True, slots=True)
+class _Overlaid:
+    """A source that plays, and a small sine in series; of an input's curvature the sine sees none."""
+
+    source: Played
+    sine: Sine
+
+    @property
+    def source_ohm(self) -> float:
+        """What it has in series, ohm."""
+        return self.source.source_ohm
+
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the open-circuit volts at bench times."""
+        return self.source.at(times_s) + self.sine.at(times_s)
+
+    def piece(self, start_s: float, bend: Bend) -> Piece:
+        """Return what an input makes of it from `start_s` on."""
+        played, speed = self.source.piece(start_s, bend), math.tau * self.sine.frequency_hz
+        size = -1j * cmath.rect(bend[1] * self.sine.amplitude_v, speed * played.start_s + self.sine.phase_rad)
+        terms = (*played.terms, (size, 1j * speed))
+        return Piece(played.start_s, played.stop_s, played.constant, played.slope_per_s, terms)
+
+    def divided(self, share: float) -> _Overlaid:
+        """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        sine = Sine(share * self.sine.amplitude_v, self.sine.frequency_hz, self.sine.phase_rad)
+        return _Overlaid(self.source.divided(share), sine)
