@@ -140,9 +140,10 @@ def _refuse_cell(cell: str, where: str) -> NoReturn:
 
 def _points(cells: list[tuple[float, ...]], name: str) -> dict[str, Series]:
     """Return a series for every step of a record that has enough points for a line."""
-    steps = sorted({row[0] for row in cells})
-    groups = {step: [row for row in cells if row[0] == step] for step in steps}
-    series = {_series_name(step): _point_series(rows) for step, rows in groups.items() if _spans(rows)}
+    groups: dict[float, list[tuple[float, ...]]] = {}
+    for row in cells:
+        groups.setdefault(row[0], []).append(row)
+    series = {_series_name(step): _point_series(rows) for step, rows in sorted(groups.items()) if _spans(rows)}
     if not series:
         raise ConfigError(f"{name}: no step has {_FEWEST_POINTS} points at different rates")
     return series

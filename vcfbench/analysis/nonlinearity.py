@@ -6,7 +6,7 @@ definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slo
 
 from __future__ import annotations
 
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -14,8 +14,6 @@ import numpy as np
 from vcfbench.analysis.regression import checked_points, slope
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import ArrayLike, NDArray
 
     from vcfbench.analysis.regression import LineFit
@@ -101,24 +99,41 @@ def best_straight_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[floa
     slopes of the edges of the points' convex hull, so the least width is found exactly, at one of them.
     """
     rate, output = checked_points(rate_deg_s, output_v)
-    edges = np.array([*_hull_slopes(rate, output, 1.0), *_hull_slopes(rate, output, -1.0)])
-    widths = np.array([np.ptp(output - edge * rate) for edge in edges])
+    lower, upper = _Hull.of(rate, output, 1.0), _Hull.of(rate, output, -1.0)
+    edges = np.concatenate([lower.slopes, upper.slopes])
+    widths = upper.extreme_v(edges) - lower.extreme_v(edges)
     gain = float(edges[widths.argmin()])
     offsets = output - gain * rate
     return gain, float(offsets.max() + offsets.min()) / 2.0, float(np.ptp(offsets)) / 2.0
 
 
-def _hull_slopes(rate: Floats, output: Floats, side: float) -> Iterator[float]:
-    """Yield the slopes of the lower (`side` 1) or the upper (-1) hull: Andrew's monotone chain."""
-    order = np.lexsort((side * output, rate))
-    hull: list[tuple[float, float]] = []
-    for x, y in zip(rate[order].tolist(), output[order].tolist(), strict=True):
-        if hull and x == hull[-1][0]:
-            continue  # an inner point of the same rate
-        while len(hull) > 1 and side * _turn(hull[-2], hull[-1], (x, y)) <= 0.0:
-            hull.pop()
-        hull.append((x, y))
-    return ((b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(hull))
+@dataclass(frozen=True, slots=True)
+class _Hull:
+    """The lower (`side` 1) or the upper (-1) hull of the points: its corners, and the slopes between them."""
+
+    side: float
+    rate_deg_s: Floats
+    output_v: Floats
+    slopes: Floats
+
+    @classmethod
+    def of(cls, rate: Floats, output: Floats, side: float) -> _Hull:
+        """Find it: Andrew's monotone chain."""
+        order = np.lexsort((side * output, rate))
+        hull: list[tuple[float, float]] = []
+        for x, y in zip(rate[order].tolist(), output[order].tolist(), strict=True):
+            if hull and x == hull[-1][0]:
+                continue  # an inner point of the same rate
+            while len(hull) > 1 and side * _turn(hull[-2], hull[-1], (x, y)) <= 0.0:
+                hull.pop()
+            hull.append((x, y))
+        corner_rate, corner_output = np.array(hull).T
+        return cls(side, corner_rate, corner_output, np.diff(corner_output) / np.diff(corner_rate))
+
+    def extreme_v(self, slope: Floats) -> Floats:
+        """Return the least (upper hull: largest) output - slope * rate, at the corner where the hull turns past it."""
+        corner = np.searchsorted(self.side * self.slopes, self.side * slope)
+        return np.asarray(self.output_v[corner] - slope * self.rate_deg_s[corner])
 
 
 def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:

@@ -33,6 +33,12 @@ class Pair:
 def sign_pairs(rate_deg_s: ArrayLike, output_v: ArrayLike) -> list[Pair]:
     """Return the pairs by falling magnitude; outputs measured repeatedly at one rate are averaged first."""
     rate, output = checked_points(rate_deg_s, output_v)
-    mean = {float(value): float(output[rate == value].mean()) for value in np.unique(rate)}
-    both = sorted((value for value in mean if value > 0.0 and -value in mean), reverse=True)
-    return [Pair(w, (mean[w] - mean[-w]) / (2.0 * w), (mean[w] + mean[-w]) / 2.0) for w in both]
+    rates, place = np.unique(rate, return_inverse=True)
+    means = np.bincount(place, weights=output) / np.bincount(place)
+    positive = rates[::-1][rates[::-1] > 0.0]
+    opposite = np.searchsorted(rates, -positive)
+    paired = rates[opposite] == -positive
+    plus = means[np.searchsorted(rates, positive[paired])]
+    minus = means[opposite[paired]]
+    columns = (positive[paired], (plus - minus) / (2.0 * positive[paired]), (plus + minus) / 2.0)
+    return [Pair(*values) for values in zip(*(column.tolist() for column in columns), strict=True)]
