@@ -24,6 +24,7 @@ OWN = ROOT / "examples" / "own-instrument"
 
 def test_the_labs_tests_pass_away_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
     folder = tmp_path / "lab"
     shutil.copytree(LAB, folder, ignore=shutil.ignore_patterns("__pycache__", ".*"))
     done = run(folder, "-q")

@@ -186,6 +186,7 @@ def test_a_real_station_is_spoken_to_over_its_wires(
     role: str, lines: dict[str, bytes | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
     with serve_simulated("ideal") as served:
         there = structs.replace(getattr(served.description, role), resource=served.resource(role))
         station = structs.replace(served.description, simulation=None, visa_library="@py", **{role: there})

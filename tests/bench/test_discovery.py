@@ -206,6 +206,7 @@ def test_what_discover_prints_is_pasted_and_runs(
 ) -> None:
     """Found on real wires, ports by their bare names; the template filled in so is a bench that can be opened."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
     monkeypatch.setattr(discovery, "_serial_ports", list)
     roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
     with serve_simulated("ideal") as served:

@@ -1,37 +1,46 @@
 from __future__ import annotations
 
+import json
 import os
 import re
+import stat
 import subprocess
 import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 
-from vcfbench.bench.lock import lock_path, station_lock
+from vcfbench.bench.file import parse_bench, template
+from vcfbench.bench.lock import InUse, instrument_locks, lock_directory, lock_path
+from vcfbench.bench.station import station
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+METER = "GPIB0::22::INSTR"
+SUPPLY = "GPIB0::5::INSTR"
 HOLD = """
 import sys
-from vcfbench.bench.lock import station_lock
-with station_lock("lab-1"):
+from vcfbench.bench.lock import instrument_locks
+with instrument_locks("lab-1", {"multimeter": "GPIB::22", "power": "GPIB0::5::INSTR"}):
     print("held", flush=True)
     sys.stdin.read()
 """
+posix = pytest.mark.skipif(sys.platform == "win32", reason="links and modes are different there")
 
 
 @pytest.fixture(autouse=True)
-def _state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", str(tmp_path))
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
+    return tmp_path / "locks"
 
 
 @pytest.fixture
 def holder() -> Iterator[subprocess.Popen[str]]:
-    """Another process that holds the lock."""
+    """Another process that has meter and supply."""
     command = [sys.executable, "-c", HOLD]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
@@ -40,43 +49,109 @@ def holder() -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-def test_a_second_process_is_told_who_has_the_station(holder: subprocess.Popen[str]) -> None:
-    with pytest.raises(BenchError, match=f"station lab-1 is in use by process {holder.pid} on ") as caught:
-        station_lock("lab-1").__enter__()
+def test_a_second_process_is_told_who_has_the_instrument_under_whatever_name(holder: subprocess.Popen[str]) -> None:
+    words = rf"multimeter at gpib::22: in use by process {holder.pid} of \S+ on \S+ for station lab-1 since 20\d\d-"
+    with pytest.raises(InUse, match=words) as caught, instrument_locks("other", {"multimeter": "gpib::22"}):
+        pytest.fail("two have it")
     assert caught.value.exit_code == 3
-    assert re.search(r"since 20\d\d-", str(caught.value))
-    assert str(lock_path("lab-1")) in str(caught.value)
+    assert str(lock_path(METER)) in str(caught.value)
 
 
-def test_another_station_is_free(holder: subprocess.Popen[str]) -> None:
+def test_all_are_taken_or_none(holder: subprocess.Popen[str]) -> None:
     assert holder.poll() is None
-    with station_lock("lab-2") as path:
-        assert f'"pid": {os.getpid()}' in path.read_text("utf-8")
+    with pytest.raises(InUse), instrument_locks("other", {"rate_source": "GPIB0::10::INSTR", "power": SUPPLY}):
+        pytest.fail("two have it")
+    with instrument_locks("other", {"rate_source": "GPIB0::10::INSTR"}):
+        owner = json.loads(lock_path("GPIB0::10::INSTR").read_text("utf-8"))
+    assert (owner["pid"], owner["station"], owner["resource"]) == (os.getpid(), "other", "GPIB0::10::INSTR")
 
 
-def test_a_killed_process_leaves_the_station_free(holder: subprocess.Popen[str]) -> None:
+def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[str]) -> None:
     holder.kill()
     holder.wait()
-    with station_lock("lab-1"):
-        assert lock_path("lab-1").exists()
+    assert lock_path(METER).exists()
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        assert f'"pid": {os.getpid()}' in lock_path(METER).read_text("utf-8")
 
 
-def test_the_lock_is_given_back_and_can_be_taken_again() -> None:
+def test_a_lock_is_given_back_and_can_be_taken_again(folder: Path) -> None:
     for _ in range(2):
-        with station_lock("lab-1"), pytest.raises(BenchError):
-            station_lock("lab-1").__enter__()
+        with (
+            instrument_locks("lab-1", {"power": SUPPLY}),
+            pytest.raises(InUse),
+            instrument_locks("lab-2", {"power": SUPPLY}),
+        ):
+            pytest.fail("two have it")
+    assert sys.platform == "win32" or list(folder.iterdir()) == []
 
 
-def test_a_lock_file_full_of_nonsense_locks_nobody_out() -> None:
-    lock_path("lab-1").parent.mkdir(parents=True)
-    lock_path("lab-1").write_bytes(b"\xff\x00{")
-    with station_lock("lab-1"):
+def test_a_lock_file_full_of_nonsense_locks_nobody_out(folder: Path) -> None:
+    folder.mkdir()
+    lock_path(METER).write_bytes(b"\xff\x00{")
+    with instrument_locks("lab-1", {"multimeter": METER}):
         pass
 
 
-def test_a_state_directory_that_cannot_be_made_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", str(blocked))
+def test_two_roles_at_one_resource_are_one_lock() -> None:
+    with instrument_locks("lab-1", {"multimeter": METER, "power": "GPIB::22"}):
+        pass
+
+
+@posix
+def test_every_user_can_lock_what_one_has_made(folder: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        with instrument_locks("lab-1", {"multimeter": METER}):
+            assert stat.S_IMODE(lock_path(METER).stat().st_mode) == 0o666
+    finally:
+        os.umask(before)
+    lock_path(METER).write_text("")
+    lock_path(METER).chmod(0o444)
+    with instrument_locks("lab-1", {"multimeter": METER}), pytest.raises(InUse), instrument_locks("2", {"m": METER}):
+        pytest.fail("two have it")
+    assert folder.exists()
+
+
+@posix
+@pytest.mark.parametrize("kind", ["symbolic", "hard", "fifo"])
+def test_what_somebody_has_laid_there_is_not_touched(folder: Path, kind: str) -> None:
+    folder.mkdir()
+    (victim := folder.parent / "victim").write_text("of value")
+    if kind == "symbolic":
+        lock_path(METER).symlink_to(victim)
+    elif kind == "hard":
+        lock_path(METER).hardlink_to(victim)
+    else:
+        os.mkfifo(lock_path(METER))
+    with pytest.raises(BenchError, match=r"lock file .* (cannot be opened|is no plain file)"):
+        instrument_locks("lab-1", {"multimeter": METER}).__enter__()
+    assert victim.read_text() == "of value"
+
+
+def test_a_directory_that_cannot_be_made_is_one_sentence(folder: Path) -> None:
+    folder.write_text("")
     with pytest.raises(BenchError, match=r"lock file .* cannot be opened"):
-        station_lock("lab-1").__enter__()
+        instrument_locks("lab-1", {"multimeter": METER}).__enter__()
+
+
+@posix
+def test_without_being_told_all_users_look_in_one_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("VCFBENCH_LOCKS")
+    found = lock_directory()
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert lock_directory() == found
+    assert found.stat().st_mode & stat.S_ISVTX
+    assert re.fullmatch(r"vcfbench-gpib-0-22-[0-9a-f]{8}\.lock", lock_path(METER).name)
+
+
+def test_a_station_locks_its_instruments_whatever_it_is_called_and_a_console_its_own() -> None:
+    real = parse_bench(template(), "template")
+    other = structs.replace(real, name="another-name")
+    with station(real, None, None), pytest.raises(InUse), station(other, None, None):
+        pytest.fail("two have it")
+    with station(real, None, None, role="power"), station(other, None, None, role="multimeter"):
+        pass
+    with station(real, None, None, role="power"), pytest.raises(InUse, match="power at"), station(other, None, None):
+        pytest.fail("two have it")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 @pytest.fixture(autouse=True)
 def _state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
 
 
 @pytest.fixture

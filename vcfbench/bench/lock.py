@@ -1,110 +1,207 @@
-"""One owner a station: a lock file that tells a second run who has the bench.
+"""One owner an instrument: a lock file for each resource, for all users of the computer.
 
 The operating system holds the lock and drops it when the process dies, however it dies; so a file left behind by a dead
-process locks nobody out, nor does a process number that was given again. The file's text is only for people.
+process locks nobody out, nor does a process number that was given again. The file's text is only for people. Files lie
+where every user may make some and nobody may take away another's; links that somebody has laid there are refused.
 """
 
 from __future__ import annotations
 
+import getpass
+import hashlib
 import json
 import os
+import re
 import socket
+import stat
 import sys
 import tempfile
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from vcfbench.bench.resources import resource_key
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from typing import BinaryIO
+    from collections.abc import Iterator, Mapping
 
-__all__ = ["lock_path", "station_lock"]
+__all__ = ["InUse", "instrument_locks", "lock_directory", "lock_path"]
+
+_VARIABLE: Final = "VCFBENCH_LOCKS"
+_SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
+_FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 if sys.platform == "win32":
     import msvcrt
 
     _FAR = 1 << 30  # a locked byte cannot be read by others on Windows: lock one beyond the text
 
-    def _try_lock(file: BinaryIO) -> bool:
-        file.seek(_FAR)
+    def _try_lock(file: int) -> bool:
+        os.lseek(file, _FAR, os.SEEK_SET)
         try:
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
         except OSError:
             return False
         return True
+
+    def _unlock(file: int) -> None:
+        os.lseek(file, _FAR, os.SEEK_SET)
+        msvcrt.locking(file, msvcrt.LK_UNLCK, 1)
 else:
     import fcntl
 
-    def _try_lock(file: BinaryIO) -> bool:
+    def _try_lock(file: int) -> bool:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             return False
         return True
 
+    def _unlock(file: int) -> None:
+        fcntl.flock(file, fcntl.LOCK_UN)
+
+
+class InUse(BenchError):
+    """Another process has an instrument of the bench."""
+
 
 @contextmanager
-def station_lock(name: str) -> Iterator[Path]:
-    """Hold the lock of station `name`; yield the lock file.
+def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[None]:
+    """Hold the locks of `resources`, role to resource name: all of them, or none.
+
+    They are taken in one order, whoever takes them, and nobody waits for one: two runs cannot wait for each other.
 
     Raises:
-        BenchError: another process has the station; says which, where and since when.
+        InUse: another process has one of them; says which, who, where and since when.
+        BenchError: a lock file cannot be used.
     """
-    path = lock_path(name)
-    with _open(path) as file:
-        if not _locked(file, path):
-            raise BenchError(f"station {name} is in use by {_owner(path)}", hint=f"lock file {path}")
-        _sign(file)
-        try:
-            yield path
-        finally:
-            file.truncate(0)  # the file itself stays: removing it would let two runs lock two files of one name
+    keys = {resource_key(resource): (role, resource) for role, resource in resources.items()}
+    with ExitStack() as stack:
+        for key in sorted(keys):
+            role, resource = keys[key]
+            stack.enter_context(_lock(lock_path(resource), station, role, resource))
+        yield
 
 
-def lock_path(name: str) -> Path:
-    """Return the lock file of station `name`: in the user's state directory, or a temporary one without a home."""
-    return _state_directory() / "vcfbench" / "locks" / f"{name}.lock"
+def lock_path(resource: str) -> Path:
+    """Return the lock file of a resource: the same for all its names."""
+    key = resource_key(resource)
+    readable = re.sub(r"[^A-Za-z0-9.]+", "-", key)[:80].strip("-")
+    return lock_directory() / f"vcfbench-{readable}-{hashlib.sha256(key.encode()).hexdigest()[:8]}.lock"
 
 
-def _state_directory() -> Path:
-    told = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
-    if told:
+def lock_directory() -> Path:
+    """Return where the locks lie: a directory that all users share, or the one that `VCFBENCH_LOCKS` names."""
+    if told := os.environ.get(_VARIABLE):
         return Path(told)
-    try:
-        return Path.home() / ".local" / "state"
-    except RuntimeError:
-        return Path(tempfile.gettempdir())
+    if sys.platform == "win32":
+        return Path(os.environ.get("PROGRAMDATA", "C:\\ProgramData")) / "vcfbench" / "locks"
+    return next((Path(name) for name in _SHARED if _is_shared(name)), Path(tempfile.gettempdir()))
 
 
-def _open(path: Path) -> BinaryIO:
+def _is_shared(name: str) -> bool:
+    """Tell whether everybody may make files there and nobody take away another's; the same for whoever asks."""
+    with suppress(OSError):
+        mode = os.stat(name).st_mode  # noqa: PTH116  # Path.stat would do no more
+        return stat.S_ISDIR(mode) and bool(mode & stat.S_ISVTX) and bool(mode & stat.S_IWOTH)
+    return False
+
+
+@contextmanager
+def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[None]:
+    file = _locked(path, role, resource)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("a+b")
+        _sign(file, station, resource)
+        yield
+    finally:
+        with suppress(OSError):  # another user's file stays, empty
+            os.ftruncate(file, 0)
+            path.unlink()
+        with suppress(OSError):
+            _unlock(file)  # a forked process may have the file too
+        os.close(file)
+
+
+def _locked(path: Path, role: str, resource: str) -> int:
+    """Return the open and locked file at `path`; what was taken away meanwhile is opened anew."""
+    while True:
+        file = _opened(path)
+        try:
+            taken = _try_lock(file)
+        except OSError as error:  # a file system without locks
+            os.close(file)
+            raise BenchError(f"lock file {path} cannot be locked: {error.strerror}") from None
+        if taken and _is_at(file, path):
+            return file
+        os.close(file)
+        if not taken:
+            raise InUse(f"in use by {_owner(path)}", instrument=role, resource=resource, hint=f"lock file {path}")
+
+
+def _is_at(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), path.stat(follow_symlinks=False))
+    except FileNotFoundError:
+        return False
+
+
+def _opened(path: Path) -> int:
+    try:
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+        file = _opened_or_made(path)
     except OSError as error:
         raise BenchError(f"lock file {path} cannot be opened: {error.strerror}") from None
+    found = os.fstat(file)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(file)
+        raise BenchError(f"lock file {path} is no plain file; somebody has laid it there")
+    return file
 
 
-def _locked(file: BinaryIO, path: Path) -> bool:
+def _opened_or_made(path: Path) -> int:
+    """Open the file or make it: never both at once, which Linux refuses for other users' files in shared places."""
+    while True:
+        with suppress(FileNotFoundError):
+            try:
+                return os.open(path, _FLAGS)
+            except PermissionError:
+                return os.open(path, _FLAGS & ~os.O_RDWR | os.O_RDONLY)  # it can be locked, though not signed
+        with suppress(FileExistsError):
+            file = os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o666)
+            if sys.platform != "win32":
+                os.fchmod(file, 0o666)  # whatever the umask
+            return file
+
+
+def _sign(file: int, station: str, resource: str) -> None:
+    owner = {
+        "pid": os.getpid(),
+        "user": _user(),
+        "host": socket.gethostname(),
+        "start": utc_now().isoformat(timespec="seconds"),
+        "station": station,
+        "resource": resource,
+    }
+    with suppress(OSError):  # the lock holds without it
+        os.ftruncate(file, 0)
+        os.lseek(file, 0, os.SEEK_SET)
+        os.write(file, json.dumps(owner).encode())
+
+
+def _user() -> str:
     try:
-        return _try_lock(file)
-    except OSError as error:  # a file system without locks
-        raise BenchError(f"lock file {path} cannot be locked: {error.strerror}") from None
-
-
-def _sign(file: BinaryIO) -> None:
-    owner = {"pid": os.getpid(), "host": socket.gethostname(), "start": utc_now().isoformat(timespec="seconds")}
-    file.truncate(0)
-    file.write(json.dumps(owner).encode())
-    file.flush()
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):  # a number without a name
+        return str(getattr(os, "getuid", lambda: "somebody")())
 
 
 def _owner(path: Path) -> str:
     try:
         owner = json.loads(path.read_text("utf-8"))
-        return f"process {owner['pid']} on {owner['host']} since {owner['start']}"
+        who = f"process {owner['pid']} of {owner['user']} on {owner['host']}"
+        return f"{who} for station {owner['station']} since {owner['start']}"
     except (OSError, ValueError, TypeError, KeyError):
         return "another process"  # it has locked the file and not signed it yet

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from vcfbench.bench.lock import station_lock
+from vcfbench.bench.lock import instrument_locks
+from vcfbench.bench.roles import filled_roles
 from vcfbench.bench.served import led_bench
 from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
@@ -49,9 +50,16 @@ class Station:
 
 
 def station(
-    description: BenchDescription, seed: int | None, speed: str | float | None, build: Builder | None = None
+    description: BenchDescription,
+    seed: int | None,
+    speed: str | float | None,
+    build: Builder | None = None,
+    *,
+    role: str | None = None,
 ) -> AbstractContextManager[Station]:
     """Return the context in which the bench's instruments can be opened; `build` as of `open_bench`.
+
+    The instruments are locked for it, of a real bench and of a served one: all, or that of `role` alone.
 
     Raises:
         ConfigError: `speed` is no speed, or is asked of a bench that has its own.
@@ -59,20 +67,24 @@ def station(
     """
     pace = checked_pace(description, speed)
     if description.served is not None:
-        return _served(description, description.served)
-    return _real(description) if description.simulation is None else _simulated(description, seed, pace, build)
+        return _served(description, description.served, role)
+    return _real(description, role) if description.simulation is None else _simulated(description, seed, pace, build)
+
+
+def _locks(description: BenchDescription, role: str | None) -> AbstractContextManager[None]:
+    roles = [each.name for each in filled_roles(description)] if role is None else [role]
+    return instrument_locks(description.name, {each: getattr(description, each).resource for each in roles})
 
 
 @contextmanager
-def _real(description: BenchDescription) -> Iterator[Station]:
-    with station_lock(description.name):
+def _real(description: BenchDescription, role: str | None) -> Iterator[Station]:
+    with _locks(description, role):
         yield Station(WallClock(), description.visa_library, description.rate_table.resource)
 
 
 @contextmanager
-def _served(description: BenchDescription, served: Served) -> Iterator[Station]:
-    # who leads the time has the bench; it needs no other lock
-    with led_bench(served, description.rate_table.resource) as led:
+def _served(description: BenchDescription, served: Served, role: str | None) -> Iterator[Station]:
+    with _locks(description, role), led_bench(served, description.rate_table.resource) as led:
         yield Station(led.clock, description.visa_library, led.rate_table, led.seed)
 
 

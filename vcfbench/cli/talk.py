@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -210,9 +212,7 @@ def _history() -> Iterator[None]:
     except ImportError:
         yield
         return
-    from vcfbench.bench.lock import lock_path  # noqa: PLC0415
-
-    path = lock_path("talk").parents[1] / "talk-history"
+    path = _state_directory() / "vcfbench" / "talk-history"
     with contextlib.suppress(OSError):
         readline.read_history_file(path)
     try:
@@ -222,3 +222,14 @@ def _history() -> Iterator[None]:
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             readline.write_history_file(path)
+
+
+def _state_directory() -> Path:
+    """Return where programs of this user keep what they remember; a temporary place without a home."""
+    told = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
+    if told:
+        return Path(told)
+    try:
+        return Path.home() / ".local" / "state"
+    except RuntimeError:
+        return Path(tempfile.gettempdir())

@@ -1,0 +1,79 @@
+"""When two resource names mean the same instrument.
+
+`GPIB0::22::INSTR` is `GPIB::22`, `TCPIP::Meter.lab::INSTR` is `TCPIP0::192.168.1.5::inst0::INSTR`, and
+`/dev/serial/by-id/usb-FTDI...` is `/dev/ttyUSB0`. One instrument on two interfaces, or behind a gateway, is not
+recognised: nothing in its names tells.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+import socket
+import sys
+from urllib.parse import urlsplit
+
+__all__ = ["resource_key"]
+
+
+def resource_key(resource: str) -> str:
+    """Return a name that is the same for all names of one resource: VISA names, serial ports, URLs of pyserial."""
+    text = resource.strip()
+    try:
+        if "://" in text:
+            return _of_url(text)
+        return _of_visa(text) if "::" in text else _of_port(text)
+    except (ValueError, IndexError):  # no name that anything could be opened by
+        return text.casefold()
+
+
+def _of_visa(text: str) -> str:
+    head, *rest = text.split("::")
+    if head.upper().startswith("ASRL"):
+        return _of_port(head[len("ASRL") :])
+    found = re.fullmatch(r"([A-Za-z-]+?)(\d*)", head)
+    interface, board = (found[1].upper(), found[2] or "0") if found else (head.upper(), "0")
+    kind = rest.pop().upper() if rest[-1].upper() in {"INSTR", "SOCKET", "INTFC", "RAW"} else "INSTR"
+    match interface:
+        case "GPIB":
+            return " ".join(["gpib", board, *(str(int(address)) for address in rest), *([kind] * (kind == "INTFC"))])
+        case "TCPIP" if kind == "SOCKET":
+            return _of_socket(rest[0], int(rest[1]))
+        case "TCPIP":
+            device = rest[1].casefold() if len(rest) > 1 else "inst0"
+            return f"lan {_of_host(rest[0])} {device.removesuffix(',4880')}"
+        case "USB":
+            return f"usb {int(rest[0], 0):04x} {int(rest[1], 0):04x} {rest[2].casefold()}"
+    return text.casefold()
+
+
+def _of_url(text: str) -> str:
+    url = urlsplit(text)
+    if url.scheme in {"socket", "rfc2217"} and url.hostname and url.port:
+        return _of_socket(url.hostname, url.port)
+    if url.scheme in {"spy", "alt"}:  # a port, looked at or opened otherwise
+        return _of_port(url.netloc + url.path)
+    return text.casefold()
+
+
+def _of_port(port: str) -> str:
+    if sys.platform == "win32" or re.fullmatch(r"(?i)(?:\\\\\.\\)?com\d+", port):
+        name = port.upper().removeprefix("\\\\.\\")
+        return f"serial COM{name}" if name.isdigit() else f"serial {name}"
+    return f"serial {port}" if port.isdigit() else f"serial {os.path.realpath(port)}"
+
+
+def _of_socket(host: str, port: int) -> str:
+    return f"socket {_of_host(host)}:{port}"
+
+
+def _of_host(host: str) -> str:
+    """Return the address of `host`, ``localhost`` for every name of this computer; the name if nobody knows it."""
+    name = host.strip("[]").casefold()
+    try:
+        found = sorted({str(entry[4][0]) for entry in socket.getaddrinfo(name, None)})
+    except (OSError, UnicodeError):
+        return name
+    addresses = [ipaddress.ip_address(address.partition("%")[0]) for address in found]
+    return "localhost" if any(address.is_loopback for address in addresses) else found[0]
