@@ -89,24 +89,23 @@ def instrument_on_a_pseudo_terminal(*silent: str) -> Iterator[str]:
 
     host, device = os.openpty()
     tty.setraw(device)
-    threading.Thread(target=_serve, args=(host, silent), daemon=True).start()
+    instrument = threading.Thread(target=_serve, args=(host, silent), daemon=True)
+    instrument.start()
     try:
         yield f"ASRL{os.ttyname(device)}::INSTR"
     finally:
-        for descriptor in (host, device):
-            with suppress(OSError):
-                os.close(descriptor)
+        os.close(device)  # that ends the instrument, which alone closes its end: a number closed twice may be another's
+        instrument.join(10.0)
 
 
 def _serve(host: int, silent: tuple[str, ...]) -> None:
     known = {"*IDN?": IDENTITY, "*OPC?": "1", "SYST:ERR?": '+0,"No error"', "FETC?": "+1.25000000E+00"}
     received = b""
-    with suppress(OSError):
+    with os.fdopen(host, "rb", buffering=0), suppress(OSError):
         while data := os.read(host, 1024):
             *whole, received = (received + data).replace(b"\x03", b"").split(b"\n")
             for line in whole:
                 if line == b"HANG UP?":
-                    os.close(host)
                     return
                 if line.decode() in known and line.decode() not in silent:
                     os.write(host, known[line.decode()].encode() + b"\r\n")
