@@ -4,6 +4,7 @@ import itertools
 import os
 import signal
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,7 +15,7 @@ from tests.bench.fakes import FakeInstrument
 from vcfbench.bench.safety import LeaveNow, SafeAction, SafetyStack, Stage, not_safe
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import NotSafe
-from vcfbench.interfaces import SafeReport
+from vcfbench.interfaces import SafeReport, Told
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -168,3 +169,87 @@ def test_not_safe_names_everything_that_is_not_and_nothing_else(log: list[str]) 
 def test_not_safe_names_an_instrument_once_though_its_error_names_it_too() -> None:
     error = not_safe([SafeReport("power", "COM1", safe=False, detail="power at COM1: nobody answers")])
     assert str(error) == "NOT SAFE: power at COM1: nobody answers; make it safe by hand before anything else"
+
+
+# What all are told
+
+
+def test_all_are_told_in_order_before_anything_is_proved(log: list[str]) -> None:
+    told: list[str] = []
+
+    class Listening(FakeInstrument):
+        def command_safe(self) -> Told:
+            told.append(self.name)
+            return super().command_safe()
+
+        def make_safe(self, deadline: Deadline) -> SafeReport:
+            assert len(told) == 3
+            return super().make_safe(deadline)
+
+    crowd = {stage: Listening(stage.name, log) for stage in (Stage.POWER, Stage.STIMULUS, Stage.MOTION)}
+    reports = stack_of(*(action(instrument, stage) for stage, instrument in crowd.items())).make_safe()
+    assert told == ["MOTION", "STIMULUS", "POWER"]
+    assert all(report.safe and report.told is None for report in reports)
+
+
+def test_one_that_hears_but_does_not_answer_is_off_and_named_with_what_is_known(log: list[str]) -> None:
+    dumb = FakeInstrument("power", log, "dumb")
+    (report,) = stack_of(action(dumb)).make_safe()
+    assert (report.safe, dumb.energised, dumb.told) == (False, False, 2)
+    words = "power at FAKE::power: told to switch off, not proved; last read back: on 3 s ago; LinkLost: "
+    assert words in str(not_safe([report]))
+
+
+def test_one_that_cannot_be_told_is_said_to_be_so(log: list[str]) -> None:
+    stack = stack_of(action(FakeInstrument("power", log, "fails")))
+    (report,) = stack.make_safe()
+    stack.close()
+    assert "power at FAKE::power: could not be told to switch off; last read back: on 3 s ago" in str(
+        not_safe([report])
+    )
+
+
+def test_one_whose_words_hang_keeps_nothing_from_the_others(log: list[str]) -> None:
+    over = threading.Event()
+
+    class Stuck(FakeInstrument):
+        def command_safe(self) -> Told:
+            over.wait(30.0)
+            return super().command_safe()
+
+    stuck, dumb = Stuck("table", log, "dumb"), FakeInstrument("power", log, "dumb")
+    try:
+        reports = stack_of(action(stuck, Stage.MOTION), action(dumb, Stage.POWER)).make_safe()
+    finally:
+        over.set()
+    assert not dumb.energised
+    assert [report.told is None for report in reports] == [True, False]
+
+
+def test_one_whose_words_raise_keeps_nothing_from_the_others(log: list[str]) -> None:
+    class Careless(FakeInstrument):
+        def command_safe(self) -> Told:
+            raise ZeroDivisionError
+
+    dumb = FakeInstrument("power", log, "dumb")
+    stack = stack_of(action(Careless("table", log), Stage.MOTION), action(dumb, Stage.POWER))
+    stack.command_safe()
+    stack.close()
+    assert not dumb.energised
+
+
+def test_one_whose_connection_comes_back_is_told_then(log: list[str]) -> None:
+    """While others are being made safe, or have failed to be."""
+    back = threading.Event()
+
+    class Away(FakeInstrument):
+        def command_safe(self) -> Told:
+            super().command_safe()
+            if self.told == 3:
+                back.set()
+            return Told("to switch off", sent=self.told >= 3)
+
+    stack = stack_of(action(Away("power", log)))
+    stack.command_safe()
+    assert back.wait(10.0)
+    stack.close()

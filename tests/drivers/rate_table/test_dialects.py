@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,7 +12,7 @@ from vcfbench.clock import Deadline, VirtualClock, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, SHIPPED, spoken
 from vcfbench.drivers.registry import open_instrument
-from vcfbench.errors import ConfigError, InterlockError, LimitError, TransportError
+from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, TransportError
 from vcfbench.sim import serial_backend
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.parameters import BenchParameters
@@ -277,3 +278,92 @@ def test_atl_without_the_prompt_after_jog(prompting: bool) -> None:  # noqa: FBT
     bench.driver.stop(100.0)
     bench.wait(1.0)
     assert bench.driver.rate_deg_s() == 0.0
+
+
+# The words that stop a table, sent blind
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_table_that_hears_but_is_not_heard_is_stopped_and_not_called_safe(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(50.0)
+    assert bench.driver.rate_deg_s() == pytest.approx(50.0, abs=2e-3)
+    bench.twin.losing = 1 << 60
+    report = bench.driver.make_safe(Deadline.after(bench.clock, 30.0))
+    assert not report.safe
+    assert abs(bench.world.table.rate_deg_s()) < 0.01
+    assert report.told.sent
+    assert report.told.words == "to stop"
+    assert report.told.last_read in {"50 deg/s", "-50 deg/s"} or float(report.told.last_read.split()[0]) < 51.0
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_the_words_come_through_behind_any_part_of_a_command(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left of a torn message must not swallow them."""
+    bench = Bench(name)
+    bench.driver.enable()
+    wire = bench.driver.line._wire
+    sent: list[bytes] = []
+    send = wire.send
+    monkeypatch.setattr(wire, "send", lambda data, deadline: (sent.append(data), send(data, deadline)))
+    bench.reach(20.0)
+    demand = sent[-1] if name in ("dd16", "aaaa") else max(sent, key=len)
+    for cut in {1, 2, len(demand) // 2, len(demand) - 2, len(demand) - 1}:
+        bench.reach(20.0)
+        wire.send(demand[:cut], bench.driver.line.deadline())
+        assert bench.driver.command_safe().sent
+        bench.wait(3.0)  # half an acceleration is one too
+        assert abs(bench.world.table.rate_deg_s()) < 0.01, demand[:cut]
+        with suppress(InstrumentError):  # what half a command is to the table
+            bench.driver.check_errors()
+
+
+@pytest.mark.parametrize("name", ["acl", "zaber", "atl", "esp", "mn_as"])
+def test_a_table_that_would_take_long_is_told_to_brake_within_its_limit(name: str) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.driver.set_rate(200.0, 20.0)
+    bench.wait(13.0)
+    assert bench.world.table.rate_deg_s() == pytest.approx(200.0, abs=0.1)
+    bench.driver.command_safe()
+    bench.wait(3.5)
+    assert abs(bench.world.table.rate_deg_s()) < 0.01
+
+
+@pytest.mark.parametrize("header", ["u32le2", "u32be2"])
+def test_acknowledged_words_are_not_taken_for_answers(header: str) -> None:
+    bench = Bench("acl")
+    bench.twin.device = AclTable(bench.world, TableErrors.none(), header=header)
+    bench.driver.close()
+    bench.driver = open_instrument(
+        "rate_table",
+        "acl",
+        "sim://dialects",
+        library="",
+        clock=bench.clock,
+        settings={**LIMITS, "reply_header": header},
+    )
+    bench.driver.enable()
+    bench.reach(50.0)
+    for _ in range(3):
+        bench.driver.command_safe()
+    bench.wait(2.0)
+    assert bench.driver.rate_deg_s() == pytest.approx(0.0, abs=1e-3)
+    report = bench.driver.make_safe(Deadline.after(bench.clock, 20.0))
+    assert report.safe, report.detail
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_words_leave_before_anything_is_asked(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(20.0)
+    words = b"".join(bench.driver.dialect.stop_words(None))
+    wire = bench.driver.line._wire
+    done: list[bytes] = []
+    send, receive = wire.send, wire.receive
+    monkeypatch.setattr(wire, "send", lambda data, deadline: (done.append(data), send(data, deadline)))
+    monkeypatch.setattr(wire, "receive", lambda deadline: (done.append(b"?"), receive(deadline))[1])
+    assert bench.driver.make_safe(Deadline.after(bench.clock, 30.0)).safe
+    assert b"".join(done[: done.index(b"?")]).startswith(words)

@@ -1,0 +1,303 @@
+"""The safe words go out first, blind and on whatever is left of the wire, to every instrument in every language."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.drivers.openings import NO_ERROR, OFF_BLIND, opening
+from tests.drivers.servers import answering, lines, nothing_special, serving
+from vcfbench.clock import Deadline, VirtualClock, WallClock, sleep
+from vcfbench.drivers.agilent33220a import Agilent33220A
+from vcfbench.drivers.e3631a import E3631A
+from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.session import Session, open_session
+from vcfbench.errors import ConnectFailed, LinkLost
+from vcfbench.testing import Exchange, ScriptedWire, expected_exchange, over_visa
+
+if TYPE_CHECKING:
+    from vcfbench.drivers.scpi_instrument import ScpiInstrument
+
+CLOCK = WallClock()
+SUPPLY, GENERATOR = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2"
+DRIVING = pytest.mark.parametrize(("driver", "identity"), [(E3631A, SUPPLY), (Agilent33220A, GENERATOR)])
+
+
+def session_on(wire: ScriptedWire, clock: VirtualClock) -> Session:
+    return Session(wire, name="power", resource="SCRIPT", clock=clock, timeout_s=1.0)
+
+
+@DRIVING
+def test_it_is_told_to_switch_off_without_being_asked_anything(driver: type[ScpiInstrument], identity: str) -> None:
+    with expected_exchange(over_visa(driver), [*opening(identity), OFF_BLIND]) as instrument:
+        told = instrument.command_safe()
+        assert str(told) == "told to switch off, not proved; its state was never read back"
+        assert not instrument.session.dirty
+
+
+@DRIVING
+def test_what_was_last_read_back_is_told_with_its_age(driver: type[ScpiInstrument], identity: str) -> None:
+    exchanges: list[Exchange] = [("OUTP?", "1"), OFF_BLIND]
+    with expected_exchange(over_visa(driver), [*opening(identity), *exchanges]) as instrument:
+        asked = getattr(instrument, "outputs_enabled", None) or instrument.output_enabled  # type: ignore[attr-defined]
+        assert asked()
+        instrument.clock.sleep_until(3.0)
+        told = instrument.command_safe()
+        assert (told.sent, told.last_read, told.age_s) == (True, f"output{'s' if driver is E3631A else ''} on", 3.0)
+        assert str(told).endswith("on 3 s ago")
+
+
+def test_the_words_wait_for_no_other_exchange() -> None:
+    """A thread that hangs in one holds the session."""
+    with expected_exchange(over_visa(E3631A), [*opening(SUPPLY), OFF_BLIND]) as supply:
+        holding, over = threading.Event(), threading.Event()
+
+        def hang() -> None:
+            with supply.session.exclusive():
+                holding.set()
+                over.wait(10.0)
+
+        thread = threading.Thread(target=hang)
+        thread.start()
+        holding.wait(10.0)
+        try:
+            assert supply.command_safe().sent
+        finally:
+            over.set()
+            thread.join()
+
+
+def test_on_rs232_a_supply_that_fell_back_to_local_is_told_again_once_it_is_remote() -> None:
+    blind: Exchange = (b"\nOUTP OFF\nSYST:REM\nOUTP OFF\n", None)
+    exchanges: list[Exchange] = [("SYST:REM", None), *opening(SUPPLY), blind]
+    with expected_exchange(over_visa(E3631A), exchanges, interface="asrl") as supply:
+        assert supply.command_safe().sent
+
+
+def test_one_that_drives_nothing_is_told_nothing() -> None:
+    with expected_exchange(over_visa(Hp34401A), opening("HEWLETT-PACKARD,34401A,0,10-5-2")) as meter:
+        told = meter.command_safe()
+    assert (told.words, told.sent) == ("", True)
+
+
+def test_a_wire_that_raises_whatever_it_likes_is_not_told_and_nothing_is_raised(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = VirtualClock()
+    wire = ScriptedWire(opening(SUPPLY), clock=clock)
+    supply = E3631A(session_on(wire, clock))
+
+    def broken(data: bytes, deadline: Deadline) -> None:
+        raise ZeroDivisionError(data, deadline)
+
+    monkeypatch.setattr(wire, "send", broken)
+    told = supply.command_safe()
+    assert not told.sent
+    assert str(told) == "could not be told to switch off; its state was never read back"
+
+
+def test_a_wire_that_hangs_costs_some_tenths_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = VirtualClock()
+    wire, over = ScriptedWire(opening(SUPPLY), clock=clock), threading.Event()
+    supply = E3631A(session_on(wire, clock))
+
+    def hang(data: bytes, deadline: Deadline) -> None:
+        del data, deadline
+        over.wait(30.0)
+
+    monkeypatch.setattr(wire, "send", hang)
+    begin_s = CLOCK.now()
+    try:
+        assert not supply.command_safe().sent
+        assert CLOCK.now() - begin_s < 10.0
+    finally:
+        over.set()
+
+
+def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
+    """Nothing is answered any more; the supply still hears."""
+    clock = VirtualClock()
+
+    class Dumb(ScriptedWire):
+        def __init__(self) -> None:
+            super().__init__([], clock=clock)
+            self.told: list[bytes] = []
+
+        def send(self, data: bytes, deadline: Deadline) -> None:
+            del deadline
+            self.told.append(data)
+
+    dumb = Dumb()
+    first = ScriptedWire([*opening(SUPPLY), ("OUTP?", "1"), OFF_BLIND, ("*IDN?", None)], clock=clock)
+    session = Session(
+        first, name="power", resource="SCRIPT", clock=clock, timeout_s=1.0, reconnect=lambda _deadline: dumb
+    )
+    supply = E3631A(session)
+    supply.outputs_enabled()
+    session._dirty = True
+    report = supply.make_safe(Deadline.after(clock, 20.0))
+    assert dumb.told[0] == dumb.told[-1] == OFF_BLIND[0]
+    assert b"*IDN?\n" in dumb.told[1:]
+    assert not report.safe
+    assert report.told is not None
+    assert (report.told.sent, report.told.last_read) == (True, "outputs on")
+    first.require_done()
+
+
+# Resynchronising
+
+
+@pytest.mark.parametrize("identity", [SUPPLY, SUPPLY.replace("1.0", "1.1")])
+def test_an_instrument_that_answers_twice_is_brought_into_step_and_made_safe(identity: str) -> None:
+    """Reading the error queue amid resynchronising began to resynchronise again, without end."""
+    off = threading.Event()
+    answers = {"*IDN?": identity, "*OPC?": "1", "SYST:ERR?": '+0,"No error"', "OUTP?": "0"}
+
+    def twice(connection: socket.socket) -> None:
+        for line in lines(connection):
+            if line == "OUTP OFF":
+                off.set()
+            elif line.endswith("?") or "MEAS" in line:
+                connection.sendall((answers.get(line, "+0.00000000E+00").encode() + b"\n") * 2)
+
+    with serving(twice) as where:
+        session = open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=1.0)
+        supply = E3631A(session)
+        report = supply.make_safe(Deadline.after(CLOCK, 20.0))
+        session.close()
+    assert off.is_set()
+    assert report.safe, report.detail
+
+
+# Connections that are gone
+
+
+def test_a_new_connection_begins_with_the_safe_words() -> None:
+    heard: list[str] = []
+
+    def once(connection: socket.socket, line: str) -> bool:
+        if line == "OUTP?":
+            connection.shutdown(socket.SHUT_RDWR)
+        return line == "OUTP?"
+
+    def back(connection: socket.socket) -> None:
+        for line in lines(connection):
+            heard.append(line)
+            answer = {"*IDN?": SUPPLY, "*OPC?": "1", "SYST:ERR?": NO_ERROR[1], "OUTP?": "0"}.get(line, "+0.0")
+            if "?" in line:
+                connection.sendall(f"{answer}\n".encode())
+
+    def first(connection: socket.socket) -> None:
+        answering(lambda c, line: identified(c, line) or once(c, line))(connection)
+
+    def identified(connection: socket.socket, line: str) -> bool:
+        if line == "*IDN?":
+            connection.sendall(f"{SUPPLY}\n".encode())
+        return line == "*IDN?"
+
+    with serving(first, back) as where:
+        supply = E3631A(open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=1.0))
+        with pytest.raises(LinkLost):
+            supply.outputs_enabled()
+        report = supply.make_safe(Deadline.after(CLOCK, 10.0))
+        supply.close()
+    assert heard[:2] == ["", "OUTP OFF"]
+    assert report.safe, report.detail
+
+
+def test_a_peer_that_has_gone_unnoticed_is_connected_to_anew() -> None:
+    """The first thing that is sent to a closed peer seems to be taken."""
+    heard: list[str] = []
+    gone = threading.Event()
+
+    def leaving(connection: socket.socket) -> None:
+        answered = lines(connection)
+        for line in answered:
+            if line == "*IDN?":
+                connection.sendall(f"{SUPPLY}\n".encode())
+            if line == "*CLS":
+                connection.shutdown(socket.SHUT_RDWR)
+                gone.set()
+                return
+
+    def back(connection: socket.socket) -> None:
+        heard.extend(lines(connection))
+
+    with serving(leaving, back) as where:
+        supply = E3631A(open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=1.0))
+        gone.wait(10.0)
+        sleep(CLOCK, 0.05)
+        assert supply.command_safe().sent
+        supply.close()
+        for _ in range(100):
+            if "OUTP OFF" in heard:
+                break
+            sleep(CLOCK, 0.05)
+    assert heard[:2] == ["", "OUTP OFF"]
+
+
+def test_a_connection_that_comes_back_after_a_while_is_waited_for() -> None:
+    clock = VirtualClock()
+    proof = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0"), *((f"MEAS:VOLT? {n}", "0") for n in ("P6V", "P25V", "N25V"))]
+    back = ScriptedWire([OFF_BLIND, ("*IDN?", SUPPLY), ("*OPC?", "1"), NO_ERROR, *proof], clock=clock)
+    tried: list[int] = []
+
+    def reconnect(deadline: Deadline) -> ScriptedWire:
+        del deadline
+        tried.append(1)
+        if len(tried) < 5:
+            raise ConnectFailed("nobody answers there")
+        return back
+
+    session = Session(
+        ScriptedWire(opening(SUPPLY), clock=clock),
+        name="power",
+        resource="SCRIPT",
+        clock=clock,
+        timeout_s=1.0,
+        reconnect=reconnect,
+    )
+    supply = E3631A(session)
+    session.close()
+    report = supply.make_safe(Deadline.after(clock, 20.0))
+    assert report.safe, report.detail
+    back.require_done()
+
+
+def test_a_peer_that_does_not_read_holds_nobody_up() -> None:
+    done = threading.Event()
+
+    def deaf(connection: socket.socket, line: str) -> bool:
+        if line == "*IDN?":
+            connection.sendall(f"{SUPPLY}\n".encode())
+        if line == "*CLS":
+            done.wait(10.0)
+        return True
+
+    with serving(answering(deaf)) as where:
+        supply = E3631A(open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=0.5))
+        filling: socket.socket = supply.session._wire._socket  # type: ignore[attr-defined]
+        filling.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            filling.sendall(b"x" * 50_000_000)
+        begin_s = CLOCK.now()
+        told = supply.command_safe()
+        took_s = CLOCK.now() - begin_s
+        done.set()
+        supply.close()
+    assert not told.sent
+    assert took_s < 5.0
+
+
+def test_the_words_go_to_nothing_special() -> None:
+    """A whole instrument hears them amid its ordinary exchanges, and those go on."""
+    with serving(answering(nothing_special)) as where:
+        session = open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=1.0)
+        session.identify()
+        session.declare_safe("OUTP OFF")
+        assert session.command_safe()
+        assert session.query("A?") == "A"
+        session.close()
