@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import sys
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -301,3 +304,34 @@ def test_the_words_go_to_nothing_special() -> None:
         assert session.command_safe()
         assert session.query("A?") == "A"
         session.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX'")
+def test_a_second_answer_on_a_serial_line_is_never_the_next_one() -> None:
+    """VISA can tell what waits on a serial line; also when the other end of it has gone."""
+    import pty  # noqa: PLC0415 - POSIX has it
+    import tty  # noqa: PLC0415
+
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    answers = {"*IDN?": SUPPLY, "*OPC?": "1", "SYST:ERR?": '+0,"No error"'}
+
+    def twice() -> None:
+        received = b""
+        with suppress(OSError):
+            while data := os.read(ours, 4096):
+                *whole, received = (received + data).split(b"\n")
+                for line in (each.decode().lstrip("\x03") for each in whole):
+                    if line.endswith("?"):
+                        os.write(ours, (answers.get(line, line.removesuffix("?")) + "\r\n").encode() * 2)
+
+    thread = threading.Thread(target=twice, daemon=True)
+    thread.start()
+    session = open_session(f"ASRL{os.ttyname(theirs)}::INSTR", library="@py", clock=CLOCK, name="power", timeout_s=2.0)
+    session.identify()
+    for question in ("A", "B", "C"):
+        sleep(CLOCK, 0.05)
+        assert session.query(f"{question}?") == question
+    session.close()
+    os.close(theirs)
+    os.close(ours)

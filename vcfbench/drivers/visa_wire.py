@@ -273,8 +273,22 @@ class VisaWire:
         return bytes(data), self._knows_end and status != StatusCode.success_max_count_read
 
     def pending(self) -> bytes:
-        """Return nothing: VISA cannot tell without waiting."""
-        return b""
+        """Take what has come unasked on a serial line; elsewhere VISA cannot tell without waiting."""
+        data = b""
+        while self.interface == "asrl" and (waiting := self._waiting()):
+            try:
+                data += bytes(self._viread(self._session, waiting)[0])
+            except Exception as error:  # as above
+                raise _failure(error, "no answer") from error
+        return data
+
+    def _waiting(self) -> int:
+        try:
+            return int(self._opened.visalib.get_attribute(self._session, ResourceAttribute.asrl_avalaible_number)[0])
+        except (VisaIOError, NotImplementedError):  # not every library can tell
+            return 0
+        except Exception as error:  # as above
+            raise _failure(error, "no answer") from error
 
     def clear(self, deadline: Deadline) -> None:
         """Do a device clear; on a serial line that is Ctrl-C (E3631A guide p. 68; 34401A guide p. 160)."""
