@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import ClassVar
 
 import pytest
 
 from tests.drivers.servers import answering, serving
 from vcfbench.clock import WallClock
+from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.registry import Driver, find_driver, open_instrument
 from vcfbench.errors import ConfigError, ConnectFailed, WrongInstrument
 
@@ -44,6 +46,22 @@ def test_the_scpi_base_class_has_no_default_safe_action() -> None:
 
     with pytest.raises(TypeError, match="make_safe"):
         Driver("1", ScpiInstrument, opener)  # type: ignore[arg-type]
+
+
+def test_what_drives_something_must_have_safe_words() -> None:
+    class Silent(E3631A):
+        safe_words: ClassVar[tuple[str, ...]] = ()
+
+    with pytest.raises(TypeError, match="Silent drives something and has no safe_words, it cannot be registered"):
+        Driver("1", Silent, opener)  # type: ignore[arg-type]
+    Driver("1", E3631A, opener)  # type: ignore[arg-type]
+
+
+def test_what_is_opened_instead_of_a_tables_resource_is_not_named() -> None:
+    with pytest.raises(ConnectFailed, match="rate_table at /dev/ttyUSB7: cannot be opened"):
+        open_instrument(
+            "rate_table", "acl", "/dev/ttyUSB7", library="", clock=WallClock(), settings={"port": "sim://nowhere"}
+        )
 
 
 def test_what_speaks_the_same_words_is_known_by_its_own_name() -> None:

@@ -81,6 +81,12 @@ def test_the_least_profile() -> None:
         ("[fields]", "[frame]\nkind = 'fixed'\n[fields]", "frame.header: expected hexadecimal bytes"),
         ("[fields]", "[frame]\nchecksum = 'sum8'\n[fields]", "frame.checksum: expected for lines one of lrc_hex"),
         ("[fields]", "[safety]\nstop = ['halt']\n[fields]", "safety.stop: expected names of [commands], came 'halt'"),
+        (
+            'send = "S"',
+            'send = "V{rate:.3f}"',
+            "safety.stop: expected commands that need no rate, acceleration or position ('rate' has no value",
+        ),
+        ('{ send = "S" }', '{ expect = "both" }', "safety.stop: expected commands that send something, came ['stop']"),
         ("[fields]", "[status]\nfault = {from='read_all', item=0}\n[fields]", "status.fault: expected one of bit, in"),
         ("[fields]", "[requires]\nstart = {flag='idle'}\n[fields]", "requires.start.flag: expected one of [status]"),
         ("[fields]", "[fields", "lab.toml: expected TOML: "),
