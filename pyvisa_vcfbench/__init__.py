@@ -1,6 +1,7 @@
 """Front door of the simulated instruments: `pyvisa.ResourceManager("@vcfbench")` finds this package by its name.
 
-`"@vcfbench"` is the embedded paper bench, `"bench.toml@vcfbench"` the simulated bench of that file.
+`"@vcfbench"` is the embedded paper bench, `"bench.toml@vcfbench"` the simulated bench of that file;
+`"?speed=max@vcfbench"` has simulated time.
 """
 
 from importlib import import_module

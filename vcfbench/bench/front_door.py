@@ -1,12 +1,15 @@
-"""What ``pyvisa.ResourceManager("bench.toml@vcfbench")`` opens."""
+"""What ``pyvisa.ResourceManager("bench.toml@vcfbench")`` opens, and what may be asked of it behind a ``?``."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
+from urllib.parse import parse_qsl
 
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench, chosen_seed
-from vcfbench.clock import ScaledClock
+from vcfbench.bench.station import FASTEST, SLOWEST
+from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -18,17 +21,52 @@ if TYPE_CHECKING:
 __all__ = ["resolve"]
 
 
-def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
-    """Return VISA instruments and clock of the bench file `path` ("" the paper bench), running in real time.
+_OPTIONS = ("speed", "seed", "name")
 
-    Programs that know nothing of simulated time come this way; they wait with clocks of their own.
+
+def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
+    """Return VISA instruments and clock of the bench file `path` ("" the paper bench).
+
+    Programs that know nothing of simulated time come this way; they wait with clocks of their own, so bench time is
+    real time unless `path` ends in ``?speed=20`` or ``?speed=max``. ``seed`` is that of the noise. ``name`` does
+    nothing: PyVISA gives one string one bench, and it tells two of them apart.
 
     Raises:
-        OSError: the bench file cannot be used; PyVISA's word for a library that is not there.
+        OSError: the bench file or what is asked of it cannot be used; PyVISA's word for a library that is not there.
     """
+    file, _, asked = path.partition("?")
     try:
-        description = load_bench(path or None)
-        built = SimulatedBench.build(description, chosen_seed(description, None), ScaledClock())
+        options = _options(asked)
+        description = load_bench(file or None)
+        seed = chosen_seed(description, _seed(options.get("seed")))
+        built = SimulatedBench.build(description, seed, _clock(options.get("speed")))
     except ConfigError as error:
         raise OSError(str(error)) from error
     return built.visa_devices(), built.clock
+
+
+def _options(asked: str) -> dict[str, str]:
+    options = dict(parse_qsl(asked, keep_blank_values=True))
+    for name in options:
+        if name not in _OPTIONS:
+            raise ConfigError(f"?{asked}: expected {', '.join(_OPTIONS)}, came {name!r}")
+    return options
+
+
+def _seed(told: str | None) -> int | None:
+    if told is None or told.isdecimal():
+        return None if told is None else int(told)
+    raise ConfigError(f"?seed={told}: expected a whole number")
+
+
+def _clock(told: str | None) -> Clock:
+    """Return a clock of the speed `told`: time that moves only when somebody waits for it, or scaled real time."""
+    if told == FASTEST:
+        return VirtualClock()
+    try:
+        speed = 1.0 if told is None else float(told)
+    except ValueError:
+        speed = 0.0
+    if not SLOWEST <= speed < math.inf:
+        raise ConfigError(f"?speed={told}: expected a number of at least {SLOWEST:g}, or {FASTEST!r}")
+    return ScaledClock(speed)

@@ -204,6 +204,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         self._contexts: set[int] = set()
         self._numbers = count(1)
         self._resolved: _Bench | None = None
+        self._manager: VISARMSession | None = None
 
     # --- benches and sessions -----------------------------------------------------------------------------
 
@@ -218,6 +219,11 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
             self._resolved = _Bench(*self._resolvers[-1]("" if handle == _EMBEDDED else handle))
         return self._resolved
 
+    @property
+    def clock(self) -> Clock:
+        """Bench time of this library's bench: ``sleep_until`` lets it pass, where ``time.sleep`` may not."""
+        return self._bench().clock
+
     def _session(self, session: int) -> _Session:
         try:
             return self._sessions[session]
@@ -230,8 +236,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def open_default_resource_manager(self) -> tuple[VISARMSession, StatusCode]:
         """Open the resource manager; the bench is made or looked up now, so that a missing one is told at once."""
         self._bench()
-        session = VISARMSession(next(self._numbers))
-        return session, self._done(session)
+        self._manager = VISARMSession(next(self._numbers))
+        return self._manager, self._done(self._manager)
 
     def open(
         self,
@@ -257,7 +263,9 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return number, self._done(number)
 
     def close(self, session: VISASession | VISAEventContext | VISARMSession) -> StatusCode:
-        """Close a session, an event context or the resource manager."""
+        """Close a session, an event context or the resource manager, whose bench ends unless it was registered."""
+        if session == self._manager:
+            self._resolved = None
         closed = self._sessions.pop(session, None)
         if closed is not None:
             closed.place.owner = None if closed.place.owner == session else closed.place.owner
