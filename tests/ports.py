@@ -1,11 +1,8 @@
-"""What tests ask of the machine: TCP ports that are free, and time."""
+"""TCP ports for tests."""
 
 from __future__ import annotations
 
 import socket
-
-BUSY_S = 2.0
-"""What a busy machine may add to a wait of tenths of a second. PyVISA's own time-out is as long again."""
 
 
 def free_port() -> int:

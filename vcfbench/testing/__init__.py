@@ -18,16 +18,21 @@ if TYPE_CHECKING:
         scpi_case,
     )
     from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
+    from vcfbench.testing.wire_faults import WIRE_FAULTS, FaultyWire, WireFault, faulty_wire
 
 __all__ = [
+    "WIRE_FAULTS",
     "ConformanceCase",
     "Exchange",
+    "FaultyWire",
     "ScriptedWire",
     "ServedLab",
     "SimulatedLab",
+    "WireFault",
     "conformance_cases",
     "conformance_problems",
     "expected_exchange",
+    "faulty_wire",
     "model_case",
     "open_simulated",
     "over_serial",
@@ -47,6 +52,7 @@ _MODULES = {
         "scpi_case",
     ),
     "vcfbench.testing.exchange": ("Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"),
+    "vcfbench.testing.wire_faults": ("WIRE_FAULTS", "FaultyWire", "WireFault", "faulty_wire"),
 }
 
 

@@ -1,0 +1,564 @@
+"""A man in the middle: passes on what a program and its instrument say, and spoils the replies as told.
+
+It stands on a TCP connection or on a serial line (a pseudo-terminal) and knows nothing of what is said there. Commands
+always reach the instrument as they are; only what comes back suffers::
+
+    with faulty_wire("TCPIP0::127.0.0.1::5025::SOCKET") as wire:
+        meter = manager.open_resource(wire.resource)     # instead of the instrument's own resource
+        wire.begin(WireFault("late", replies=1, delay_s=3.0))
+
+A reply is what arrives from the instrument in one piece.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import selectors
+import socket
+import tempfile
+import threading
+from collections import deque
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
+
+from vcfbench.clock import WallClock
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Self
+
+__all__ = ["WIRE_FAULTS", "FaultyWire", "WireFault", "WireFaultKind", "faulty_wire"]
+
+WireFaultKind = Literal[
+    "silent",
+    "late",
+    "torn",
+    "flipped",
+    "garbage",
+    "unended",
+    "endless",
+    "trickle",
+    "doubled",
+    "dropped",
+    "cut",
+    "noise",
+]
+
+WIRE_FAULTS: dict[str, str] = {
+    "silent": "replies are lost",
+    "late": "replies come `delay_s` later, in their order",
+    "torn": "the second half of each reply is missing",
+    "flipped": "one bit of each reply is the other way round",
+    "garbage": "random bytes come instead of each reply",
+    "unended": "line ends are missing; of a reply without one, its last byte",
+    "endless": "a reply is followed by letters without end",
+    "trickle": "replies come byte by byte, one every `delay_s`",
+    "doubled": "each reply comes twice",
+    "dropped": "the connection is lost with each reply; a new one works until the next",
+    "cut": "the connection is lost with the next reply; there is no new one until the fault ends",
+    "noise": "random bytes come before each reply, and between",
+}
+"""What each kind does."""
+
+_CHUNK = 1 << 16
+_TICK_S = 0.02
+_IDLE_S = 0.5
+_DRAIN_S = 1.0
+_BURST = 12
+_QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
+
+
+@dataclass(frozen=True, slots=True)
+class WireFault:
+    """What happens to replies.
+
+    Args:
+        kind: one of `WIRE_FAULTS`.
+        replies: how many replies are spoilt; None: all, until the fault is ended.
+        delay_s: how much later ``late`` replies come, s; the time from byte to byte of ``trickle``, s.
+        seed: of random bytes and places.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+
+    kind: WireFaultKind
+    replies: int | None = None
+    delay_s: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(WireFaultKind):
+            raise ValueError(f"kind: expected one of {', '.join(WIRE_FAULTS)}, came {self.kind!r}")
+
+
+class _End(Protocol):
+    """One end of a connection, never blocking: `read` raises OSError or returns b"" when it is lost."""
+
+    def fileno(self) -> int: ...
+    def read(self) -> bytes: ...
+    def write(self, data: bytes) -> int: ...
+    def close(self) -> None: ...
+
+
+class FaultyWire:
+    """The wire as a program sees it; made by :func:`faulty_wire`.
+
+    `resource` is what the program opens. `spoilt_s` holds the instants (of `clock`) at which replies were spoilt,
+    `told` what the program has sent since the fault began, `answered` the whole replies that were passed on since.
+    """
+
+    def __init__(self, resource: str) -> None:
+        self.resource = resource
+        self.clock = WallClock()
+        self.spoilt_s: list[float] = []
+        self.told = bytearray()
+        self.answered = 0
+        self._fault: WireFault | None = None
+        self._left: int | None = 0
+        self._random = Random(0)  # noqa: S311  # noise, no secret
+        self._lock = threading.RLock()
+        self._selector = selectors.DefaultSelector()
+        self._links: list[_Link] = []
+        self._wake, self._waked = socket.socketpair()
+        self._waked.setblocking(False)  # noqa: FBT003
+        self._running = True
+        self._selector.register(self._waked, selectors.EVENT_READ, lambda: self._waked.recv(_CHUNK))
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    # --- what tests say
+
+    def begin(self, fault: WireFault) -> None:
+        """Spoil replies from now on."""
+        with self._lock:
+            self._fault, self._left, self._random = fault, fault.replies, Random(fault.seed)  # noqa: S311
+            self.spoilt_s.clear()
+            self.told.clear()
+            self.answered = 0
+        self._nudge()
+
+    def end(self) -> None:
+        """Pass on everything again; what is on its way comes as it was to come."""
+        with self._lock:
+            self._fault, self._left = None, 0
+            for link in self._links:
+                link.flood = False
+            self._restore()
+        self._nudge()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._running = False
+        self._nudge()
+        self._thread.join(5.0)
+        for link in self._links:
+            link.close()
+        self._selector.close()
+        self._wake.close()
+        self._waked.close()
+
+    # --- what happens to a reply
+
+    def _reply(self, link: _Link, data: bytes) -> None:
+        fault = self._spoiling()
+        if fault is None:
+            self.answered += 1
+            link.send(data, self.clock.now())
+            return
+        self.spoilt_s.append(self.clock.now())
+        if self._left is not None:
+            self._left -= 1
+        if fault.kind in {"dropped", "cut"}:
+            self._lose(link, forever=fault.kind == "cut")
+        elif fault.kind == "late":
+            link.send(data, self.clock.now() + fault.delay_s)
+        elif fault.kind == "trickle":
+            for number in range(len(data)):
+                link.send(data[number : number + 1], self.clock.now() + (number + 1) * fault.delay_s)
+        else:
+            link.send(self._altered(fault.kind, data), self.clock.now())
+            link.flood = fault.kind == "endless"
+
+    def _spoiling(self) -> WireFault | None:
+        return self._fault if self._left is None or self._left > 0 else None
+
+    def _altered(self, kind: str, data: bytes) -> bytes:
+        change: dict[str, Callable[[], bytes]] = {
+            "silent": lambda: b"",
+            "torn": lambda: data[: len(data) // 2],
+            "flipped": lambda: _flipped(data, self._random),
+            "garbage": lambda: self._random.randbytes(len(data)),
+            "unended": lambda: data.rstrip(b"\r\n") if data.endswith((b"\r", b"\n")) else data[:-1],
+            "endless": lambda: data.rstrip(b"\r\n"),
+            "doubled": lambda: data * 2,
+            "noise": lambda: self._random.randbytes(_BURST) + data,
+        }
+        return change[kind]()
+
+    def _noise(self) -> None:
+        """Put a burst of noise on the wire unasked, as long as there is noise on it."""
+        fault = self._spoiling()
+        if fault is not None and fault.kind == "noise" and self._left is None:
+            for link in self._links:
+                link.send(self._random.randbytes(_BURST), self.clock.now())
+
+    # --- the loop
+
+    def _run(self) -> None:
+        while self._running:
+            for key, _ in self._selector.select(self._pause_s()):
+                with self._lock, suppress(OSError):
+                    key.data()
+            with self._lock:
+                for link in list(self._links):
+                    link.pump(self.clock.now())
+                self._noise()
+
+    def _pause_s(self) -> float:
+        if any(link.pending for link in self._links):
+            return _TICK_S
+        fault = self._spoiling()
+        return 5.0 * _TICK_S if fault is not None and fault.kind == "noise" else _IDLE_S
+
+    def _nudge(self) -> None:
+        with suppress(OSError):
+            self._wake.send(b"!")
+
+    def _join(self, near: _End, far: _End) -> _Link:
+        link = _Link(self, near, far)
+        self._links.append(link)
+        self._selector.register(near, selectors.EVENT_READ, lambda: self._heard(link))
+        self._selector.register(far, selectors.EVENT_READ, lambda: self._said(link))
+        return link
+
+    def _heard(self, link: _Link) -> None:
+        """Pass on what the program says."""
+        data = _received(link.near)
+        if not data:
+            self._program_left(link)
+            return
+        self.told += data
+        link.tell(data)
+
+    def _said(self, link: _Link) -> None:
+        """Pass on what the instrument says."""
+        data = _received(link.far)
+        if data:
+            self._reply(link, data)
+        else:
+            self._instrument_left(link)
+
+    def _drop(self, link: _Link) -> None:
+        for end in (link.near, link.far):
+            self._forget(end)
+        if link in self._links:
+            self._links.remove(link)
+        link.close()
+
+    def _forget(self, end: _End) -> None:
+        with suppress(KeyError, ValueError):
+            self._selector.unregister(end)
+
+    # --- what TCP and serial lines do each in their way
+
+    def _lose(self, link: _Link, *, forever: bool) -> None:
+        raise NotImplementedError
+
+    def _restore(self) -> None:
+        raise NotImplementedError
+
+    def _program_left(self, link: _Link) -> None:
+        raise NotImplementedError
+
+    def _instrument_left(self, link: _Link) -> None:
+        self._drop(link)
+
+
+class _Link:
+    """What connects the program (`near`) with the instrument (`far`), and what is on its way to the program."""
+
+    def __init__(self, wire: FaultyWire, near: _End, far: _End) -> None:
+        self.wire, self.near, self.far = wire, near, far
+        self.flood = False
+        self._queue: deque[tuple[float, bytes]] = deque()
+
+    @property
+    def pending(self) -> bool:
+        """Whether anything is to be sent to the program."""
+        return self.flood or bool(self._queue)
+
+    def send(self, data: bytes, due_s: float) -> None:
+        """Send `data` to the program at `due_s`, not before what was sent earlier."""
+        if data:
+            latest_s = self._queue[-1][0] if self._queue else due_s
+            self._queue.append((max(due_s, latest_s), data))
+            self.pump(self.wire.clock.now())
+
+    def tell(self, data: bytes) -> None:
+        """Send `data` to the instrument."""
+        while data:
+            try:
+                data = data[self.far.write(data) :]
+            except BlockingIOError:
+                with selectors.DefaultSelector() as ready:
+                    ready.register(self.far, selectors.EVENT_WRITE)
+                    if not ready.select(_IDLE_S):
+                        return  # the instrument takes nothing: as on a real line, it is lost
+
+    def pump(self, now_s: float) -> None:
+        """Send the program what is due, as far as it takes it."""
+        if self.flood and not self._queue:
+            self._queue.append((now_s, b"A" * _CHUNK))
+        with suppress(OSError):
+            while self._queue and self._queue[0][0] <= now_s:
+                due_s, data = self._queue[0]
+                sent = self.near.write(data)
+                self._queue.popleft()
+                if sent < len(data):
+                    self._queue.appendleft((due_s, data[sent:]))
+                    return
+
+    def forget(self) -> None:
+        """Lose what is on its way."""
+        self.flood = False
+        self._queue.clear()
+
+    def close(self) -> None:
+        """Close both ends."""
+        self.forget()
+        for end in (self.near, self.far):
+            with suppress(OSError):
+                end.close()
+
+
+def _received(end: _End) -> bytes:
+    try:
+        return end.read()
+    except BlockingIOError:
+        raise
+    except OSError:
+        return b""
+
+
+def _flipped(data: bytes, random: Random) -> bytes:
+    at = random.randrange(len(data))
+    return data[:at] + bytes([data[at] ^ 1 << random.randrange(7)]) + data[at + 1 :]
+
+
+# --- TCP
+
+
+class _SocketEnd:
+    def __init__(self, connection: socket.socket) -> None:
+        connection.setblocking(False)  # noqa: FBT003
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connection
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> bytes:
+        data = self._socket.recv(_CHUNK)
+        if _QUICK_ACK is not None and data:  # a program that leaves Nagle's algorithm on would wait for it
+            self._socket.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
+        return data
+
+    def write(self, data: bytes) -> int:
+        return self._socket.send(data)
+
+    def finish(self) -> None:
+        """Say that nothing more comes; what was sent still arrives."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _TcpWire(FaultyWire):
+    def __init__(self, host: str, port: int, named: Callable[[int], str]) -> None:
+        self._target = (host, port)
+        self._server: socket.socket | None = socket.create_server(("127.0.0.1", 0))
+        self._port = self._server.getsockname()[1]
+        super().__init__(named(self._port))
+        self._listen(self._server)
+
+    def __exit__(self, *_: object) -> None:
+        super().__exit__()
+        if self._server is not None:
+            self._server.close()
+
+    def _listen(self, server: socket.socket) -> None:
+        server.setblocking(False)  # noqa: FBT003
+        self._selector.register(server, selectors.EVENT_READ, self._accept)
+
+    def _accept(self) -> None:
+        assert self._server is not None  # noqa: S101  # else nobody would have come
+        connection, _ = self._server.accept()
+        try:
+            far = socket.create_connection(self._target, timeout=_DRAIN_S)
+        except OSError:
+            connection.close()
+            return
+        self._join(_SocketEnd(connection), _SocketEnd(far))
+
+    def _lose(self, link: _Link, *, forever: bool) -> None:
+        if forever and self._server is not None:
+            self._selector.unregister(self._server)
+            self._server.close()
+            self._server = None
+        self._forget(link.near)
+        with suppress(OSError):
+            link.near.close()
+        self._program_left(link)
+
+    def _restore(self) -> None:
+        if self._server is None:
+            self._server = socket.create_server(("127.0.0.1", self._port))
+            self._listen(self._server)
+
+    def _program_left(self, link: _Link) -> None:
+        """Let the instrument hear all that was said before it learns that nobody is there any more."""
+        link.forget()
+        self._forget(link.near)
+        self._forget(link.far)
+        far = link.far
+        assert isinstance(far, _SocketEnd)  # noqa: S101  # this is TCP
+        far.finish()
+        self._selector.register(far, selectors.EVENT_READ, lambda: self._drained(link))
+
+    def _drained(self, link: _Link) -> None:
+        if not _received(link.far):
+            self._drop(link)
+
+
+# --- serial lines
+
+
+class _TerminalEnd:
+    """One end of a terminal: the master of our own, or the instrument's, opened as a program would."""
+
+    def __init__(self, fd: int) -> None:
+        os.set_blocking(fd, False)
+        self._fd = fd
+
+    def fileno(self) -> int:
+        return self._fd
+
+    def read(self) -> bytes:
+        return os.read(self._fd, _CHUNK)
+
+    def write(self, data: bytes) -> int:
+        return os.write(self._fd, data)
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._fd = -1
+
+
+class _TerminalWire(FaultyWire):
+    def __init__(self, path: str, named: Callable[[str], str]) -> None:
+        import tty  # noqa: PLC0415  # there is none on Windows
+
+        self._folder = tempfile.TemporaryDirectory(prefix="wire")
+        self._path = Path(self._folder.name) / "tty"
+        self._slave = -1
+        super().__init__(named(str(self._path)))
+        far = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        tty.setraw(far)
+        self._far = _TerminalEnd(far)
+        self._link = self._join(self._new_terminal(), self._far)
+
+    def __exit__(self, *_: object) -> None:
+        super().__exit__()
+        if self._slave >= 0:
+            os.close(self._slave)
+        self._folder.cleanup()
+
+    def _new_terminal(self) -> _TerminalEnd:
+        """Make a terminal at our path; its own end is kept open, or it would hang up when a program leaves."""
+        import tty  # noqa: PLC0415
+
+        master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        fresh = self._path.with_name("new")
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(self._path)
+        return _TerminalEnd(master)
+
+    def _heard(self, link: _Link) -> None:
+        self._same_speed()
+        super()._heard(link)
+
+    def _same_speed(self) -> None:
+        """Give the instrument's line the speed that the program has chosen."""
+        import termios  # noqa: PLC0415
+
+        if self._slave < 0:
+            return
+        near, far = termios.tcgetattr(self._slave), termios.tcgetattr(self._far.fileno())
+        if near[2:6] != far[2:6]:
+            termios.tcsetattr(self._far.fileno(), termios.TCSANOW, [*far[:2], *near[2:6], far[6]])
+
+    def _lose(self, link: _Link, *, forever: bool) -> None:
+        link.forget()
+        self._forget(link.near)
+        link.near.close()
+        os.close(self._slave)
+        self._slave = -1
+        if forever:
+            self._path.unlink()
+        else:
+            self._plug_in(link)
+
+    def _plug_in(self, link: _Link) -> None:
+        link.near = self._new_terminal()
+        self._selector.register(link.near, selectors.EVENT_READ, lambda: self._heard(link))
+
+    def _restore(self) -> None:
+        if self._slave < 0:
+            self._plug_in(self._link)
+
+    def _program_left(self, link: _Link) -> None:
+        """Do nothing: the terminal stays."""
+
+
+_SOCKET = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d+)::SOCKET", re.IGNORECASE)
+_URL = re.compile(r"socket://(?P<host>[^:]+):(?P<port>\d+)")
+_ASRL = re.compile(r"ASRL(?P<path>/.+?)(?:::INSTR)?", re.IGNORECASE)
+
+
+@contextmanager
+def faulty_wire(resource: str) -> Iterator[FaultyWire]:
+    """Stand between a program and the instrument at `resource`; a program opens the `resource` of what this yields.
+
+    Args:
+        resource: ``TCPIP0::HOST::PORT::SOCKET``, ``socket://HOST:PORT``, ``ASRL/dev/...::INSTR`` or ``/dev/...``; the
+            new one is of the same form.
+
+    Raises:
+        ValueError: it is none of these.
+        OSError: there is no such line.
+    """
+    with _wire(resource) as wire:
+        yield wire
+
+
+def _wire(resource: str) -> FaultyWire:
+    if told := _SOCKET.fullmatch(resource):
+        return _TcpWire(told["host"], int(told["port"]), "TCPIP0::127.0.0.1::{}::SOCKET".format)
+    if told := _URL.fullmatch(resource):
+        return _TcpWire(told["host"], int(told["port"]), "socket://127.0.0.1:{}".format)
+    if told := _ASRL.fullmatch(resource):
+        return _TerminalWire(told["path"], "ASRL{}::INSTR".format)
+    if resource.startswith("/"):
+        return _TerminalWire(resource, str)
+    raise ValueError(f"resource: expected a socket or a serial line, came {resource!r}")
