@@ -1,0 +1,78 @@
+"""No run that is complete has a wrong number, whichever byte of whichever reply was lost, flipped or doubled.
+
+A result is wrong when it is further than a third of its stated standard uncertainty from that of the run without a
+fault (what a different draw of the same noise does included: where readings are taken again, later ones are others; the
+bar is then four times the uncertainties of both), or when a larger uncertainty hides it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import pytest
+
+from tests.faults.corruption import Came, Change, bench_of, changes_of, perform
+
+pytestmark = pytest.mark.slow
+
+QUICK = "rates_deg_s = [40, 0, -20]\nsamples = 4\nmatch_rate_deg_s = 20"
+BENCH = bench_of(procedure_words=QUICK)
+ROLES = ("multimeter", "rate_table", "power", "rate_source")
+OPENING = 5
+"""Replies before the first that belong to the procedure: identities, errors."""
+
+
+@cache
+def clean(procedure: str) -> Came:
+    """The run without a fault."""
+    came = perform(BENCH, procedure)
+    assert came.error is None
+    return came
+
+
+def wrong(procedure: str, came: Came) -> str | None:
+    """Say which number of a complete run is wrong."""
+    if came.error is not None:
+        return None
+    expected = clean(procedure).numbers()
+    again = came.readings() != clean(procedure).readings()
+    for name, (value, u) in came.numbers().items():
+        true, true_u = expected[name]
+        bar = 4.0 * math.hypot(u, true_u) if again else true_u / 3.0
+        if abs(value - true) > bar or u > 4.0 * true_u:
+            return f"{name}: {value} (u {u}), not {true} (u {true_u})"
+    return None
+
+
+def changes(procedure: str, role: str, count: int) -> list[Change]:
+    """Return `count` changes, spread over all bytes of all replies of a role."""
+    replies = list(enumerate(clean(procedure).replies[role]))[OPENING:]
+    every = changes_of(replies)
+    stride = max(1, len(every) // count) | 1  # odd, and no multiple of the three ways
+    stride += 2 * (stride % 3 == 0)
+    return every[::stride][:count]
+
+
+def believed(procedure: str, role: str, chosen: list[Change]) -> list[str]:
+    """Return the changes after which a complete run had a wrong number."""
+    found = [(change, wrong(procedure, perform(BENCH, procedure, {role: change}))) for change in chosen]
+    return [f"{role} {change}: {words}" for change, words in found if words is not None]
+
+
+@pytest.mark.parametrize("role", ROLES[:3])
+def test_a_few_corrupted_replies(role: str) -> None:
+    assert not believed("turntable", role, changes("turntable", role, 6))
+
+
+@pytest.mark.fault_matrix
+def test_500_corrupted_readings() -> None:
+    chosen = changes("turntable", "multimeter", 500)
+    assert len(chosen) == 500
+    assert not believed("turntable", "multimeter", chosen)
+
+
+@pytest.mark.fault_matrix
+@pytest.mark.parametrize("role", ROLES)
+def test_corrupted_read_backs(role: str) -> None:
+    assert not believed("virtual-coriolis", role, changes("virtual-coriolis", role, 60))
