@@ -131,6 +131,8 @@ UNUSABLE = {
     "nameless": (b"rate_deg_s,,b\n1,2,3\n", ", line 1, column 2: the column has no name"),
     "semicolons": (b"rate_deg_s;a\n1,5;2\n", ", line 1: the columns are separated by semicolons"),
     "tabs": (b"rate_deg_s\ta\n1\t2\n", ", line 1: the columns are separated by tabs"),
+    "formula": (b"rate_deg_s,=cmd|' /C calc'!A0\n1,2\n2,3\n3,4\n", ', line 1, column 2: "=cmd'),
+    "escape": (b"rate_deg_s,a\x1b[2J\n1,2\n2,3\n3,4\n", ", line 1, column 2: 'a\\x1b[2J' is no name"),
     "latin-1": (HEADER + b"1,2\n2,\xb5\n", ", line 3: this is not UTF-8 text"),
     "UTF-16": ("rate_deg_s,a\n1,2\n".encode("utf-16"), ", line 1: this is not UTF-8 text"),
     "binary": (b"rate_deg_s,a\n1,\0\n", ", line 2: this is not a text file"),

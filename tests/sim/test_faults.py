@@ -331,3 +331,19 @@ def test_readings_are_off_and_drift_but_an_overload_stays_one() -> None:
     assert float(ask(injector, clock, "multimeter", "READ?")) == pytest.approx(true_v - 2.0 + 1.0, abs=0.05)
     injector.add(Fault("multimeter", "overload"))
     assert ask(injector, clock, "multimeter", "READ?") == "+9.90000000E+37"
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (Fault("multimeter", "late"), "multimeter: late, delay_s 1.0, from 0 s of bench time until it is cleared"),
+        (Fault("power", "silent", 3.5, 2.0, count=4), "power: silent, from 3.5 s of bench time for 2 s, or 4 answers"),
+        (Fault("power", "error", 1.0, number=-350), "power: error, number -350, once at 1 s of bench time"),
+        (
+            Fault("multimeter", "offset", offset=0.5),
+            "multimeter: offset, offset 0.5, drift_s 0.0, from 0 s of bench time until it is cleared",
+        ),
+    ],
+)
+def test_a_fault_says_what_it_is_and_for_how_long(fault: Fault, words: str) -> None:
+    assert fault.describe() == words

@@ -24,6 +24,8 @@ POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
+_FORMULA = "=+-@"
+"""What spreadsheets take for the beginning of a formula: names of columns go on into what others open."""
 _OVERLOAD = 9.9e37
 """What SCPI instruments answer when they cannot measure."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -95,6 +97,10 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
     for column, title in enumerate(header, 1):
         if not title:
             raise ConfigError(f"{where}, column {column}: the column has no name")
+        if title[0] in _FORMULA or not title.isprintable():
+            raise ConfigError(
+                f"{where}, column {column}: {shorten(ascii(title), 40)} is no name: it would act elsewhere"
+            )
         if title in header[: column - 1]:
             raise ConfigError(f"{where}, column {column}: there is already a column {title}")
     return tuple(header)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path  # noqa: TC003 - typer reads the annotation when it runs
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 
 __all__ = ["analyze"]
+
+_UNBOUNDED = 1000
+"""Columns of a pipe or a file: nothing is folded there."""
 
 
 def analyze(
@@ -103,14 +107,18 @@ def _print_tables(
 
     from rich.console import Console  # noqa: PLC0415
 
-    # narrower than this, rich would cut figures; a terminal wraps them, and nothing is lost
-    console = Console(highlight=False, width=max(80, get_terminal_size().columns))
+    tables = [_fit_table(results), _nonlinearity_table(results)]
+    if pair is not None and comparison is not None:
+        tables.append(_comparison_table(pair, comparison))
+    console = Console(highlight=False, width=_UNBOUNDED)
+    if sys.stdout.isatty():
+        # where figures would be cut the terminal shall wrap them: then nothing is lost
+        least = max(console.measure(table).minimum for table in tables)
+        console.width = max(least, get_terminal_size().columns)
     with console.capture() as text:
-        console.print(_fit_table(results))
-        console.print(_nonlinearity_table(results))
-        if pair is not None and comparison is not None:
-            console.print(_comparison_table(pair, comparison))
-    typer.echo(text.get(), nl=False)
+        for table in tables:
+            console.print(table)
+    typer.echo("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()), nl=False)
 
 
 def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:

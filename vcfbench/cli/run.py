@@ -32,7 +32,10 @@ Bench_ = Annotated[
     typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
 ]
 Seed_ = Annotated[
-    int | None, typer.Option("--seed", min=0, help="Seed of a simulated bench; the same seed gives the same results.")
+    int | None,
+    typer.Option(
+        "--seed", min=0, max=2**63 - 1, help="Seed of a simulated bench; the same seed gives the same results."
+    ),
 ]
 Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 DryRun_ = Annotated[

@@ -75,7 +75,9 @@ def serve(
     ] = "ideal",
     port_mapper: Annotated[
         int | None,
-        typer.Option("--port-mapper", metavar="PORT", help="Also run a port mapper for VXI-11 clients (111)."),
+        typer.Option(
+            "--port-mapper", metavar="PORT", min=1, max=65535, help="Also run a port mapper for VXI-11 clients (111)."
+        ),
     ] = None,
     write_bench: Annotated[
         Path | None,
@@ -87,7 +89,9 @@ def serve(
             "--wires", metavar="KIND", help="Which wires that file names where offered, else tcp: vxi11, hislip, pty."
         ),
     ] = "tcp",
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of every random stream.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of every random stream.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
@@ -99,12 +103,12 @@ def serve(
     settings = replace(
         _settings(host, ports, faults),
         control_port=control_port,
-        offers=dict(map(_offer, offer or [])),
+        offers=_offers(offer or []),
         port_mapper=port_mapper,
         rs232=_rs232(rs232),
     )
-    clock = ServedClock(_speed(speed))
     try:
+        clock = ServedClock(_speed(speed))
         server = BenchServer(build_served(description, seed, clock), clock, settings)
     except ValueError as error:
         raise ConfigError(str(error)) from error
@@ -121,7 +125,8 @@ def serve(
 def ctl(
     command: Annotated[list[str], typer.Argument(help="Command and its arguments, e.g. set applied_rate_deg_s 10.")],
     port: Annotated[
-        int, typer.Option("--port", help="Control port that serve has printed.", envvar=_CONTROL_VARIABLE)
+        int,
+        typer.Option("--port", min=1, max=65535, help="Control port that serve has printed.", envvar=_CONTROL_VARIABLE),
     ] = _CONTROL_PORT,
 ) -> None:
     """Read and change a served bench from outside its wires.
@@ -135,13 +140,22 @@ def ctl(
 
     from vcfbench.sim.serve import Control, ControlError  # noqa: PLC0415
 
-    name, arguments = command[0], command[1:]
+    name, asked = command[0], _arguments(command[0], command[1:])
     try:
         with Control(port) as control:
-            result = control.request(name, **_arguments(name, arguments))
+            result = control.request(name, **asked)
     except ControlError as error:
         raise BenchError(str(error), instrument="control port", resource=str(port)) from error
     typer.echo(json.dumps(result, indent=2))
+    if name == "fault":
+        typer.echo(f"vcfbench: {_armed({**asked, 'at_s': asked.get('at_s', result)})}", err=True)
+
+
+def _armed(asked: dict[str, Any]) -> str:
+    """Say what was armed and for how long; what was not asked for is what it is without."""
+    from vcfbench.sim.faults import fault_from  # noqa: PLC0415
+
+    return fault_from(asked).describe()
 
 
 _NAMED = re.compile(r"[a-z_]+=")
@@ -164,6 +178,8 @@ def _arguments(command: str, given: list[str]) -> dict[str, Any]:
     names = _ARGUMENTS.get(command, ())
     if len(placed) > len(names):
         raise ConfigError(f"ctl {command} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
+    if reserved := {"do", "id"} & set(named):
+        raise ConfigError(f"ctl {command}: {min(reserved)} is no argument of a command")
     return {name: _value(text) for name, text in [*zip(names, placed, strict=False), *named.items()]}
 
 
@@ -172,7 +188,7 @@ def _value(text: str) -> Any:
 
     try:
         return json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
 
 
@@ -190,7 +206,7 @@ def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
     from vcfbench.sim.faults import FaultScript, read_script  # noqa: PLC0415
     from vcfbench.sim.serve import ServerSettings  # noqa: PLC0415
 
-    if ports != "auto" and not (ports.isdigit() and 0 < int(ports) < 65536):
+    if ports != "auto" and not (re.fullmatch(r"[0-9]{1,5}", ports) and 0 < int(ports) < 65536):
         raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
     base = None if ports == "auto" else int(ports)
     planned = FaultScript(()) if faults is None else read_script(faults)
@@ -205,11 +221,18 @@ def _rs232(kind: str) -> Rs232:
     return cast("Rs232", kind)
 
 
-def _offer(text: str) -> tuple[str, frozenset[Offer]]:
-    role, colon, kinds = text.partition(":")
-    if not colon or not kinds:
-        raise ConfigError(f"--offer {text}: expected ROLE:KIND,... as in rate_source:hislip")
-    return role, frozenset(cast("list[Offer]", kinds.split(",")))
+def _offers(texts: list[str]) -> dict[str, frozenset[Offer]]:
+    """Return the interfaces by role: ``a:hislip,power:vxi11,pty`` is of two roles, and may be given in two options."""
+    found: dict[str, frozenset[Offer]] = {}
+    for text in texts:
+        role = ""
+        for part in text.split(","):
+            before, colon, kind = part.rpartition(":")
+            role = before if colon else role
+            if not role or not kind:
+                raise ConfigError(f"--offer {text}: expected ROLE:KIND,... as in rate_source:hislip,power:vxi11")
+            found[role] = found.get(role, frozenset()) | {cast("Offer", kind)}
+    return found
 
 
 def _write_bench(path: Path, description: BenchDescription, server: BenchServer, kind: str) -> None:

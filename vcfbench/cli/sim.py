@@ -29,7 +29,9 @@ def show(
         Path | None,
         typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed from which errors are drawn.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, max=2**63 - 1, help="Seed from which errors are drawn.")
+    ] = None,
     *,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")] = False,
 ) -> None:

@@ -109,6 +109,14 @@ _AT_ONCE = frozenset({"disconnect", "error"})
 """Kinds that happen and are over."""
 CUTTING = frozenset({"disconnect", "unreachable", "power_cycle"})
 """Kinds that cut the connections."""
+_OF_KIND = {
+    "late": ("delay_s",),
+    "error": ("number",),
+    "identity": ("identity",),
+    "offset": ("offset", "drift_s"),
+    "current_limit": ("load_ohm",),
+}
+"""What else there is to say of a kind."""
 UNREACHABLE = frozenset({"unreachable", "power_cycle"})
 """Kinds during which there is no new connection."""
 
@@ -156,6 +164,18 @@ class Fault:
                 raise ValueError(f"{name} is at most {_MOST:g} either sign, not {value:g}")
         if self.at_s < 0 or self.delay_s < 0 or (self.duration_s is not None and self.duration_s <= 0):
             raise ValueError("a fault begins at 0 s or later, and lasts")
+
+    def describe(self) -> str:
+        """Return in words what happens, from when on and for how long."""
+        own = {
+            field.name: getattr(self, field.name) for field in fields(self) if field.name in _OF_KIND.get(self.kind, ())
+        }
+        what = "".join(f", {name} {value}" for name, value in own.items())
+        if self.kind in _AT_ONCE:
+            return f"{self.instrument}: {self.kind}{what}, once at {self.at_s:g} s of bench time"
+        until = "until it is cleared" if self.duration_s is None else f"for {self.duration_s:g} s"
+        answers = "" if self.count is None else f", or {self.count} answers"
+        return f"{self.instrument}: {self.kind}{what}, from {self.at_s:g} s of bench time {until}{answers}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -106,7 +106,18 @@ def test_rails_and_input_are_put_on_from_outside(control: Control) -> None:
     [
         ({"do": "get", "name": "nonsense"}, "there is no 'nonsense'"),
         ({"do": "set", "name": "angle_deg", "value": 1.0}, "can be read, not changed"),
-        ({"do": "set", "name": "applied_rate_deg_s", "value": "fast"}, "could not convert"),
+        ({"do": "set", "name": "applied_rate_deg_s", "value": "fast"}, "expected a number, not 'fast'"),
+        ({"do": "set", "name": "ambient_c", "value": True}, "expected a number, not True"),
+        ({"do": "set", "name": "ambient_c", "value": "nan"}, "expected a number, not 'nan'"),
+        ({"do": "set", "name": "ambient_c", "value": 1e300}, "at most 1e\\+09 either sign"),
+        ({"do": "speed", "value": 1e300}, "from 1e-06 to 1e\\+06 times real time"),
+        ({"do": "speed", "value": True}, "speed is a number, not True"),
+        ({"do": "speed", "value": "fast"}, "speed is a number, not 'fast'"),
+        ({"do": "advance", "seconds": True}, "seconds is a number, not True"),
+        ({"do": "reset", "seed": 1 << 63}, "a seed is a whole number from 0 to"),
+        ({"do": "fault", "instrument": "lamp", "kind": "late", "delay_s": "long"}, "float"),
+        ({"do": "fault", "instrument": "lamp", "kind": "late", "delay_s": True}, "float"),
+        ({"do": "fault", "instrument": "lamp", "kind": "late", "delay_s": 1e300}, "delay_s is at most 1e\\+09"),
         ({"do": "speed", "value": -1}, "greater than 0"),
         ({"do": "advance", "seconds": -1}, "time goes forwards"),
         ({"do": "nonsense"}, "is one of"),
@@ -353,3 +364,31 @@ def test_the_reply_to_a_request_that_was_broken_off_is_not_taken_for_another() -
         control._socket.sendall(b'{"do": "status", "id": 0}\n')
         assert isinstance(control.request("now"), float)
         assert control.request("status")["seed"] is None
+
+
+def test_who_asks_without_end_is_left(served: Served, control: Control) -> None:
+    port = served.server.control.port
+    with socket.create_connection(("127.0.0.1", port), timeout=20.0) as raw, suppress(ConnectionError):
+        raw.sendall(b"\n" * 200_000)
+        while raw.recv(1 << 16):
+            pass
+    assert control.request("now") >= 0.0
+
+
+def test_a_port_that_is_no_control_port_is_told(served: Served) -> None:
+    with Control(served.port("tcp"), timeout_s=5.0) as control:
+        control._socket.sendall(b"*IDN?\n")
+        with pytest.raises(ControlError, match="no control port"):
+            control.request("now")
+
+
+def test_another_user_is_told_that_the_port_is_not_his(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vcfbench.sim.serve.control.is_welcome", lambda _: False)
+    with (
+        Control(served.server.control.port, timeout_s=5.0) as control,
+        pytest.raises(ControlError, match="served by another user"),
+    ):
+        control.request("stop")
+    monkeypatch.undo()
+    with Control(served.server.control.port) as control:
+        assert control.request("now") >= 0.0

@@ -5,13 +5,14 @@ from __future__ import annotations
 import socket
 import struct
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, eventually, served_lamp
 from vcfbench.clock import WallClock
 from vcfbench.sim.serve import MAX_SPEED
+from vcfbench.sim.serve.raw import TcpStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -235,3 +236,35 @@ def test_what_follows_a_setting_waits_for_it_whoever_sends_it() -> None:
         setter.send(b"SLOW 4\n")
         eventually(lambda: served.server.instruments["lamp"].busy or served.lamp.level_v > 0)
         assert reader.ask(b"LEV?\n") == b"+4.00000000E+00\n"
+
+
+def test_a_flood_of_empty_lines_is_no_work(served: Served, wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    executed: list[bytes] = []
+    monkeypatch.setattr(served.server.instruments["lamp"], "asks", lambda message: executed.append(message) or True)
+    wire.send(b"\n" * 1_000_000 + b"\r\n" * 100_000)
+    assert wire.ask(b"*IDN?\n") == IDENTITY
+    assert executed == [b"*IDN?\n"]
+
+
+def test_what_comes_at_once_is_dealt_with_in_order_and_in_parts(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    most: list[int] = []
+    taken = TcpStream.take
+
+    def take(self: TcpStream, data: bytes, **how: Any) -> None:
+        most.append(data.count(b"\n"))
+        taken(self, data, **how)
+
+    monkeypatch.setattr(TcpStream, "take", take)
+    wire.send(b"".join(b"LEV %d\nLEV?\n" % (number % 10) for number in range(2_000)))
+    assert [float(wire.line()) for _ in range(2_000)] == [number % 10 for number in range(2_000)]
+    assert sum(most) <= 4_000
+    assert max(most) <= 256
+
+
+def test_what_a_client_sent_that_broke_off_is_dropped(served: Served) -> None:
+    with wires(served, 1) as (wire,):
+        wire.send(b"LEV 1;LEV?\n" * 5_000)
+        wire.reset()
+    eventually(lambda: sum(client.comes_and_goes for client in served.server.instruments["lamp"].clients) == 0)
+    with wires(served, 1) as (wire,):
+        assert wire.ask(b"*IDN?\n") == IDENTITY

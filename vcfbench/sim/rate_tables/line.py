@@ -44,6 +44,11 @@ class LineDevice:
         self._overflowed = False
         self._output: deque[tuple[float, bytearray]] = deque()
 
+    @property
+    def terminators(self) -> bytes:
+        """What ends a message; with nothing before it, it does nothing."""
+        return self._terminators
+
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; `end` terminates a message like its terminator."""
         self._advance()

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["adjustments_of"]
 
 _SUDDEN_DEG_S2 = 1e4
+_MOST = 1e9
+"""No quantity of a bench is larger in its unit; the squares and sums of what is below are numbers still."""
 
 
 def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:
@@ -52,12 +54,12 @@ def _motion(world: World) -> Iterator[Adjustment]:
 def _turn(world: World, rate_deg_s: Any) -> None:
     """Turn the gyro by hand: the table's controller is not asked, and does not learn of it."""
     world.table.close_servo()
-    world.table.demand_rate(float(rate_deg_s), _SUDDEN_DEG_S2)
+    world.table.demand_rate(_number(rate_deg_s), _SUDDEN_DEG_S2)
 
 
 def _warmth(world: World) -> Iterator[Adjustment]:
     def warm(value: Any) -> None:
-        world.set_ambient_c(float(value))
+        world.set_ambient_c(_number(value))
 
     yield Adjustment("ambient_c", "degC", "temperature around the gyroscope", world.ambient_c, warm)
     yield Adjustment("temperature_c", "degC", "temperature of the gyroscope", world.temperature_c)
@@ -91,6 +93,14 @@ def _truth(value: Any) -> bool:
     return value
 
 
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"expected a number, not {value!r}")  # noqa: TRY004  (what came over the wire)
+    if not -_MOST <= value <= _MOST:
+        raise ValueError(f"expected a number of at most {_MOST:g} either sign, not {value:g}")
+    return float(value)
+
+
 def _loads(world: World) -> Iterator[Adjustment]:
     from vcfbench.sim.world import RAILS  # noqa: PLC0415  (numpy with it; a client of the control port needs none)
 
@@ -105,7 +115,7 @@ def _finite(read: Callable[[], float]) -> float | None:
 
 
 def _load(world: World, rail: str, ohms: Any) -> None:
-    world.set_load(rail, math.inf if ohms is None else float(ohms))
+    world.set_load(rail, math.inf if ohms is None else _number(ohms))
 
 
 def _nodes(world: World) -> Iterator[Adjustment]:
@@ -120,7 +130,7 @@ def _drive(world: World, volts: Any) -> None:
     """Put a voltage on the V_Vc input instead of the generator, or nothing (null)."""
     from vcfbench.sim.sources import Drive  # noqa: PLC0415  (as above)
 
-    world.drive_v_vc(None if volts is None else Drive(float(volts)))
+    world.drive_v_vc(None if volts is None else Drive(_number(volts)))
 
 
 def _rails(world: World) -> Iterator[Adjustment]:
@@ -141,7 +151,7 @@ def _rail_current(world: World, rail: str) -> float:
 
 def _set_rail(world: World, rail: str, volts: Any) -> None:
     """Put a voltage on the pin instead of the supply, until that changes its own."""
-    world.set_rail(rail, float(volts))
+    world.set_rail(rail, _number(volts))
 
 
 def _parameters(world: World) -> Iterator[Adjustment]:

@@ -14,6 +14,8 @@ __all__ = ["MAX_SPEED", "ServedClock"]
 
 MAX_SPEED = math.inf
 """As a speed: bench time passes as wall time does, and jumps to whatever a client waits for."""
+SLOWEST, FASTEST = 1e-6, 1e6
+"""Times real time: a second in eleven days, eleven days in a second."""
 
 
 class ServedClock:
@@ -143,4 +145,6 @@ class ServedClock:
 def _checked(speed: float) -> float:
     if not speed > 0:
         raise ValueError(f"a speed is greater than 0, not {speed}")
+    if not SLOWEST <= speed <= FASTEST and speed != MAX_SPEED:
+        raise ValueError(f"a speed is from {SLOWEST:g} to {FASTEST:g} times real time, or 'max', not {speed:g}")
     return speed

@@ -40,6 +40,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.sim.faults import Fault, fault_from
 from vcfbench.sim.serve.clock import MAX_SPEED
+from vcfbench.sim.serve.peer import is_welcome
 from vcfbench.sim.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:
@@ -53,9 +54,12 @@ if TYPE_CHECKING:
 __all__ = ["ControlServer", "Controlled", "Refused"]
 
 _LONGEST_REQUEST = 1 << 16
+_MOST_REQUESTS = 1 << 16
+"""That wait on one connection: who sends more does not wait for answers, and gets none."""
 _MOST_STEPS = 1000
 """Things that happen by themselves between two turns of the loop while time jumps: the others are served meanwhile."""
 _LONGEST_S = 1e9
+_UNWELCOME = b'{"ok": false, "error": "this bench is served by another user, who alone may control it"}\n'
 _AT_ONCE = 100
 """Requests of a connection that are answered before the others have their turn."""
 _OBJECT = 'a request is an object whose "do" is one of'
@@ -153,6 +157,7 @@ class _Control(Connection):
         self._waited_s = 0.0
         self._again: Timer | None = None
         self._heard: set[Client] = set()
+        self._welcome = False
         self._commands: dict[str, Callable[..., Any]] = {
             "status": self._server.status,
             "list": self._server.listed,
@@ -186,15 +191,24 @@ class _Control(Connection):
         self._control.connections.discard(self)
 
     def received(self, data: bytes) -> None:
-        """Answer the requests that are complete."""
+        """Answer the requests that are complete, if who asks may ask: who only connects costs nothing."""
+        if not self._welcome and not self._admitted():
+            return
         idle = not self._requests
         *lines, rest = (self._input + data).split(b"\n")
         self._input = rest
         self._requests += map(bytes, lines)
-        if len(rest) > _LONGEST_REQUEST:
+        if len(rest) > _LONGEST_REQUEST or len(self._requests) > _MOST_REQUESTS:
             self.close()
         elif idle and self._requests:
             self._soon()
+
+    def _admitted(self) -> bool:
+        self._welcome = is_welcome(self._socket)
+        if not self._welcome:
+            self.send(_UNWELCOME)
+            self.close()
+        return self._welcome
 
     def relieved(self) -> None:
         """Go on once the client has taken its replies."""
@@ -245,8 +259,9 @@ class _Control(Connection):
     # --- time ---------------------------------------------------------------------------------------------
 
     def _speed(self, value: Any) -> Any:
+        speed = MAX_SPEED if value == "max" else _number(value, "speed")
         self._server.clock.start()
-        self._server.clock.speed = MAX_SPEED if value == "max" else float(value)
+        self._server.clock.speed = speed
         return "max" if math.isinf(self._server.clock.speed) else self._server.clock.speed
 
     def _pause(self, *, paused: bool) -> float:
@@ -332,8 +347,8 @@ class _Control(Connection):
     def _reset(self, seed: int | None = None) -> float:
         if self._control.leader not in (None, self):
             raise Refused("another connection leads the clock")
-        if seed is not None and (type(seed) is not int or seed < 0):
-            raise Refused(f"a seed is a whole number from 0, not {seed!r}")
+        if seed is not None and (type(seed) is not int or not 0 <= seed < 1 << 63):
+            raise Refused(f"a seed is a whole number from 0 to {(1 << 63) - 1}, not {seed!r}")
         self._server.reset(seed)
         return self._server.clock.now()
 
@@ -352,13 +367,20 @@ def _plain(number: Any) -> Any:
     raise Refused("an id is a whole number or a string")
 
 
-def _positive(seconds: float) -> float:
-    if not 0 <= seconds < math.inf:
+def _number(value: Any, name: str) -> float:
+    """Return a number of a request; true, false and texts are none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise Refused(f"{name} is a number, not {value!r}")
+    return float(value)
+
+
+def _positive(seconds: Any) -> float:
+    if not 0 <= _number(seconds, "seconds") < math.inf:
         raise Refused(f"time goes forwards, not by {seconds} s")
     return float(seconds)
 
 
-def _instant(instant_s: float) -> float:
-    if not -_LONGEST_S <= instant_s <= _LONGEST_S:
+def _instant(instant_s: Any) -> float:
+    if not -_LONGEST_S <= _number(instant_s, "an instant") <= _LONGEST_S:
         raise Refused(f"bench time does not go as far as {instant_s:g} s")
     return float(instant_s)

@@ -8,6 +8,7 @@ through (terminator, IEEE 488.2 message exchange), as in a box with several.
 from __future__ import annotations
 
 import math
+import re
 import sys
 import traceback
 from collections import deque
@@ -46,6 +47,8 @@ _CLEAR = b"++clr"
 _NEVER_KNOWN = (b"#", b"\x03", b"++")
 """What is in messages that must be looked at each time: blocks, breaks, words to a converter."""
 _NOTHING = math.inf
+_BLANK = re.compile(rb"[\r\n]*")
+_NONE_BLANK = re.compile(b"")
 _PATIENCE_S = 0.005
 """Wall time without a word from anybody after which a led clock goes on to the next status that comes unasked."""
 
@@ -120,7 +123,12 @@ class Client:
         if self.overlong:
             data = self._skip(data, end=end, tag=tag)
         self.partial += data
-        while (size := instrument.message_size(self.partial)) > 0:
+        blank = instrument.blank if self.pushes else _NONE_BLANK  # elsewhere even an empty message interrupts
+        while True:
+            if (found := blank.match(self.partial)) is not None and found.end():
+                del self.partial[: found.end()]
+            if (size := instrument.message_size(self.partial)) <= 0:
+                break
             message = bytes(self.partial[:size])
             del self.partial[:size]
             instrument.submit(self, message, tag)
@@ -232,6 +240,8 @@ class Instrument:
         self.message_size, self.line_size = _framing(device)
         self.binary = isinstance(device, FrameDevice)
         """Whether every byte may be part of a message: none means a break."""
+        self.blank = _blank(device)
+        """Finds the ends of messages without anything before them, which mean nothing."""
         self._write, self._read, self._wake_at = _shortest(device)
         self.speaks = self.engine is None and device.wake_at() is not None
         """Whether it says something unasked, so that a client may wait for it without a word."""
@@ -587,6 +597,15 @@ def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], 
     if isinstance(device, FrameDevice):
         return device.message_size, device.message_size
     return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
+
+
+def _blank(device: Device) -> re.Pattern[bytes]:
+    """Return what finds the ends of empty messages for `device`, which it need not be told of."""
+    if isinstance(device, ScpiInstrument):
+        return _BLANK
+    if isinstance(device, LineDevice) and not isinstance(device, FrameDevice):
+        return re.compile(b"[%b]*" % re.escape(device.terminators))
+    return _NONE_BLANK
 
 
 def _newline_size(data: Bytes) -> int:

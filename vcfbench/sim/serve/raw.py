@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import sys
 from functools import partial
@@ -23,7 +24,10 @@ __all__ = ["Pty", "Stream", "TcpStream", "has_ptys"]
 
 _CHUNK = 1 << 16
 _HELD_BACK = 64
+_LINES_AT_ONCE = re.compile(rb"(?:[^\r\n]*+[\r\n]++){256}")
+"""What of a connection is dealt with before the others have their turn: some milliseconds of work."""
 _UNREAD = 1024
+_LOOK_AGAIN_S = 0.01
 _QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 
 
@@ -47,6 +51,7 @@ class Stream(Client):
         self._send = send
         self._outbox = Outbox()
         self._held_back = False
+        self._rest = b""
         self._mask = READ
         loop.watch(fd, self.on_ready)
 
@@ -86,6 +91,10 @@ class Stream(Client):
             self._flush()
             if mask == WRITE or self.closed:
                 return
+        if self._rest:
+            if mask & ~(READ | WRITE):  # nobody is there who could be answered
+                self.close()
+            return
         try:
             data = self._recv(_CHUNK)
         except BlockingIOError:
@@ -106,7 +115,14 @@ class Stream(Client):
             finally:
                 self._close()
 
+    def start_anew(self) -> None:
+        """Forget what was under way."""
+        self._rest = b""
+        super().start_anew()
+        self._watch()
+
     def _detach(self) -> None:
+        self._rest = b""
         self._loop.unwatch(self._fd)
         self.leave()
 
@@ -127,10 +143,30 @@ class Stream(Client):
         if brk and brk in data and not self.instrument.binary:
             self.instrument.clear(self)
             data = data.rpartition(brk)[2]
+        self._take_lines(data)
+
+    def _take_lines(self, data: bytes) -> None:
+        """Deal with so many lines of `data`; the rest comes when the others have had their turn."""
+        if (some := _LINES_AT_ONCE.match(data)) is not None and some.end() < len(data):
+            data, self._rest = data[: some.end()], data[some.end() :]
+            self.taken -= len(self._rest)
+            self._loop.call_last(self._go_on)
         self.take(data)
         if len(self.backlog) > _HELD_BACK:
             self._held_back = True
+        if self._held_back or self._rest:
             self._watch()
+
+    def _go_on(self) -> None:
+        if not self._rest:
+            return
+        if self._held_back or self._outbox.size:
+            self._loop.call_later(_LOOK_AGAIN_S, self._go_on)
+            return
+        data, self._rest = self._rest, b""
+        self.taken += len(data)
+        self._take_lines(data)
+        self._watch()
 
     def _acknowledge(self) -> None:
         """Tell the sender at once that what gets no answer has arrived, if the transport would wait with it."""
@@ -147,7 +183,7 @@ class Stream(Client):
 
     def _watch(self) -> None:
         mask = WRITE if self._outbox.size else 0
-        if not self._held_back and not self._outbox.size:
+        if not self._held_back and not self._outbox.size and not self._rest:
             mask = READ
         if mask != self._mask and not self.closed:
             self._mask = mask

@@ -52,9 +52,12 @@ class Control:
             try:
                 self._socket.sendall(json.dumps({"do": do, "id": number, **arguments}).encode() + b"\n")
                 while (reply := json.loads(self._line())).get("id") != number:
-                    pass
+                    if "id" not in reply and reply.get("ok") is False:  # it concerns the connection, not a request
+                        raise ControlError(str(reply.get("error")))
             except OSError as error:
                 raise ControlError(f"the control port does not answer ({error})") from error
+            except (ValueError, RecursionError, AttributeError) as error:
+                raise ControlError("what answers there is no control port of a served bench") from error
         if not reply["ok"]:
             raise ControlError(reply["error"])
         return reply["result"]

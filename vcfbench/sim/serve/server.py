@@ -42,6 +42,7 @@ _SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})
 """Where an instrument is offered of which nothing is said: rate tables."""
 
 _DEFAULT_CONTROL_PORT = 20220
+_HIGHEST_PORT = 65_535
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +116,8 @@ class _Ports:
     def take(self) -> int:
         if self._next is None:
             return 0
+        if self._next > _HIGHEST_PORT:
+            raise ValueError(f"ports: the last is {_HIGHEST_PORT}, and not all instruments have one yet")
         self._next += 1
         return self._next - 1
 
