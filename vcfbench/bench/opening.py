@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 __all__ = ["open_role"]
 
 
-def open_role(role: str, description: BenchDescription, stand: Station) -> tuple[Instrument, Identity]:
+def open_role(role: str, description: BenchDescription, stand: Station, **more: Any) -> tuple[Instrument, Identity]:
     """Open the instrument of `role` and ask who it is; what is not the one meant is closed again, untouched.
+
+    `more` settings of its driver come before those of the bench file.
 
     Raises:
         ConnectFailed: nobody answers.
@@ -26,7 +28,7 @@ def open_role(role: str, description: BenchDescription, stand: Station) -> tuple
     """
     from vcfbench.drivers.registry import open_instrument  # noqa: PLC0415
 
-    settings = _settings(role, description)
+    settings = {**_settings(role, description), **more}
     model, resource, like = settings.pop("model"), settings.pop("resource"), settings.pop("like", None)
     if role == "rate_table" and stand.rate_table != resource:  # its wire is elsewhere, messages name the bench file's
         settings["port"] = stand.rate_table

@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from vcfbench import __version__
-from vcfbench.cli import analyze, bench, run, runs, sim, talk
+from vcfbench.cli import analyze, bench, run, runs, safe, sim, talk
 from vcfbench.cli.ending import EarlyAndLate, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
 
@@ -107,6 +107,7 @@ app.add_typer(runs.app, name="runs")
 app.add_typer(bench.app, name="bench")
 app.add_typer(sim.app, name="sim")
 app.command("talk")(talk.talk)
+app.command("safe")(safe.safe)
 
 
 def main() -> None:

@@ -18,7 +18,8 @@ from vcfbench.models import find_language, find_model, model_names, resolve
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
-    from vcfbench.drivers.rate_table.dialect import Header
+    from vcfbench.drivers.rate_table.dialect import Header, TableDialect
+    from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.interfaces import Instrument
 
 __all__ = [
@@ -48,6 +49,8 @@ class TableSettings:
     rest_tolerance_deg_s: float = 0.05
     port: str | None = None
     """What is opened instead of the resource, which messages name all the same."""
+    upon_connecting: Callable[[TableLine, TableDialect], None] | None = None
+    """Called with the open line and its language before anything is asked."""
 
 
 Opener = Callable[[str, str, str, "Clock", Mapping[str, Any]], "Instrument"]
@@ -114,6 +117,8 @@ def _table(name: str) -> Driver:
             resource=resource,
         )
         try:
+            if told.upon_connecting is not None:
+                told.upon_connecting(line, speech.dialect)
             return RateTableDriver(
                 line,
                 speech.dialect,
@@ -144,6 +149,8 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
             write_pause_s=_pause_s(driver_class, resource, told.serial_pause_s),
         )
         try:
+            if told.upon_connecting is not None:
+                told.upon_connecting(session, driver_class.safe_words)
             made: Any = driver_class.opened(session, told)
         except BaseException:
             session.close()

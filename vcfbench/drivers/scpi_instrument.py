@@ -36,6 +36,8 @@ class VisaSettings:
     mains_hz: float = 50.0
     serial_pause_s: float | None = None
     """Pause after a command on RS-232; None is what the model needs."""
+    upon_connecting: Callable[[Session, tuple[str, ...]], None] | None = None
+    """Called with the open session and the driver's safe words before anything is asked."""
 
 
 class ScpiInstrument:

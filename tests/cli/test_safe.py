@@ -1,0 +1,120 @@
+"""``vcfbench safe``: a bench that was left live is brought to rest, switched off, and both are proved."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+from tests.bench.test_holding import SCRIPT, what_is_on
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.safing import safe_bench
+from vcfbench.bench.writing import bench_text
+from vcfbench.cli.main import app
+from vcfbench.testing.benches import serve_simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.testing.benches import ServedLab
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def lab() -> Iterator[ServedLab]:
+    with serve_simulated() as served:
+        yield served
+
+
+def bench_file(lab: ServedLab, folder: Path) -> Path:
+    bench = lab.on_wires()
+    quick = {role: structs.replace(getattr(bench, role), timeout_s=0.3) for role in ("power", "rate_source")}
+    path = folder / "served.toml"
+    path.write_text(bench_text(structs.replace(bench, **quick)), encoding="utf-8")
+    return path
+
+
+def left_live(path: Path, end: str) -> subprocess.Popen[str]:
+    """Start a program that turns the table, switches everything on, and then does `end`."""
+    command = [sys.executable, "-c", SCRIPT + end, str(path)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT)  # noqa: S603
+    assert process.stdout is not None
+    assert process.stdout.readline() == "<Bench paper, open> 50\n"
+    return process
+
+
+def call(path: Path, *options: str) -> tuple[int, str, str]:
+    while True:
+        done = CliRunner().invoke(app, ["safe", "--bench", str(path), *options])
+        if "leads the clock" not in done.stderr:  # the server has not yet seen that the one before has gone
+            return done.exit_code, done.stdout, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
+@pytest.mark.parametrize("deaf", [None, "power"])
+def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path: Path, deaf: str | None) -> None:
+    path = bench_file(lab, tmp_path)
+    with left_live(path, "os.kill(os.getpid(), signal.SIGKILL)"):
+        pass
+    assert len(what_is_on(lab)) == 4
+    if deaf is not None:
+        lab.fault(deaf, "silent")
+    code, out, err = call(path, "--json")
+    answer: dict[str, Any] = json.loads(out)
+    told = answer["instruments"]
+    assert what_is_on(lab) == []
+    assert list(told) == ["rate_table", "rate_source", "power"]
+    assert told["rate_table"]["found"].startswith("turning at ")
+    assert told["rate_source"]["found"] == "on, level 0.5 V"
+    assert {role for role, each in told.items() if not each["safe"]} == ({deaf} if deaf else set())
+    assert (code, answer["safe"]) == ((0, True) if deaf is None else (5, False))
+    if deaf is None:
+        assert re.fullmatch(r"on, P6V \S+ V, P25V (10|9\.99) V, N25V -(10|9\.99) V", told["power"]["found"])
+        assert err == ""
+    else:
+        assert told["power"]["found"] is None
+        assert "NOT SAFE: power at " in err
+
+
+def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: ServedLab, tmp_path: Path) -> None:
+    path = bench_file(lab, tmp_path)
+    process = left_live(path, "sys.stdin.read()")
+    try:
+        code, _, err = call(path)
+        assert code == 3
+        assert f"in use by process {process.pid} of " in err
+        assert "end that process, it makes its bench safe; or --force" in err
+        assert len(what_is_on(lab)) == 4
+        code, out, err = call(path, "--force")
+        assert (code, err) == (0, "")
+        assert what_is_on(lab) == []
+        assert [line.split()[0] for line in out.splitlines()[-3:]] == ["rate_table", "rate_source", "power"]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_bench_at_rest_is_found_at_rest() -> None:
+    done = safe_bench(load_bench(None))
+    assert [(each.role, each.found) for each in done.instruments] == [
+        ("rate_table", "at rest"),
+        ("rate_source", "off"),
+        ("power", "off"),
+    ]
+    assert done.failure() is None
+
+
+def test_an_instrument_that_is_not_there_keeps_no_other_from_being_proved(lab: ServedLab) -> None:
+    bench = lab.on_wires()
+    gone = structs.replace(bench.rate_source, resource="TCPIP::127.0.0.1::1::SOCKET", timeout_s=0.3)
+    done = safe_bench(structs.replace(bench, rate_source=gone))
+    assert [each.safe for each in done.instruments] == [True, False, True]
+    assert "told upon connecting, if it hears at all, but not proved" in str(done.failure())

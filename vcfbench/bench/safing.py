@@ -1,0 +1,185 @@
+"""Makes a bench safe from whatever state it is found in: after a crash, or because somebody must go to it now.
+
+Everything that drives something is told to stop or to switch off upon connecting, before it is asked who it is; only
+then it is opened properly, made safe and proved. What does not answer keeps nothing else from being told and proved.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.bench.lock import InUse
+from vcfbench.bench.opening import open_role
+from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
+from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
+from vcfbench.bench.signals import StopSignals
+from vcfbench.bench.station import Station, station
+from vcfbench.clock import WallClock
+from vcfbench.errors import BenchError, ConnectFailed, NotSafe
+from vcfbench.interfaces import SafeReport
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.roles import Role
+    from vcfbench.drivers.rate_table.dialect import TableDialect
+    from vcfbench.drivers.rate_table.line import TableLine
+    from vcfbench.drivers.session import Session
+
+__all__ = ["MadeSafe", "Safed", "safe_bench"]
+
+_LOOK_S: Final = 0.25
+"""How long a look at what is on may keep the words that switch it off."""
+_HURRY_S: Final = 0.5
+"""How long an instrument that does not answer may keep the next from being told."""
+_SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
+_GENERATOR: Final = {"level": "VOLT:OFFS?"}
+
+
+@dataclass(frozen=True, slots=True)
+class Safed:
+    """One instrument: what it was found doing (None: it did not say), whether it is proved safe, and by what."""
+
+    role: str
+    resource: str
+    found: str | None
+    safe: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class MadeSafe:
+    """What making a bench safe came to, in the order in which it was done."""
+
+    instruments: tuple[Safed, ...]
+    reports: tuple[SafeReport, ...]
+
+    def failure(self) -> NotSafe | None:
+        """Return the error that names what is not proved safe, None when all is."""
+        error = not_safe(self.reports)
+        if error is not None:
+            error.reports = self.reports
+        return error
+
+
+def safe_bench(description: BenchDescription, *, force: bool = False) -> MadeSafe:
+    """Make everything on the bench that drives something safe, whatever it is doing, and say what it was found doing.
+
+    With `force` also when another process has the bench, which may switch things on again.
+
+    Raises:
+        InUse: another process has the bench.
+        ConnectFailed: a served bench is not served, or its time is led by another connection.
+        NotSafe: it was broken off by a third signal.
+    """
+    with StopSignals() as signals, ExitStack() as stack:
+        stand = _station(description, stack, force=force)
+        signals.unwind()  # nothing here can be stopped half-way and be called safe
+        try:
+            return _made_safe(description, stand)
+        except LeaveNow:
+            raise NotSafe(
+                "NOT SAFE: making safe was ended by a third signal", hint="look at every instrument"
+            ) from None
+        finally:
+            signals.close()
+
+
+def _station(description: BenchDescription, stack: ExitStack, *, force: bool) -> Station:
+    try:
+        return stack.enter_context(station(description, None, None))
+    except (InUse, ConnectFailed) as error:
+        if not force:
+            if isinstance(error, InUse):
+                error.hint = f"end that process, it makes its bench safe; or --force speaks beside it; {error.hint}"
+            raise
+    return Station(WallClock(), description.visa_library, description.rate_table.resource)
+
+
+def _made_safe(description: BenchDescription, stand: Station) -> MadeSafe:
+    roles = sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage)
+    first = {role.name: _told_first(role, description, stand) for role in roles}
+    safety = SafetyStack(stand.clock, patience=stand.patience)
+    reports: dict[str, SafeReport] = {}
+    for role in roles:
+        try:
+            instrument, _ = open_role(role.name, description, stand)
+        except BenchError as error:
+            reports[role.name] = _silent(role, description, error)
+        else:
+            safety.register(safe_action(role, instrument, description))
+    try:
+        reports |= {report.instrument: report for report in safety.make_safe()}
+    finally:
+        safety.close()
+    ordered = [reports[role.name] for role in roles]
+    return MadeSafe(tuple(map(_safed, ordered, first.values())), tuple(ordered))
+
+
+def _stage(role: Role) -> Stage:
+    return role.stage
+
+
+def _safed(report: SafeReport, found: str | None) -> Safed:
+    detail = report.detail if report.told is None else f"{report.told}; {report.detail}"
+    return Safed(report.instrument, report.resource, found, report.safe, detail)
+
+
+def _silent(role: Role, description: BenchDescription, error: BenchError) -> SafeReport:
+    resource = getattr(description, role.name).resource
+    what = f"told upon connecting, if it hears at all, but not proved: {error}"
+    return SafeReport(role.name, resource, safe=False, detail=what)
+
+
+class _Told(Exception):
+    """The instrument was told; that is all that its connection was for."""
+
+
+def _told_first(role: Role, description: BenchDescription, stand: Station) -> str | None:
+    """Connect, tell the instrument to stop or to switch off, and return what it was found doing, if it says so."""
+    hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
+    found: list[str] = []
+
+    def table_connected(line: TableLine, dialect: TableDialect) -> None:
+        line.say_blind(dialect.stop_words(None), dialect.gap_s)
+        raise _Told
+
+    def session_connected(session: Session, words: Sequence[str]) -> None:
+        session.declare_safe(
+            *(("SYST:REM",) if session.interface == "asrl" else ()), *words
+        )  # in local it hears nothing
+        with suppress(BenchError):  # it does not say what is on; it may hear all the same
+            found.append(_look(role, session))
+        session.command_safe()
+        raise _Told
+
+    moves = role.stage is Stage.MOTION
+    connected = table_connected if moves else session_connected
+    with suppress(_Told, BenchError):  # who cannot be connected to is named when it is to be proved
+        open_role(role.name, description, stand, timeout_s=hurry_s, upon_connecting=connected)
+    with suppress(BenchError):
+        return _rate(role, description, stand, hurry_s) if moves else found[0] if found else None
+    return None
+
+
+def _rate(role: Role, description: BenchDescription, stand: Station, hurry_s: float) -> str:
+    """Return what the table is doing just after it was told to stop: it takes its time to come to rest."""
+    table: Any
+    table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
+    try:
+        rate_deg_s = table.rate_deg_s()
+    finally:
+        table.close()
+    return "at rest" if abs(rate_deg_s) <= STILL_DEG_S else f"turning at {rate_deg_s:.3g} deg/s, already told to stop"
+
+
+def _look(role: Role, session: Session) -> str:
+    """Ask what is on, before it is switched off; the volts only of what answers."""
+    if not session.query_bool("OUTP?", session.deadline(_LOOK_S)):
+        return "off"
+    asked = _SUPPLY if role.stage is Stage.POWER else _GENERATOR
+    volts = {what: session.query_number(question, session.deadline(_LOOK_S)) for what, question in asked.items()}
+    return f"on, {', '.join(f'{what} {volt:.3g} V' for what, volt in volts.items())}"

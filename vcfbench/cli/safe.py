@@ -1,0 +1,62 @@
+"""``vcfbench safe``: a bench brought to rest and switched off, from whatever state it is in."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vcfbench.cli.answer import answer, print_json
+
+if TYPE_CHECKING:
+    from vcfbench.bench.safing import MadeSafe
+
+__all__ = ["safe"]
+
+
+def safe(
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
+    ] = None,
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Also when another process has the bench: beside it.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
+    ] = False,
+) -> None:
+    """Stop the table, switch the outputs off, and prove it; say what was found on. Exit code 0 or 5."""
+    from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
+
+    description = load_bench(bench)
+    done = safe_bench(description, force=force)
+
+    def show() -> None:
+        if json:
+            print_json(_json(description.name, done))
+        else:
+            _print(description.title, done)
+
+    answer(show, done.failure())
+
+
+def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
+    import msgspec  # noqa: PLC0415
+
+    return {
+        "bench": bench,
+        "safe": done.failure() is None,
+        "instruments": {each.role: msgspec.to_builtins(each) for each in done.instruments},
+    }
+
+
+def _print(title: str, done: MadeSafe) -> None:
+    from vcfbench.report.table import columns  # noqa: PLC0415
+
+    rows = (
+        (each.role, each.found or "not known", "safe" if each.safe else "NOT SAFE", each.detail)
+        for each in done.instruments
+    )
+    typer.echo(f"{title}\n\n{columns(('role', 'found', 'now', 'proof'), rows, str.ljust)}")
