@@ -26,6 +26,7 @@ from vcfbench.procedures.steps import (
     SetRate,
     Settle,
     SetVvc,
+    VerifyZero,
 )
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ def words(steps: list[Step]) -> list[str]:
                 said.append(f"V_Vc {step.v_vc_v:g}")
             case Settle():
                 said.append(f"settle {step.seconds:g}")
+            case VerifyZero():
+                said.append("the zero again")
             case Acquire():
                 said.append(f"acquire {step.step}: {step.rate_deg_s:g} deg/s, {step.v_vc_v:g} V")
             case ConfigureRail():
@@ -75,6 +78,8 @@ START_UP = [
     "AwaitDrive",
     "EnableTable",
 ]
+
+ZERO_AGAIN = ["settle 2", "the zero again"]
 
 SHUT_DOWN = ["# Shut down", "rate 0", "AwaitRate", "DisableTable", "DisableVvc", "DisableSupply"]
 
@@ -100,6 +105,7 @@ def test_turntable_reads_like_the_work_instruction() -> None:
         *START_UP,
         "# Step 1: the table turns at each rate, generator off",
         *table_sweep(1),
+        *ZERO_AGAIN,
         *SHUT_DOWN,
     ]
 
@@ -149,6 +155,7 @@ def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
         "EnableVvc",
         *virtual_sweep(),
         "V_Vc 0",
+        *ZERO_AGAIN,
         *SHUT_DOWN,
     ]
 

@@ -21,20 +21,20 @@ class Terminal(io.StringIO):
 
 def follow(bench: FakeBench, kind: type[LineProgress | LiveProgress]) -> str:
     stream = Terminal()
-    with kind(stream, 221.0) as progress:
+    with kind(stream, 233.0) as progress:
         Executor(bench, MemoryJournal(), [progress]).execute(PROCEDURES["turntable"].plan(make_settings()))
     return stream.getvalue()
 
 
 def test_one_plain_line_a_step_with_bench_time_and_time_left() -> None:
     lines = follow(FakeBench(), LineProgress).splitlines()
-    assert lines[0] == "     0.0 s     221 s left  * Start-up"
+    assert lines[0] == "     0.0 s     233 s left  * Start-up"
     averaged = next(line for line in lines if "average" in line)
     assert averaged.startswith(
-        "    16.0 s     205 s left  average 10 readings, one every 1 s: +200 deg/s, V_Vc +0 V -> "
+        "    16.0 s     217 s left  average 10 readings, one every 1 s: +200 deg/s, V_Vc +0 V -> "
     )
     assert averaged.endswith("-> -2.54200 V, s 0.0e+00 V")
-    assert len(lines) == 11 + 1 + 17 * 4 + 2 + 6
+    assert len(lines) == 11 + 1 + 17 * 4 + 2 + 2 + 6
     assert all(line.isascii() for line in lines)
 
 
@@ -64,7 +64,7 @@ def test_below_them_stands_how_far_it_is_and_when_it_ends(monkeypatch: pytest.Mo
     monkeypatch.setenv("TERM", "xterm")
     lines = shown(follow(FakeBench(), LiveProgress))
     status = [line for line in lines if re.fullmatch(r" *\d+ %  \d+:\d\d left, ends \d\d:\d\d", line)]
-    assert status[0].startswith("  0 %  3:41 left")
+    assert status[0].startswith("  0 %  3:53 left")
     assert status[-1].startswith(" 97 %  0:00 left")  # the bench of these tests takes no time to answer
 
 
@@ -105,7 +105,7 @@ def test_a_terminal_that_is_gone_disturbs_nothing(kind: type[LineProgress | Live
     if closed:
         stream.close()
     journal = MemoryJournal()
-    with kind(stream, 221.0) as progress:
+    with kind(stream, 233.0) as progress:
         done = Executor(FakeBench(), journal, [progress]).execute(PROCEDURES["turntable"].plan(make_settings()))
     assert done.status is Status.COMPLETE
 
@@ -120,7 +120,7 @@ def test_a_terminal_that_stands_still_holds_nothing_up(kind: type[LineProgress |
     screen, line = pty.openpty()
     with open(screen, "rb", buffering=0), open(line, "w", encoding="utf-8") as stream:  # noqa: PTH123
         termios.tcflow(line, termios.TCOOFF)
-        with kind(stream, 221.0) as progress:
+        with kind(stream, 233.0) as progress:
             done = Executor(FakeBench(), MemoryJournal(), [progress]).execute(
                 PROCEDURES["turntable"].plan(make_settings())
             )

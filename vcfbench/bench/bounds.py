@@ -22,17 +22,25 @@ __all__ = [
     "Latitude",
     "LeastRail",
     "NegativeRail",
+    "NoiseWindow",
+    "OutputDrift",
+    "OutputSlopeWindow",
+    "OutputWindow",
     "Pause",
+    "PercentWindow",
     "PhaseWindow",
     "PositiveRail",
+    "PpmWindow",
     "Rate",
     "RateLimit",
     "RateTolerance",
+    "RateWindow",
     "Rates",
     "Samples",
     "Seconds",
     "Settling",
     "Slope",
+    "SlopeWindow",
     "StartUp",
     "StepsPerDegree",
     "VVcLimit",
@@ -100,3 +108,20 @@ PhaseWindow = tuple[Annotated[float, Meta(ge=-360.0, le=360.0)], Annotated[float
 """deg: a turn either way."""
 StartUp = Annotated[float, Meta(ge=0.01, le=600.0)]
 """s: a drive loop's start."""
+
+OutputWindow = tuple[Annotated[float, Meta(ge=-1e3, le=1e3)], Annotated[float, Meta(ge=-1e3, le=1e3)]]
+"""V: what the multimeter reads."""
+OutputDrift = Annotated[float, Meta(ge=0.0, le=1e3)]
+"""V: from none to all that the multimeter reads."""
+NoiseWindow = tuple[Annotated[float, Meta(ge=0.0, le=10.0)], Annotated[float, Meta(ge=0.0, le=10.0)]]
+"""V: standard deviation of one reading; with more of it, nothing is measured."""
+OutputSlopeWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]
+"""V/(deg/s): at 100, the least rate of a table overloads the multimeter."""
+SlopeWindow = tuple[Slope, Slope]
+"""(deg/s)/V: as the guess of K_Vc."""
+RateWindow = tuple[Rate, Rate]
+"""deg/s: as rates."""
+PpmWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]
+"""ppm: from straight to as large as what it is a part of."""
+PercentWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]
+"""%: from one to the other."""

@@ -14,7 +14,7 @@ from vcfbench.models import ROLES, find_language, find_model, languages, models_
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.description import BenchDescription, Node, Window
+    from vcfbench.bench.description import BenchDescription, Node
 
 __all__ = ["misfits"]
 
@@ -147,14 +147,15 @@ def _sampling(description: BenchDescription) -> Iterator[Misfit]:
 
 def _windows(description: BenchDescription) -> Iterator[Misfit]:
     drive = description.procedure.drive
-    windows: tuple[tuple[str, Window], ...] = (
-        ("frequency_hz", drive.frequency_hz),
-        ("amplitude_v", drive.amplitude_v),
-        ("phase_deg", drive.phase_deg),
+    tables: tuple[tuple[str, Struct], ...] = (
+        ("procedure.drive", drive),
+        ("expected", description.expected),
+        ("acceptance", description.acceptance),
     )
-    for key, (low, high) in windows:
-        if not low < high:
-            yield Misfit(f"procedure.drive.{key}", "a window [low, high] with low below high", [low, high])
+    for name, table in tables:
+        for key, window in structs.asdict(table).items():
+            if isinstance(window, tuple) and not window[0] < window[1]:
+                yield Misfit(f"{name}.{key}", "a window [low, high] with low below high", list(window))
 
 
 def _resources(description: BenchDescription) -> Iterator[Misfit]:

@@ -21,17 +21,25 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     Latitude,
     LeastRail,
     NegativeRail,
+    NoiseWindow,
+    OutputDrift,
+    OutputSlopeWindow,
+    OutputWindow,
     Pause,
+    PercentWindow,
     PhaseWindow,
     PositiveRail,
+    PpmWindow,
     Rate,
     RateLimit,
     Rates,
     RateTolerance,
+    RateWindow,
     Samples,
     Seconds,
     Settling,
     Slope,
+    SlopeWindow,
     StartUp,
     StepsPerDegree,
     VoltageTolerance,
@@ -40,8 +48,10 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
 )
 
 __all__ = [
+    "Acceptance",
     "BenchDescription",
     "DriveWindow",
+    "Expected",
     "FunctionGeneratorRole",
     "Limits",
     "MultimeterRole",
@@ -229,6 +239,28 @@ class ProcedureSettings(_Part, frozen=True, kw_only=True):
     drive: DriveWindow = field(default_factory=DriveWindow)
 
 
+class Expected(_Part, frozen=True, kw_only=True):
+    """What this gyroscope should show: a run that shows something else is ended. Each window ``[low, high]``."""
+
+    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
+    bias_v: OutputWindow | None = None
+    k_vc_deg_s_per_v: SlopeWindow | None = None
+    reading_noise_v: NoiseWindow | None = None
+    zero_drift_v: OutputDrift | None = None
+
+
+class Acceptance(_Part, frozen=True, kw_only=True):
+    """Limits of the results, each ``[low, high]``: a run whose results are outside has failed, with exit code 1."""
+
+    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
+    bias_v: OutputWindow | None = None
+    bias_deg_s: RateWindow | None = None
+    nonlinearity_ppm: PpmWindow | None = None
+    reading_noise_v: NoiseWindow | None = None
+    k_vc_deg_s_per_v: SlopeWindow | None = None
+    scale_factor_error_percent: PercentWindow | None = None
+
+
 class SimulationErrors(_Part, frozen=True, kw_only=True):
     """The imperfections of each simulated instrument.
 
@@ -280,6 +312,8 @@ class BenchDescription(_Part, frozen=True, kw_only=True):
     limits: Limits
     site: Site
     procedure: ProcedureSettings = field(default_factory=ProcedureSettings)
+    expected: Expected = field(default_factory=Expected)
+    acceptance: Acceptance = field(default_factory=Acceptance)
     simulation: Simulation | None = None
     served: Served | None = None
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.ending import EarlyAndLate
     from vcfbench.interfaces import Identity, SafeReport
+    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.procedures.catalogue import Procedure
     from vcfbench.procedures.executor import Execution, Observer
     from vcfbench.procedures.rehearsal import Rehearsed
@@ -71,6 +72,8 @@ def conduct(name: str, options: RunOptions, ending: EarlyAndLate | None = None) 
     if unwritten is not None:
         unwritten.hint = None if report.directory is None else f"it is in the record {report.directory.path}"
         raise unwritten
+    if report.acceptance is not None and not report.acceptance.passed:
+        raise typer.Exit(1)  # no error: a limit of the results failed
 
 
 @dataclass(slots=True)
@@ -83,6 +86,7 @@ class RunReport:
     directory: RunDirectory | None = None
     execution: Execution | None = None
     results: dict[str, Any] | None = None
+    acceptance: Acceptance | None = None
     error: BenchError | None = None
 
     @property
@@ -108,6 +112,8 @@ class RunReport:
             "bench_seconds": 0.0 if execution is None else execution.bench_seconds,
             "points": [point.as_json() for point in self.points],
             "results": self.results or {},
+            "acceptance": None if self.acceptance is None else self.acceptance.as_json(),
+            "asked_again": [] if execution is None else list(execution.asked_again),
         }
         return answer if self.error is None else {**answer, "error": str(self.error)}
 
@@ -119,9 +125,13 @@ class RunReport:
             self._show_text(self.execution)
 
     def _show_text(self, execution: Execution) -> None:
-        from vcfbench.report.table import summary  # noqa: PLC0415
+        from vcfbench.report.table import summary, verdicts  # noqa: PLC0415
 
         typer.echo(summary(self.procedure, self.points, self.results or {}))
+        if self.acceptance is not None:
+            typer.echo(f"\n{verdicts(self.acceptance)}")
+        for said in execution.asked_again:
+            typer.echo(f"\nasked again: {said}")
         typer.echo(
             f"\n{self.status}: {execution.bench_seconds:.1f} s of bench time, "
             f"{execution.physical_minimum_s:.1f} s of it windows, ramps and settling"
@@ -162,7 +172,7 @@ def _match(name: str) -> Any:
 def _rehearse(procedure: Procedure, settings: CalibrationSettings) -> list[Rehearsed]:
     from vcfbench.procedures.rehearsal import StraightGyro, rehearse  # noqa: PLC0415
 
-    return list(rehearse(procedure.plan(settings), StraightGyro(settings.k_vc_guess)))
+    return list(rehearse(procedure.plan(settings), StraightGyro.expected(settings)))
 
 
 def _estimate_s(rehearsed: Sequence[Rehearsed]) -> float:
@@ -351,8 +361,11 @@ class Record:
             report.directory = None
 
     def _compute(self) -> None:
+        from vcfbench.procedures.acceptance import judged  # noqa: PLC0415
+
         try:
             self.report.results = self.procedure.results(self.settings, self.report.points)
+            self.report.acceptance = judged(self.settings.acceptance, self.report.results, self.report.points)
         except ConfigError as error:
             _take_error(self.report, MeasurementError(f"the points give no result: {error.what}"))
 

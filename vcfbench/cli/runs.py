@@ -12,6 +12,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
 if TYPE_CHECKING:
+    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
 
@@ -124,6 +125,8 @@ def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
         "points": [point.as_json() for point in record.points],
         "results": results,
         "no_results": why_none,
+        "acceptance": None if (acceptance := _acceptance(record, results)) is None else acceptance.as_json(),
+        "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
         "versions": record.header.get("versions", {}),
@@ -151,8 +154,18 @@ def _results(record: JournalRecord) -> tuple[dict[str, Any], str | None]:
         return {}, f"the points give no result: {_plain(error)}"
 
 
+def _acceptance(record: JournalRecord, results: dict[str, Any]) -> Acceptance | None:
+    """Judge the results by the limits that the bench file had when they were measured."""
+    from vcfbench.procedures.acceptance import judged  # noqa: PLC0415
+    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
+
+    if not results:
+        return None
+    return judged(CalibrationSettings.from_json(record.header["settings"]).acceptance, results, record.points)
+
+
 def _print_record(directory: RunDirectory, record: JournalRecord) -> None:
-    from vcfbench.report.table import summary  # noqa: PLC0415
+    from vcfbench.report.table import summary, verdicts  # noqa: PLC0415
 
     line = _line(directory)
     results, why_none = _results(record)
@@ -161,6 +174,11 @@ def _print_record(directory: RunDirectory, record: JournalRecord) -> None:
         f"seed {_plain(line['seed'])}, {line['points']} points, began {_plain(record.header.get('utc'))}\n"
     )
     typer.echo(summary(str(line["procedure"]), record.points, results))
+    if (acceptance := _acceptance(record, results)) is not None:
+        typer.echo(f"\n{verdicts(acceptance)}")
+    for step in record.steps:
+        for said in step.get("asked_again", ()):
+            typer.echo(f"\nasked again: step {_plain(step.get('n'))}: {_plain(said)}")
     if why_none is not None:
         typer.echo(f"\nno results: {why_none}")
     for error in record.errors:

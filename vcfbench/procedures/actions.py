@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from vcfbench.clock import Deadline, sleep
-from vcfbench.errors import InterlockError, MeasurementError
+from vcfbench.errors import FramingError, InterlockError, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures import steps
+from vcfbench.procedures.scatter import NoiseSeen
 from vcfbench.procedures.steps import (
     Acquire,
     AwaitDrive,
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import FunctionGenerator, Instrument, Multimeter, Oscilloscope, PowerSupply, RateTable
 
 __all__ = ["BenchActor", "OpenBench"]
+
+_T = TypeVar("_T")
 
 _POLL_S = 0.05
 """How often the table is asked whether it is at its rate, s."""
@@ -86,12 +89,15 @@ class OpenBench(Protocol):
 class BenchActor:
     """Performs steps on `bench`; `hear` is called with every reading as it comes.
 
-    `readings` holds those of the window under way, so that a window that fails leaves them behind.
+    `readings` holds those of the window under way, so that a window that fails leaves them behind. `asked_again` says
+    what was answered, in the step under way, that could not be believed, so that it was asked once more.
     """
 
     bench: OpenBench
     hear: Callable[[Reading], None]
     readings: list[Reading] = field(default_factory=list)
+    asked_again: list[str] = field(default_factory=list)
+    _noise: NoiseSeen | None = None
 
     def perform(self, step: Step) -> StepResult:  # noqa: C901, PLR0911, PLR0912  # one case a kind of step: this *is* the table
         """Do one step and return what came of it.
@@ -100,6 +106,7 @@ class BenchActor:
             BenchError: the instrument, the wire or the bench did not let it be done.
         """
         self.readings.clear()
+        self.asked_again.clear()
         match step:
             case steps.Note():
                 return Done()
@@ -112,13 +119,13 @@ class BenchActor:
             case AwaitRate():
                 return self._await_rate(step)
             case SetVvc():
-                return VvcSetting(self.bench.rate_source.set_dc(step.v_vc_v))
+                return VvcSetting(self._believable(lambda: self.bench.rate_source.set_dc(step.v_vc_v)))
             case steps.EnableVvc():
                 return self._enable_v_vc()
             case steps.DisableVvc():
                 return self._disable_v_vc()
             case ConfigureGenerator():
-                return VvcSetting(self.bench.rate_source.configure_dc(step.v_vc_v))
+                return VvcSetting(self._believable(lambda: self.bench.rate_source.configure_dc(step.v_vc_v)))
             case ConfigureMeter():
                 self.bench.multimeter.configure_dc_voltage(step.range_v, step.nplc)
             case ConfigureRail():
@@ -139,6 +146,22 @@ class BenchActor:
                 raise TypeError(f"{type(step).__name__} is no step that a bench can perform")
         return Done()
 
+    def _believable(self, ask: Callable[[], _T], doubt: Callable[[_T], str] = lambda _: "") -> _T:
+        """Ask, and once more where the answer is none or `doubt` says something against it; that is written down.
+
+        Asking again moves nothing: `ask` reads, or sets what is set already. The second answer is as it is: whoever
+        asked says what is wrong with it.
+        """
+        try:
+            answer = ask()
+        except FramingError as error:
+            self.asked_again.append(str(error))
+            return ask()
+        if said := doubt(answer):
+            self.asked_again.append(said)
+            return ask()
+        return answer
+
     def _settle(self, step: Settle) -> Done:
         sleep(self.bench.clock, step.seconds)
         return Done()
@@ -158,16 +181,24 @@ class BenchActor:
         return Done()
 
     def _check_rails(self, step: CheckRails) -> RailsReading:
-        readings = tuple(self._read_rail(rail.output) for rail in step.rails)
-        for rail, reading in zip(step.rails, readings, strict=True):
-            self._demand_regulated(reading)
-            if abs(reading.voltage_v - rail.voltage_v) > step.tolerance_v:
-                raise _problem(
-                    self.bench.power,
-                    f"{rail.output} reads {reading.voltage_v:+.4g} V, "
-                    f"expected {rail.voltage_v:+g} V within {step.tolerance_v:g} V",
-                )
-        return RailsReading(readings)
+        return RailsReading(tuple(self._rail_within(rail, step.tolerance_v) for rail in step.rails))
+
+    def _rail_within(self, rail: ConfigureRail, tolerance_v: float) -> RailReading:
+        """Read one rail back; it must be regulated and within `tolerance_v` of its level."""
+
+        def off(reading: RailReading) -> str:
+            if abs(reading.voltage_v - rail.voltage_v) <= tolerance_v:
+                return ""
+            return (
+                f"{rail.output} reads {reading.voltage_v:+.4g} V, "
+                f"expected {rail.voltage_v:+g} V within {tolerance_v:g} V"
+            )
+
+        reading = self._believable(lambda: self._read_rail(rail.output), off)
+        self._demand_regulated(reading)
+        if said := off(reading):
+            raise _problem(self.bench.power, said)
+        return reading
 
     def _read_rail(self, output: str) -> RailReading:
         power = self.bench.power
@@ -231,20 +262,40 @@ class BenchActor:
                 f"reading {number + 1} of {step.samples} began {t_s - instant_s:.2g} s late: "
                 f"the meter cannot follow one reading every {step.interval_s:g} s",
             )
-        reading = Reading(t_s, meter.read_voltage_v())
+        reading = Reading(t_s, self._believable(meter.read_voltage_v))
         self.readings.append(reading)
         self.hear(reading)
 
     def _window(self, step: Acquire) -> Window:
         table = self.bench.rate_table
-        rails = tuple(self._read_rail(output) for output in step.rails)
-        for rail in rails:
-            self._demand_regulated(rail)
+        rails = tuple(self._rail_within(rail, step.rail_tolerance_v) for rail in step.rails)
         self._demand_no_fault()
-        reading = table.rate_deg_s()
-        if abs(reading - step.table_deg_s) > step.tolerance_deg_s:
-            raise _problem(table, f"left {step.table_deg_s:+g} deg/s during the window: reads {reading:+.5g} deg/s")
-        return Window(tuple(self.readings), reading, rails)
+
+        def left(reading: float) -> str:
+            if abs(reading - step.table_deg_s) <= step.tolerance_deg_s:
+                return ""
+            return f"left {step.table_deg_s:+g} deg/s during the window: reads {reading:+.5g} deg/s"
+
+        reading = self._believable(table.rate_deg_s, left)
+        if said := left(reading):
+            raise _problem(table, said)
+        window = Window(tuple(self.readings), reading, rails)
+        self._demand_plausible(window, step)
+        return window
+
+    def _demand_plausible(self, window: Window, step: Acquire) -> None:
+        """See that the readings scatter as expected, and as those of the run do."""
+        if step.noise_v is not None and not step.noise_v[0] <= window.std_v <= step.noise_v[1]:
+            low_v, high_v = step.noise_v
+            raise _problem(
+                self.bench.multimeter,
+                f"the readings scatter by {window.std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
+                "(expected.reading_noise_v)",
+            )
+        if self._noise is None:
+            self._noise = NoiseSeen(step.resolution_v)
+        if said := self._noise.doubt([reading.voltage_v for reading in window.readings]):
+            raise _problem(self.bench.multimeter, f"{said}; a mean of them is no measurement")
 
 
 @dataclass(slots=True)

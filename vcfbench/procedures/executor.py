@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.errors import Aborted, BenchError
 from vcfbench.procedures.actions import BenchActor
-from vcfbench.procedures.steps import Acquire, Reading, Step, StepResult, Window
+from vcfbench.procedures.steps import Acquire, Reading, Step, StepResult, VerifyZero, Window
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
@@ -102,7 +102,8 @@ class Execution:
     """How a plan went: status, the points kept, the first error, and times in bench seconds.
 
     `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
-    below which no controller can come with this table and this settling.
+    below which no controller can come with this table and this settling. `asked_again` says which answers could not be
+    believed, and in which step, so that they were asked for once more.
     """
 
     status: Status
@@ -110,6 +111,7 @@ class Execution:
     error: BenchError | None
     bench_seconds: float
     physical_minimum_s: float
+    asked_again: tuple[str, ...] = ()
 
 
 @dataclass(slots=True)
@@ -123,6 +125,7 @@ class Executor:
     _started_s: float = field(init=False)
     _number: int = field(init=False, default=0)
     _points: list[Point] = field(init=False, default_factory=list)
+    _asked_again: list[str] = field(init=False, default_factory=list)
     _physical_s: float = field(init=False, default=0.0)
     _error: BenchError | None = field(init=False, default=None)
     _walked: bool = field(init=False, default=False)
@@ -152,6 +155,7 @@ class Executor:
             self._error,
             self._now(),
             self._physical_s,
+            tuple(self._asked_again),
         )
 
     def _walk(self, plan: Plan) -> None:
@@ -187,7 +191,10 @@ class Executor:
 
     def _write(self, step: Step, result: StepResult, start_s: float) -> None:
         line = {**self._line(step), "t_s": start_s, "end_s": self._now(), **_named("result", result)}
-        if isinstance(step, Acquire) and isinstance(result, Window):
+        if self._actor.asked_again:
+            line["asked_again"] = list(self._actor.asked_again)
+            self._asked_again += (f"step {self._number}: {said}" for said in self._actor.asked_again)
+        if isinstance(step, Acquire) and not isinstance(step, VerifyZero) and isinstance(result, Window):
             point = step.point(result)
             line["point"] = point.as_json()
             self._points.append(point)
@@ -204,6 +211,8 @@ class Executor:
         self._keep(error)
         partial_readings = [asdict(reading) for reading in self._actor.readings]
         line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": partial_readings}
+        if self._actor.asked_again:
+            line["asked_again"] = list(self._actor.asked_again)
         with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
             self.journal.error(line)
         self._tell(StepFailed(self._number, self._now(), step, error))

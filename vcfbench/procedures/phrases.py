@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from vcfbench.procedures.steps import (
     Acquire,
@@ -25,6 +25,7 @@ from vcfbench.procedures.steps import (
     SetVvc,
     Step,
     StepResult,
+    VerifyZero,
     VvcSetting,
     Window,
 )
@@ -33,7 +34,17 @@ if TYPE_CHECKING:
     from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.record.schema import Point
 
-__all__ = ["Phrase", "go_to_rate", "powered", "ramp_to", "set_v_vc", "start_up", "take", "v_vc_on"]
+__all__ = [
+    "Phrase",
+    "go_to_rate",
+    "powered",
+    "ramp_to",
+    "set_v_vc",
+    "start_up",
+    "take",
+    "take_zero_again",
+    "v_vc_on",
+]
 
 T = TypeVar("T")
 Phrase = Generator[Step, StepResult, T]
@@ -51,14 +62,17 @@ def power_up(settings: CalibrationSettings) -> Phrase[None]:
     yield ConfigureMeter(settings.meter_range_v, settings.nplc)
     yield DisableVvc()
     yield ConfigureGenerator(0.0)
-    rails = tuple(
-        ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails
-    )
+    rails = rails_of(settings)
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield EnableSupply()
     yield Settle(settings.start_up_s, "rails up, drive loop starts")
     yield CheckRails(rails, settings.rail_tolerance_v)
+
+
+def rails_of(settings: CalibrationSettings) -> tuple[ConfigureRail, ...]:
+    """Return what each rail is set to."""
+    return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
 
 
 def check_drive(settings: CalibrationSettings) -> Phrase[None]:
@@ -107,17 +121,27 @@ def take(
     settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float
 ) -> Phrase[Point]:
     """Average one window and return its point."""
-    acquire = Acquire(
-        step,
-        rate_deg_s,
-        v_vc_v,
-        table_deg_s,
-        settings.rate_tolerance_deg_s,
-        tuple(rail.output for rail in settings.rails),
-        settings.samples,
-        settings.sample_interval_s,
-    )
+    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **_window_of(settings))
     return acquire.point(answer((yield acquire), Window))
+
+
+def take_zero_again(settings: CalibrationSettings, step: int) -> Phrase[Point]:
+    """Average one window more at zero and return what it gives; it is for comparison and no point of the run."""
+    verify = VerifyZero(step, 0.0, 0.0, 0.0, **_window_of(settings))
+    return verify.point(answer((yield verify), Window))
+
+
+def _window_of(settings: CalibrationSettings) -> dict[str, Any]:
+    """Return what all windows of a run have in common."""
+    return {
+        "tolerance_deg_s": settings.rate_tolerance_deg_s,
+        "rails": rails_of(settings),
+        "rail_tolerance_v": settings.rail_tolerance_v,
+        "samples": settings.samples,
+        "interval_s": settings.sample_interval_s,
+        "resolution_v": settings.meter_resolution_v,
+        "noise_v": settings.expected.reading_noise_v,
+    }
 
 
 def powered(settings: CalibrationSettings, work: Phrase[T]) -> Phrase[T]:

@@ -29,6 +29,7 @@ from vcfbench.procedures.steps import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.procedures.steps import Plan
 
 __all__ = ["Rehearsed", "StraightGyro", "rehearse"]
@@ -47,13 +48,25 @@ class Rehearsed:
 class StraightGyro:
     """Answers every step as a bench would whose gyro is a straight line and whose K_Vc is as expected.
 
-    `k_vc` is in (deg/s)/V, `scale_factor` in V/(deg/s); the latter's value has no bearing on the order of the steps.
+    `k_vc` is in (deg/s)/V, `scale_factor` in V/(deg/s), `bias_v` in V; the latter two's values have no bearing on the
+    order of the steps.
     """
 
     k_vc: float
     scale_factor: float = -0.0125
+    bias_v: float = 0.0
     v_vc_v: float = 0.0
     enabled: bool = False
+
+    @classmethod
+    def expected(cls, settings: CalibrationSettings) -> StraightGyro:
+        """Return the gyro that the bench file expects: the middle of what it should show, or the guess of K_Vc."""
+        expected = settings.expected
+        return cls(
+            settings.k_vc_guess if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
+            -0.0125 if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
+            0.0 if expected.bias_v is None else _middle(expected.bias_v),
+        )
 
     def predict(self, step: Step) -> StepResult:  # noqa: PLR0911  # one case a kind of step
         """Return what `step` would give."""
@@ -77,9 +90,9 @@ class StraightGyro:
 
     def _window(self, step: Acquire) -> Window:
         rate_deg_s = step.table_deg_s + (self.k_vc * self.v_vc_v if self.enabled else 0.0)
-        output_v = self.scale_factor * rate_deg_s
+        output_v = self.bias_v + self.scale_factor * rate_deg_s
         readings = tuple(Reading(number * step.interval_s, output_v) for number in range(step.samples))
-        return Window(readings, step.table_deg_s, tuple(_rail(output, 0.0) for output in step.rails))
+        return Window(readings, step.table_deg_s, tuple(_rail(rail.output, rail.voltage_v) for rail in step.rails))
 
 
 def _rail(output: str, voltage_v: float) -> RailReading:

@@ -13,7 +13,16 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription, Node
 
-__all__ = ["PAPER_RATES_DEG_S", "CalibrationSettings", "DriveWindows", "Match", "RailSettings", "settings_of"]
+__all__ = [
+    "PAPER_RATES_DEG_S",
+    "CalibrationSettings",
+    "DriveWindows",
+    "Expected",
+    "Limit",
+    "Match",
+    "RailSettings",
+    "settings_of",
+]
 
 PAPER_RATES_DEG_S = (
     *(200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0),
@@ -62,12 +71,38 @@ class DriveWindows:
 
 
 @dataclass(frozen=True, slots=True)
+class Expected:
+    """What this gyroscope should show, each (least, most); None where nothing is known of it.
+
+    `scale_factor_v_per_deg_s` and `bias_v` (V) are those of the output on the table, `k_vc_deg_s_per_v` is K_Vc,
+    `reading_noise_v` the standard deviation of one reading within a window, V; `zero_drift_v` is the most that the
+    output may drift at one setting from one time it is measured to another, V.
+    """
+
+    scale_factor_v_per_deg_s: tuple[float, float] | None = None
+    bias_v: tuple[float, float] | None = None
+    k_vc_deg_s_per_v: tuple[float, float] | None = None
+    reading_noise_v: tuple[float, float] | None = None
+    zero_drift_v: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A result, by its key in the bench file's ``[acceptance]``, passes from `low` to `high`, both included."""
+
+    key: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationSettings:
     """All that turntable and virtual Coriolis calibration need to know.
 
     `k_vc_guess` is the K_Vc from which step 2 starts, (deg/s)/V; `match_iterations` is the most settings of V_Vc it
     may take, `match_windows` how many windows each mean that K_Vc hangs on is made of. `start_up_s` is the wait after
-    power-on, `rate_deadline_s` what a table may take beyond twice its ramp.
+    power-on, `rate_deadline_s` what a table may take beyond twice its ramp. A run that does not show what is `expected`
+    is ended; `acceptance` are the limits that its results are judged by.
     """
 
     rails: tuple[RailSettings, ...]
@@ -88,6 +123,8 @@ class CalibrationSettings:
     match_iterations: int = 4
     match_windows: int = 4
     rate_deadline_s: float = 10.0
+    expected: Expected = Expected()
+    acceptance: tuple[Limit, ...] = ()
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> CalibrationSettings:
@@ -109,6 +146,8 @@ def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> Cal
     Raises:
         ConfigError: the oscilloscope does not see the drive signal or the carrier.
     """
+    from msgspec import structs  # noqa: PLC0415  # the description is made of it, so it is there
+
     told, wiring = description.procedure, description.wiring.rails
     limit_a = told.rail_current_limit_a
     return CalibrationSettings(
@@ -130,6 +169,10 @@ def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> Cal
         rates_deg_s=told.rates_deg_s,
         match=match,
         match_rate_deg_s=told.match_rate_deg_s,
+        expected=Expected(**structs.asdict(description.expected)),
+        acceptance=tuple(
+            Limit(key, *window) for key, window in structs.asdict(description.acceptance).items() if window
+        ),
     )
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "Settle",
     "Step",
     "StepResult",
+    "VerifyZero",
     "VvcSetting",
     "Window",
 ]
@@ -408,7 +409,8 @@ class Acquire(Step):
 
     `step` is the number of the paper's step. `rate_deg_s` is the rate that the point stands for: the table's rate, in
     step 4 the equivalent rate K_Vc V_Vc. `table_deg_s` is what the table must read back (within `tolerance_deg_s`) at
-    the end.
+    the end, `rails` what the supply must (within `rail_tolerance_v`). `resolution_v` is that of one reading; `noise_v`
+    is what the scatter of the readings is expected to be, (least, most), None when nothing is known of it.
     """
 
     step: int
@@ -416,9 +418,12 @@ class Acquire(Step):
     v_vc_v: float
     table_deg_s: float
     tolerance_deg_s: float
-    rails: tuple[str, ...]
+    rails: tuple[ConfigureRail, ...]
+    rail_tolerance_v: float
     samples: int
     interval_s: float
+    resolution_v: float
+    noise_v: tuple[float, float] | None = None
 
     def describe(self) -> str:
         """Name the point and the window."""
@@ -435,3 +440,12 @@ class Acquire(Step):
     def physical_s(self) -> float:
         """The averaging window, s."""
         return self.samples * self.interval_s
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyZero(Acquire):
+    """Take the zero once more when everything has been measured: a window that is compared, and is no point."""
+
+    def describe(self) -> str:
+        """Say what the window is for."""
+        return f"the zero again, to compare: {self.samples} readings, one every {self.interval_s:g} s"

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.procedures.phrases import Phrase, go_to_rate, powered, ramp_to, take
-from vcfbench.procedures.steps import Note, Outcome, Plan
+from vcfbench.procedures.agreement import (
+    SWEEP_DRIFT,
+    require_agreement,
+    require_expected_column,
+    require_steady_slope,
+)
+from vcfbench.procedures.phrases import Phrase, go_to_rate, powered, ramp_to, take, take_zero_again
+from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from vcfbench.procedures.settings import CalibrationSettings
+    from vcfbench.record.schema import Point
 
 __all__ = ["STEP", "table_sweep", "turntable"]
 
@@ -23,15 +32,29 @@ def turntable(settings: CalibrationSettings) -> Plan:
 
 def _calibrate(settings: CalibrationSettings) -> Phrase[Outcome]:
     yield Note("Step 1: the table turns at each rate, generator off")
-    yield from table_sweep(settings, STEP)
+    points = yield from table_sweep(settings, STEP)
+    require_expected_column(points, settings.expected)
+    yield Settle(settings.settle_s, "gyro settles after the rate step")
+    points.append((yield from take_zero_again(settings, STEP)))
+    require_agreement(points, settings, SWEEP_DRIFT)
     return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates")
 
 
-def table_sweep(settings: CalibrationSettings, step: int) -> Phrase[None]:
-    """Visit the rates in their order from rest, take a point at each, and go back to rest."""
-    previous_deg_s = 0.0
+def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Point] = ()) -> Phrase[list[Point]]:
+    """Visit the rates in their order from rest, take a point at each, and go back to rest.
+
+    Points must agree with each other, and with those that were measured `earlier` with the generator off: the zero and
+    the output at the matching rate.
+    """
+    previous_deg_s, reference = 0.0, tuple(earlier[:2])
+    points: list[Point] = []
     for rate_deg_s in settings.rates_deg_s:
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
+        points.append((yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+        require_agreement([*earlier, *points], settings, SWEEP_DRIFT)
+        if reference:
+            require_steady_slope(points[-2:], reference)
         previous_deg_s = rate_deg_s
+    require_steady_slope(points, reference)
     yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
+    return points

@@ -10,9 +10,27 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
+from vcfbench.procedures.agreement import (
+    MATCH_DRIFT,
+    SWEEP_DRIFT,
+    require_agreement,
+    require_expected_column,
+    require_expected_k_vc,
+    require_same_zero,
+    require_steady_slope,
+)
 from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.phrases import Phrase, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
-from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle, SetVvc
+from vcfbench.procedures.phrases import (
+    Phrase,
+    go_to_rate,
+    powered,
+    ramp_to,
+    set_v_vc,
+    take,
+    take_zero_again,
+    v_vc_on,
+)
+from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 
 if TYPE_CHECKING:
@@ -33,12 +51,12 @@ def _four_steps(settings: CalibrationSettings) -> Phrase[Outcome]:
     yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
     points = yield from _table_reference(settings)
     yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
-    matching = yield from _match(settings, points)
+    driven, matching = yield from _match(settings, points)
     yield Note("Step 3: the table turns at each rate, generator off")
     yield DisableVvc()
-    yield from table_sweep(settings, 3)
+    yield from table_sweep(settings, 3, points)
     yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {matching.k_vc:.6g} (deg/s)/V")
-    yield from _virtual_sweep(settings, matching.k_vc)
+    yield from _virtual_sweep(settings, matching.k_vc, driven)
     return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates")
 
 
@@ -52,41 +70,50 @@ def _table_reference(settings: CalibrationSettings) -> Phrase[list[Point]]:
         if rate_deg_s != previous_deg_s:
             yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
         points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+        if len(points) > 1:
+            require_agreement(points, settings, MATCH_DRIFT)
+            require_expected_column(points, settings.expected)
         previous_deg_s = rate_deg_s
     yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
     return points
 
 
-def _match(settings: CalibrationSettings, points: list[Point]) -> Phrase[Matching]:
-    """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal."""
+def _match(settings: CalibrationSettings, table: list[Point]) -> Phrase[tuple[list[Point], Matching]]:
+    """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal.
+
+    Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
+    """
     yield from v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
-    points.append((yield from _take_virtual(settings, 0.0)))
+    points = [(yield from _take_virtual(settings, 0.0))]
+    require_same_zero(table[0], points[0], table[1])
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess
     for number in range(settings.match_iterations):
         v_vc_v = yield from set_v_vc(settings, v_vc_v)
         points.append((yield from _take_virtual(settings, v_vc_v)))
-        matching = Matching.of(points, settings.match, settings.match_rate_deg_s)
+        matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
         if number > 0 and matching.equal():  # one lucky guess proves nothing
             break
         v_vc_v = matching.v_vc_equal_v
     if not matching.usable():
         raise _no_match(matching, settings)
-    points += yield from _confirm(settings, points[-1].v_vc_v)
-    return Matching.of(points, settings.match, settings.match_rate_deg_s)
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess, settings.expected)
+    yield from _confirm(settings, points)
+    matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess, settings.expected)
+    return points, matching
 
 
-def _confirm(settings: CalibrationSettings, equal_v: float) -> Phrase[list[Point]]:
-    """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn."""
-    points: list[Point] = []
-    previous_v = equal_v
+def _confirm(settings: CalibrationSettings, points: list[Point]) -> Phrase[None]:
+    """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn, and add them to `points`."""
+    equal_v = previous_v = points[-1].v_vc_v
     for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
         v_vc_v = equal_v if pushed else 0.0
         if v_vc_v != previous_v:
             yield from set_v_vc(settings, v_vc_v)
         points.append((yield from _take_virtual(settings, v_vc_v)))
+        require_agreement(points, settings, MATCH_DRIFT)
         previous_v = v_vc_v
-    return points
 
 
 def _in_turn(windows: int) -> Iterator[bool]:
@@ -114,10 +141,20 @@ def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementE
     )
 
 
-def _virtual_sweep(settings: CalibrationSettings, k_vc: float) -> Phrase[None]:
-    """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for K_Vc times the V_Vc that was read back."""
+def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Point]) -> Phrase[None]:
+    """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for K_Vc times the V_Vc that was read back.
+
+    The points must agree with those of step 2, `driven`, and so must the zero when all is done.
+    """
+    points: list[Point] = []
+    reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
     yield from v_vc_on()
     for rate_deg_s in settings.rates_deg_s:
         v_vc_v = yield from set_v_vc(settings, rate_deg_s / k_vc)
-        yield from take(settings, 4, rate_deg_s=k_vc * v_vc_v, v_vc_v=v_vc_v, table_deg_s=0.0)
-    yield SetVvc(0.0)
+        points.append((yield from take(settings, 4, rate_deg_s=k_vc * v_vc_v, v_vc_v=v_vc_v, table_deg_s=0.0)))
+        require_agreement([*driven, *points], settings, SWEEP_DRIFT)
+        require_steady_slope(points[-2:], reference)
+    require_steady_slope(points, reference)
+    yield from set_v_vc(settings, 0.0)
+    points.append((yield from take_zero_again(settings, 4)))
+    require_agreement([*driven, *points], settings, SWEEP_DRIFT)

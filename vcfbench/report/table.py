@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.record.schema import Point
 
-__all__ = ["columns", "summary"]
+__all__ = ["columns", "summary", "verdicts"]
 
 
 def columns(head: Sequence[str], rows: Iterable[Sequence[str]], align: Callable[[str, int], str] = str.rjust) -> str:
@@ -102,3 +103,17 @@ def _fit(name: str, column: Mapping[str, Any]) -> str:
 
 def _ppm(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f}"
+
+
+def verdicts(acceptance: Acceptance) -> str:
+    """Return PASS or FAIL, and below it every limit with its value."""
+    rows = (
+        (limit.key, _figure(limit.value), f"{limit.low:g}", f"{limit.high:g}", limit.word.upper())
+        for limit in acceptance.limits
+    )
+    table = columns(("limit", "value", "low", "high", "verdict"), rows)
+    return f"{'PASS' if acceptance.passed else 'FAIL'}\n{table}"
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.6g}"

@@ -1,0 +1,23 @@
+from __future__ import annotations
+
+import pytest
+from scipy import stats
+
+from vcfbench.analysis.tails import f_tail, t_tail
+
+
+@pytest.mark.parametrize("degrees", [1, 2, 7, 9, 80, 400, 100_000])
+@pytest.mark.parametrize("t", [0.0, 0.3, 1.0, -2.5, 6.5, 40.0])
+def test_students_t(t: float, degrees: int) -> None:
+    assert t_tail(t, degrees) == pytest.approx(2.0 * stats.t.sf(abs(t), degrees), rel=1e-9, abs=1e-300)
+
+
+@pytest.mark.parametrize("degrees", [1, 8, 90])
+@pytest.mark.parametrize("below", [1, 8, 340, 100_000])
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 0.5, 1.0, 3.0, 9.0, 400.0])
+def test_fishers_f(ratio: float, degrees: int, below: int) -> None:
+    assert f_tail(ratio, degrees, below) == pytest.approx(stats.f.sf(ratio, degrees, below), rel=1e-9, abs=1e-300)
+
+
+def test_nothing_is_as_large_as_infinity() -> None:
+    assert f_tail(float("inf"), 8, 8) == 0.0

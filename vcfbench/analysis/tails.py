@@ -1,0 +1,57 @@
+"""How improbable a value is: tails of Student's t and of Fisher's F, exact, without heavy imports."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["f_tail", "t_tail"]
+
+_TINY = 1e-300
+_ENOUGH = 1e-14
+_MOST_TERMS = 10_000
+
+
+def t_tail(t: float, degrees: float) -> float:
+    """Return the probability that ``|T| > |t|`` for Student's t with `degrees` of freedom."""
+    return _incomplete_beta(0.5 * degrees, 0.5, degrees / (degrees + t * t))
+
+
+def f_tail(ratio: float, degrees: float, degrees_below: float) -> float:
+    """Return the probability that F exceeds `ratio`: two variances of `degrees` and, below, `degrees_below`."""
+    if ratio <= 0.0:
+        return 1.0
+    if math.isinf(ratio):
+        return 0.0
+    return _incomplete_beta(0.5 * degrees_below, 0.5 * degrees, degrees_below / (degrees_below + degrees * ratio))
+
+
+def _incomplete_beta(a: float, b: float, x: float) -> float:
+    """Return the regularised incomplete beta function I_x(a, b) (Abramowitz and Stegun 26.5.8)."""
+    if x <= 0.0 or x >= 1.0:
+        return min(1.0, max(0.0, x))
+    log_front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
+    if x > (a + 1.0) / (a + b + 2.0):  # there the fraction of the complement converges
+        return 1.0 - math.exp(log_front) * _fraction(b, a, 1.0 - x) / b
+    return math.exp(log_front) * _fraction(a, b, x) / a
+
+
+def _fraction(a: float, b: float, x: float) -> float:
+    """Return the continued fraction of the incomplete beta function by Lentz's method."""
+    c, d = 1.0, 1.0 / _apart(1.0 - (a + b) * x / (a + 1.0))
+    value = d
+    for m in range(1, _MOST_TERMS):
+        for term in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1.0 / _apart(1.0 + term * d)
+            c = _apart(1.0 + term / c)
+            value *= c * d
+        if abs(c * d - 1.0) < _ENOUGH:
+            break
+    return value
+
+
+def _apart(value: float) -> float:
+    """Keep a divisor from being zero."""
+    return value if abs(value) > _TINY else _TINY

@@ -1,0 +1,156 @@
+"""Whether the readings of a window scatter as the readings of this run do.
+
+Nothing is known of a gyroscope's noise beforehand, so the run itself is the measure: each window is held against all
+others. Within a window the readings stand about a straight line, because a gyroscope that warms up drifts; how far the
+farthest of them stands from it, against the scatter of all the others of the run, is Student's t, and the scatter of
+the window against that of the run is Fisher's F. A window is refused when chance would do so once in `FALSE_ALARM`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from vcfbench.analysis.tails import f_tail, t_tail
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["FALSE_ALARM", "NoiseSeen", "Scatter"]
+
+FALSE_ALARM = 1e-9
+"""How probable it may be that one test refuses a window whose noise is Gaussian and stationary.
+
+A calibration of 43 windows makes 170 tests: one honest run in six million is refused, not one in a thousand.
+"""
+
+_LEAST_RATIO = 3.0
+"""A window may scatter three times as much as the run whatever its number of readings: noise may grow with the rate."""
+
+_NEVER = 5.9
+"""Below so many standard deviations no number of readings makes a reading improbable enough: not worth the tail."""
+
+_STILL = 0.5
+"""Steps of the last digit by which readings of something that stands still may scatter."""
+
+_COUNTS = 5.0
+"""Readings that are off by no more than so many steps of the meter's last digit are not looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """The scatter of one window about its straight line: sum of squares (V^2) with its degrees of freedom, its extreme.
+
+    `farthest` is the number of the reading that stands farthest, from 1; `distance_v` how far it stands from the line
+    through the others, and `leverage` how much it would have drawn that line to itself.
+    """
+
+    n: int
+    squares_v2: float
+    degrees: int
+    farthest: int
+    residual_v: float
+    leverage: float
+
+    @property
+    def std_v(self) -> float:
+        """Standard deviation of one reading about the line, V."""
+        return math.sqrt(self.squares_v2 / self.degrees)
+
+    @property
+    def distance_v(self) -> float:
+        """How far the farthest reading stands from the line through the others, V."""
+        return self.residual_v / (1.0 - self.leverage)
+
+    @classmethod
+    def of(cls, readings_v: Sequence[float]) -> Scatter | None:
+        """Return the scatter of equally spaced readings; None of fewer than four, which tell nothing of themselves."""
+        n = len(readings_v)
+        if n < 4:
+            return None
+        middle, mean_v = 0.5 * (n - 1), math.fsum(readings_v) / n
+        spread = n * (n * n - 1) / 12.0
+        slope_v = math.fsum((i - middle) * v for i, v in enumerate(readings_v)) / spread
+        residuals = [v - mean_v - slope_v * (i - middle) for i, v in enumerate(readings_v)]
+        leverages = [1.0 / n + (i - middle) ** 2 / spread for i in range(n)]
+        far = max(range(n), key=lambda i: residuals[i] ** 2 / (1.0 - leverages[i]))
+        squares = math.fsum(residual * residual for residual in residuals)
+        return cls(n, squares, n - 2, far + 1, residuals[far], leverages[far])
+
+
+@dataclass(slots=True)
+class NoiseSeen:
+    """The scatter of the windows of a run so far; `resolution_v` is the step of the meter's last digit, V."""
+
+    resolution_v: float
+    _windows: list[Scatter] = field(default_factory=list)
+    _squares_v2: float = 0.0
+    _degrees: int = 0
+
+    @property
+    def std_v(self) -> float | None:
+        """Standard deviation of one reading in all windows so far, V."""
+        return math.sqrt(self._squares_v2 / self._degrees) if self._degrees else None
+
+    def doubt(self, readings_v: Sequence[float]) -> str:
+        """Take the readings of one more window; say what is wrong with it or with an earlier one, empty if nothing is.
+
+        An earlier window is looked at again, for the first ones had little to be held against: the one with the reading
+        that stands farthest, the one that scatters most, the one that scatters least.
+        """
+        scatter = Scatter.of(readings_v)
+        if scatter is None:
+            return ""
+        earlier = self._extremes()
+        self._windows.append(scatter)
+        self._squares_v2 += scatter.squares_v2
+        self._degrees += scatter.degrees
+        if said := self._complaint(scatter):
+            return said
+        for window in earlier:
+            if said := self._complaint(window):
+                return f"window {self._windows.index(window) + 1} of the run: {said}"
+        return ""
+
+    def _extremes(self) -> tuple[Scatter, ...]:
+        if not self._windows:
+            return ()
+        far = max(self._windows, key=lambda each: each.residual_v**2 / (1.0 - each.leverage))
+        wide = max(self._windows, key=lambda each: each.squares_v2 / each.degrees)
+        narrow = min(self._windows, key=lambda each: each.squares_v2 / each.degrees)
+        return far, wide, narrow
+
+    def _complaint(self, window: Scatter) -> str:
+        return self._outlier(window) or self._wide_or_narrow(window)
+
+    def _outlier(self, window: Scatter) -> str:
+        """Hold the farthest reading against the scatter of all other readings of the run (Student's t)."""
+        off_v2 = window.residual_v**2 / (1.0 - window.leverage)
+        degrees = self._degrees - 1
+        std_v = max(math.sqrt(max(0.0, self._squares_v2 - off_v2) / degrees), self.resolution_v)
+        if abs(window.distance_v) <= _COUNTS * self.resolution_v or off_v2 < (_NEVER * std_v) ** 2:
+            return ""
+        if window.n * t_tail(math.sqrt(off_v2) / std_v, degrees) >= FALSE_ALARM:
+            return ""
+        return (
+            f"reading {window.farthest} of {window.n} is {window.distance_v:+.3g} V off the others, "
+            f"where one reading scatters by {std_v:.2g} V"
+        )
+
+    def _wide_or_narrow(self, window: Scatter) -> str:
+        """Hold the window's scatter against that of all other windows (Fisher's F)."""
+        degrees = self._degrees - window.degrees
+        if degrees < 1:
+            return ""
+        run_v = math.sqrt(max(0.0, self._squares_v2 - window.squares_v2) / degrees)
+        above = (max(window.std_v, self.resolution_v) / max(run_v, self.resolution_v)) ** 2
+        if above > _LEAST_RATIO**2 and f_tail(above, window.degrees, degrees) < FALSE_ALARM:
+            return f"the readings scatter by {window.std_v:.2g} V, those of the other windows by {run_v:.2g} V"
+        below = (run_v / max(window.std_v, _STILL * self.resolution_v, 1e-12)) ** 2
+        if below > 1.0 and f_tail(below, degrees, window.degrees) < FALSE_ALARM:
+            return (
+                f"the readings scatter by {window.std_v:.2g} V only, those of the other windows by {run_v:.2g} V: "
+                "a lead is off, or the others were disturbed"
+            )
+        return ""
