@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
     from typer.testing import Result
 
-KEYS = ["run", "procedure", "status", "bench", "simulated", "seed", "bench_seconds", "points", "results"]
+KEYS = [
+    *("run", "procedure", "status", "bench", "simulated", "seed", "bench_seconds", "points", "results"),
+    *("acceptance", "asked_again"),
+]
 POINT_KEYS = ["step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n"]
 
 

@@ -47,7 +47,7 @@ _SLOPES = (0.5, 1.5)
 _ZEROS_APART = 2.0
 """How far the generator may move the zero when it comes on at 0 V, in outputs of the matching rate."""
 
-_ROUGHLY = 5.0
+_ROUGHLY = 10.0
 """Factor by which K_Vc may differ from the guess of the bench file, either way."""
 
 _STATIONARY_DEG_S = 1e-9
