@@ -1,8 +1,11 @@
-"""TCP ports for tests."""
+"""What tests ask of the machine: TCP ports that are free, and time."""
 
 from __future__ import annotations
 
 import socket
+
+BUSY_S = 2.0
+"""What a busy machine may add to a wait of tenths of a second. PyVISA's own time-out is as long again."""
 
 
 def free_port() -> int:
