@@ -63,3 +63,10 @@ def test_columns_are_as_wide_as_their_widest_cell() -> None:
 
 def test_columns_of_texts_are_aligned_to_the_left_and_end_with_their_text() -> None:
     assert columns(("a", "bb"), [("333", "4")], str.ljust) == "a     bb\n--------\n333   4"
+
+
+def test_a_procedure_of_ones_own_has_its_points_and_results_by_name() -> None:
+    points = (Point(1, 10.0, 0.0, -0.125, 1e-4, 10),)
+    text = summary("hysteresis", points, {"width": {"value": 0.5, "unit": "deg/s"}, "loops": 3})
+    assert "-0.12500" in text
+    assert text.endswith("width.value = 0.5\nwidth.unit = deg/s\nloops = 3")

@@ -100,6 +100,7 @@ def test_the_least_profile() -> None:
         ),
         ("{rate:.3f}", "{rate:.300f}", "commands.start[0].send: expected a template ('.300f' is no form"),
         ("{rate:.3f}", "{rate:{axis}}", "commands.start[0].send: expected a template ('{axis}' is no form"),
+        ("(?P<p>.*)", "(?P<p>[[a])", "replies.both.pattern: expected a regular expression (Possible nested set"),
         ("(?P<p>.*)", "(?P<p>.{4294967296})", "replies.both.pattern: expected a regular expression"),
         ("(?P<p>.*)", "(?P<p>" + "(" * 3000 + ")" * 3000 + ")", "replies.both.pattern: expected a regular expression"),
     ],

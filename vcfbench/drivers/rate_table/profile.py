@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from importlib import resources
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
@@ -431,8 +432,10 @@ def _reply_misfits(profile: Profile) -> Iterator[_Misfit]:
     patterns |= {"refusals.pattern": profile.refusals.pattern, "refusals.good": profile.refusals.good}
     for path, pattern in patterns.items():
         try:
-            re.compile(pattern or "")
-        except (re.error, OverflowError, RecursionError) as error:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", FutureWarning)  # what may mean something else to a later Python
+                re.compile(pattern or "")
+        except (re.error, FutureWarning, OverflowError, RecursionError) as error:
             yield path, f"a regular expression ({error})", pattern
     for name, reply in profile.replies.items():
         if (reply.pattern is None) is not profile.binary or (bool(reply.bytes) and not profile.binary):
