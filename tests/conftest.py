@@ -8,14 +8,22 @@ import pytest
 
 HERE = Path(__file__).parent
 SLOW = (
+    "bench/test_open_simulated.py",
+    "cli/test_main.py",
     "cli/test_paper_figures.py",
     "cli/test_run_dialects.py",
     "cli/test_run_served.py",
     "cli/test_run_simulated.py",
+    "sim/gyro/test_bridge.py",
     "sim/gyro/test_carrier.py",
     "sim/gyro/test_noise.py",
     "sim/gyro/test_played.py",
+    "sim/instruments/agilent33220a/test_modulation.py",
+    "sim/instruments/agilent33220a/test_playing.py",
+    "sim/instruments/hp34401a/test_ac.py",
+    "sim/instruments/hp34401a/test_counter.py",
     "sim/rate_tables/test_host_gone.py",
+    "sim/serve/test_server.py",
     "sim/serve/test_tables.py",
     "testing/test_plugin.py",
     "test_docs.py",
