@@ -6,6 +6,7 @@ The instruments of a simulated bench are wrapped: replies are counted, and one o
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from vcfbench.bench.bench import open_bench
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.world import World
 
-__all__ = ["Came", "Change", "Spoiler", "bench_of", "changes_of", "perform"]
+__all__ = ["Behind", "Came", "Change", "Spoiler", "bench_of", "changes_of", "perform"]
 
 How = Literal["lost", "flipped", "doubled"]
 
@@ -57,6 +58,7 @@ class Spoiler:
         self._device = device
         self.replies: list[bytes] = []
         self.change: Change | None = None
+        self.offset_v = 0.0
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return what the instrument says, or what becomes of it."""
@@ -66,6 +68,8 @@ class Spoiler:
                 self.replies.append(data)
                 return self.change.spoil(data), end
             self.replies.append(data)
+            if self.offset_v and data[2:3] == b".":
+                return f"{float(data) + self.offset_v:+.8E}\n".encode(), end
         return data, end
 
     def __getattr__(self, name: str) -> Any:
@@ -100,17 +104,22 @@ class Came:
 
 
 @dataclass(slots=True)
-class _Behind:
+class Behind:
     """Builds the simulated bench with its connectors wrapped."""
 
     changes: Mapping[str, Change]
-    meddle: Callable[[World, Clock], None] | None
     spoilers: dict[str, Spoiler] = field(default_factory=dict)
-    world: World | None = None
+    built: SimulatedBench | None = None
+
+    @property
+    def world(self) -> World:
+        """The physics."""
+        assert self.built is not None
+        return self.built.world
 
     def __call__(self, description: BenchDescription, seed: int, clock: Clock, /) -> SimulatedBench:
         built = SimulatedBench.build(description, seed, clock)
-        self.world = built.world
+        self.built = built
         self.spoilers = {role: Spoiler(device) for role, device in built.devices.items()}
         for role, change in self.changes.items():
             self.spoilers[role].change = change
@@ -150,13 +159,16 @@ def perform(
     bench: BenchDescription,
     name: str = "turntable",
     changes: Mapping[str, Change] | None = None,
-    at_point: Mapping[int, Callable[[World], None]] | None = None,
+    at_point: Mapping[int, Callable[[Behind], None]] | None = None,
 ) -> Came:
-    """Carry out procedure `name` on a simulated bench of seed 7; never raises what the bench says."""
-    behind, settings, work = _Behind(changes or {}, None), settings_of(bench), procedure(name)
+    """Carry out procedure `name` on a simulated bench of seed 7; never raises what the bench says.
+
+    `changes` by role; what `at_point` has for the number of a point happens when that point has been taken.
+    """
+    behind, settings, work = Behind(changes or {}), settings_of(bench), procedure(name)
     try:
         with open_bench(bench, seed=7, build=behind) as opened:
-            later = {number: _bound(act, behind) for number, act in (at_point or {}).items()}
+            later = {number: partial(act, behind) for number, act in (at_point or {}).items()}
             execution = Executor(opened, _NoJournal(later)).execute(work.plan(settings))
     except BenchError as error:
         return Came(str(error), None, _said(behind))
@@ -165,15 +177,7 @@ def perform(
     return Came(None, work.results(settings, execution.points), _said(behind))
 
 
-def _bound(act: Callable[[World], None], behind: _Behind) -> Callable[[], None]:
-    def now() -> None:
-        assert behind.world is not None
-        act(behind.world)
-
-    return now
-
-
-def _said(behind: _Behind) -> dict[str, list[bytes]]:
+def _said(behind: Behind) -> dict[str, list[bytes]]:
     return {role: spoiler.replies for role, spoiler in behind.spoilers.items()}
 
 

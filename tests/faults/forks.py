@@ -11,7 +11,7 @@ import select
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -73,8 +73,9 @@ class Forked:
 
     def signal(self, number: int) -> None:
         """Send it a signal, unless it has ended."""
-        if self.exit_code is None:
-            os.kill(self.pid, number)
+        if self.running:
+            with suppress(ProcessLookupError):  # it may end at this very moment
+                os.kill(self.pid, number)
 
     @property
     def stdout(self) -> str:

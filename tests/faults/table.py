@@ -7,6 +7,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tests.faults.matrix import all_cases
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
@@ -44,7 +46,8 @@ _RULE = "|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
 
 def write_cells(cells: Sequence[Mapping[str, Any]]) -> None:
     """Write the cells, one a line, and the page that is made of them."""
-    ordered = sorted(cells, key=lambda cell: json.dumps({**cell, "rest_s": None, "still_s": None}))
+    struck = [cell for cell in cells if cell["hit"]]  # where the fault never struck nothing was shown
+    ordered = sorted(struck, key=lambda cell: json.dumps({**cell, "rest_s": None, "still_s": None}))
     CELLS.write_text("[\n" + ",\n".join(json.dumps(cell) for cell in ordered) + "\n]\n", encoding="utf-8")
     PAGE.write_text(page(ordered), encoding="utf-8")
 
@@ -62,7 +65,7 @@ def page(cells: Sequence[Mapping[str, Any]]) -> str:
     at_rate = [cell for cell in faults if cell["moment"] == "table at rate"]
     parts = [
         _HEAD,
-        f"Stops on a good wire took {min(stops):.1f} to {max(stops):.1f} s. All cells:\n",
+        f"Stops on a good wire took {min(stops):.1f} to {max(stops):.1f} s. {_counted(faults)} All that were run:\n",
         _table("", faults, lambda _: "all"),
         "\n## By moment\n\nThe fault is on the wire of the table, of the generator, of the supply.\n",
         _table("moment", faults, lambda cell: str(cell["moment"])),
@@ -75,6 +78,14 @@ def page(cells: Sequence[Mapping[str, Any]]) -> str:
         *_wrong(cells),
     ]
     return "\n".join(parts)
+
+
+def _counted(faults: Sequence[Mapping[str, Any]]) -> str:
+    """Say how many cells there are, and how many of them the machine was too slow or too busy to come by."""
+    every = len(all_cases())
+    if len(faults) == every:
+        return f"All {every} cells were run."
+    return f"Of {every} cells {len(faults)} were run; nothing is said of the other {every - len(faults)}."
 
 
 def _table(title: str, cells: Sequence[Mapping[str, Any]], name: Any) -> str:

@@ -12,7 +12,6 @@ import pytest
 from tests.faults.benches import SPEED, bench_text, serving
 from tests.faults.forks import fork_host
 from tests.faults.matrix import Station
-from tests.faults.test_signals import at_moment
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,7 +52,7 @@ def test_a_second_run_is_refused_by_whatever_name(tmp_path: Path) -> None:
     with serving(tmp_path, text, speed=SPEED["acl"]) as served, fork_host() as host:
         station = Station(served, host, tmp_path, "acl")
         bench = served.bench_file(served.resources("tcp"))
-        run = at_moment(station, "table at rate")
+        run = station.brought_to("table at rate", "turntable")
         renamed = bench.replace(f'name = "{name}"', f'name = "{name}-too"')
         tries = {
             "the same name": second_run(tmp_path / "a", bench),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.faults.benches import SPEED, bench_text, serving
-from tests.faults.forks import Forked, fork_host
+from tests.faults.forks import fork_host
 from tests.faults.matrix import Station
 from vcfbench.clock import WallClock, sleep
 
@@ -22,6 +22,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a child alone"),
 ]
 
+PROCEDURES = {"table at rate": "turntable", "V_Vc on": "virtual-coriolis", "rails on": "turntable"}
 REST_S = 20.0
 """Far more than the table needs: a slow machine shall not fail."""
 
@@ -33,24 +34,9 @@ def station(tmp_path: Path) -> Iterator[Station]:
         yield Station(served, host, tmp_path, "acl")
 
 
-def at_moment(station: Station, moment: str) -> Forked:
-    """Start a run and wait until it is there; start it again if this machine is too slow for its time-outs."""
-    clock = WallClock()
-    for _ in range(5):
-        station.served.reset()
-        bench = station.served.bench_file(station.served.resources("tcp"))
-        run = station.start(station.new_folder(), bench, "virtual-coriolis" if moment == "V_Vc on" else "turntable")
-        give_up_s = clock.now() + 60.0
-        while run.running and clock.now() < give_up_s:
-            if station.come(moment):
-                return run
-            sleep(clock, 0.02)
-    raise AssertionError(f"never came to {moment}: {run.stderr}")
-
-
 def mistake(station: Station, moment: str, number: int, pause_s: float) -> str | None:
     """Send three signals at `moment`; say what is wrong afterwards."""
-    run, clock = at_moment(station, moment), WallClock()
+    run, clock = station.brought_to(moment, PROCEDURES[moment]), WallClock()
     for _ in range(3):
         run.signal(number)
         sleep(clock, pause_s)
@@ -75,8 +61,6 @@ def test_three_signals(station: Station) -> None:
 @pytest.mark.fault_matrix
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_three_signals_at_every_moment(station: Station, number: int) -> None:
-    tries = [
-        (moment, pause_s) for moment in ("table at rate", "V_Vc on", "rails on") for pause_s in (0.2, 0.1, 0.04, 0.0)
-    ]
+    tries = [(moment, pause_s) for moment in PROCEDURES for pause_s in (0.2, 0.1, 0.04, 0.0)]
     wrong = [words for moment, pause_s in tries if (words := mistake(station, moment, number, pause_s)) is not None]
     assert not wrong, "\n".join(wrong)

@@ -7,7 +7,6 @@ temperature) the sense chain is linear with fixed parameters and Gaussian noise,
 from __future__ import annotations
 
 import cmath
-import copy
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -36,7 +35,7 @@ __all__ = ["Gyro"]
 
 FORGOTTEN_DEG_S = 1e-18
 COLDEST_C, HOTTEST_C = -55.0, 125.0
-_SHAKES, _LOOKS, _BEHIND, _IMAGINED = 1, 2, 4, 5
+_SHAKES, _LOOKS, _BEHIND = 1, 2, 4
 """Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
 
 
@@ -71,18 +70,6 @@ class Gyro:
         self._chain, self._noisy_chain, self._flutter = self._new_chain()
         self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
         self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.drawn(self._random))
-
-    def imagined(self) -> Gyro:
-        """Return a gyro that goes on from here by itself, with random numbers of its own: this one learns nothing."""
-        other = copy.copy(self)
-        other.part()
-        return other
-
-    def part(self) -> None:
-        """Have nothing in common any more with what this was copied from that would change there."""
-        self._drive, self._bands, self._ripples = list(self._drive), list(self._bands), list(self._ripples)
-        key = (self._seed, _IMAGINED, round(self.now_s * 1e9))
-        self._random, self._shaking = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
 
     # -- commands, all at `now_s` --
 

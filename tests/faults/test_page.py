@@ -1,0 +1,38 @@
+"""docs/fault-matrix.md is made of docs/fault-matrix.json, whole and without a wrong cell."""
+
+from __future__ import annotations
+
+from tests.faults.matrix import LANGUAGES, MODES, MOMENTS, WIRES, all_cases
+from tests.faults.table import PAGE, page, read_cells
+
+KEYS = ("language", "moment", "wires", "mode", "lasting")
+
+
+def test_the_page_is_made_of_the_cells() -> None:
+    assert PAGE.read_text(encoding="utf-8") == page(read_cells())
+
+
+def test_the_cells_are_those_of_the_matrix_each_once() -> None:
+    cells = [tuple(cell[key] for key in KEYS) for cell in read_cells() if "no fault" not in cell["mode"]]
+    assert len(cells) == len(set(cells))
+    assert set(cells) <= {tuple(getattr(case, key) for key in KEYS) for case in all_cases()}
+    assert {cell[4] for cell in cells} == {True, False}
+    for place, names in enumerate((LANGUAGES, MOMENTS, WIRES, MODES)):
+        assert {cell[place] for cell in cells} == set(names)
+
+
+def test_only_cells_whose_fault_struck_count() -> None:
+    assert all(cell["begun"] and cell["hit"] for cell in read_cells())
+
+
+def test_no_cell_is_wrong_and_all_that_hear_are_safe() -> None:
+    cells = read_cells()
+    assert not [cell for cell in cells if cell["wrong"]]
+    assert all(cell["at_rest_and_off"] for cell in cells if cell["hears"])
+
+
+def test_a_wrong_cell_is_shown() -> None:
+    cells = read_cells()
+    shown = page([{**cells[0], "wrong": ["the table turns"], "at_rest_and_off": False}, *cells[1:]])
+    assert "## What is wrong" in shown
+    assert ": the table turns" in shown
