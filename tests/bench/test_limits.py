@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.bench.description import Limits, RailWiring
-from vcfbench.bench.limits import LimitedGenerator, LimitedRateTable, LimitedSupply
+from vcfbench.bench.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.errors import LimitError
 
 LIMITS = Limits(
@@ -19,6 +19,7 @@ LIMITS = Limits(
     max_rail_v=11.0,
     max_rail_current_a=0.2,
 )
+CHECKS = LimitChecks(LIMITS, RailWiring())
 
 
 def driver(name: str) -> Mock:
@@ -35,7 +36,7 @@ def test_the_table_gets_what_is_within_the_limits_and_nothing_else(rate: float, 
     table = driver("rate_table")
     allowed = abs(rate) <= 300.0 and 0.0 < acceleration <= 200.0
     try:
-        LimitedRateTable(table, LIMITS).set_rate(rate, acceleration)
+        LimitedRateTable(table, CHECKS).set_rate(rate, acceleration)
     except LimitError:
         assert not allowed
         table.set_rate.assert_not_called()
@@ -46,7 +47,7 @@ def test_the_table_gets_what_is_within_the_limits_and_nothing_else(rate: float, 
 
 def test_a_refusal_says_instrument_limit_and_unit() -> None:
     with pytest.raises(LimitError) as caught:
-        LimitedRateTable(driver("rate_table"), LIMITS).set_rate(-301.0, 100.0)
+        LimitedRateTable(driver("rate_table"), CHECKS).set_rate(-301.0, 100.0)
     said = "rate_table at FAKE::1: rate -301 deg/s is beyond the bench's limit of 300 deg/s; nothing was sent"
     assert str(caught.value) == said
 
@@ -55,7 +56,7 @@ def test_a_refusal_says_instrument_limit_and_unit() -> None:
 def test_the_table_is_not_stopped_with_an_acceleration_that_cannot_stop_it(acceleration: float) -> None:
     table = driver("rate_table")
     try:
-        LimitedRateTable(table, LIMITS).stop(acceleration)
+        LimitedRateTable(table, CHECKS).stop(acceleration)
     except LimitError:
         assert not 0.0 < acceleration <= 200.0
         table.stop.assert_not_called()
@@ -66,7 +67,7 @@ def test_the_table_is_not_stopped_with_an_acceleration_that_cannot_stop_it(accel
 @given(ANY)
 def test_the_generator_stays_within_v_vc(voltage: float) -> None:
     generator = driver("rate_source")
-    limited = LimitedGenerator(generator, LIMITS)
+    limited = LimitedGenerator(generator, CHECKS)
     for method, sent in ((limited.configure_dc, generator.configure_dc), (limited.set_dc, generator.set_dc)):
         try:
             method(voltage)
@@ -79,9 +80,9 @@ def test_the_generator_stays_within_v_vc(voltage: float) -> None:
 
 def test_the_peak_of_a_sine_counts_with_its_offset() -> None:
     generator = driver("rate_source")
-    LimitedGenerator(generator, LIMITS).configure_sine(10.0, 4.0, -3.0)
+    LimitedGenerator(generator, CHECKS).configure_sine(10.0, 4.0, -3.0)
     with pytest.raises(LimitError, match=r"peak voltage 5\.05 V is beyond the bench's limit of 5 V"):
-        LimitedGenerator(generator, LIMITS).configure_sine(10.0, 4.1, -3.0)
+        LimitedGenerator(generator, CHECKS).configure_sine(10.0, 4.1, -3.0)
     generator.configure_sine.assert_called_once_with(10.0, 4.0, -3.0)
 
 
@@ -102,12 +103,12 @@ def test_the_peak_of_a_sine_counts_with_its_offset() -> None:
 def test_the_supply_refuses_what_the_rails_do_not_bear(output: str, voltage: float, current: float, words: str) -> None:
     supply = driver("power")
     with pytest.raises(LimitError, match=words):
-        LimitedSupply(supply, LIMITS, RailWiring()).configure_output(output, voltage, current)
+        LimitedSupply(supply, CHECKS).configure_output(output, voltage, current)
     supply.configure_output.assert_not_called()
 
 
 @pytest.mark.parametrize("setting", [("P25V", 10.0, 0.2), ("N25V", -10.0, 0.1), ("P6V", 0.0, 0.0), ("N25V", 0.0, 0.1)])
 def test_the_supply_gets_what_the_rails_bear(setting: tuple[str, float, float]) -> None:
     supply = driver("power")
-    LimitedSupply(supply, LIMITS, RailWiring()).configure_output(*setting)
+    LimitedSupply(supply, CHECKS).configure_output(*setting)
     supply.configure_output.assert_called_once_with(*setting)

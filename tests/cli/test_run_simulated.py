@@ -146,7 +146,7 @@ def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
     told = json.loads(result.stdout)
     assert result.exit_code == 3
     assert result.stderr.startswith(f"vcfbench: {words}")
-    assert ", step 32 (average 10 readings" in result.stderr
+    assert ", step 34 (average 10 readings" in result.stderr
     assert (told["status"], len(told["points"]), told["results"]) == ("aborted", 4, {})
     end = footer(tmp_path, told["run"])
     assert len(end["safe"]) == 5

@@ -11,8 +11,9 @@ from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.dry_run import walk
 from vcfbench.procedures.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
-from vcfbench.procedures.rehearsal import StraightGyro, rehearse
+from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.record.schema import Status
 
@@ -63,16 +64,16 @@ def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
 @pytest.mark.parametrize("name", PROCEDURES)
 def test_estimate_is_within_five_per_cent_of_the_run(name: str) -> None:
     settings = make_settings()
-    rehearsed = list(rehearse(PROCEDURES[name].plan(settings), StraightGyro(settings.k_vc_guess)))
-    estimate_s = rehearsed[-1].t_s + rehearsed[-1].step.duration_s
+    planned = list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess)))
+    estimate_s = planned[-1].t_s + planned[-1].step.duration_s
     assert estimate_s == pytest.approx(run(name, FakeBench()).bench_seconds, rel=0.05)
 
 
-def test_rehearsing_touches_nothing() -> None:
+def test_walking_a_plan_touches_nothing() -> None:
     bench = FakeBench()
     settings = make_settings()
     for name in PROCEDURES:
-        assert len(list(rehearse(PROCEDURES[name].plan(settings), StraightGyro(settings.k_vc_guess)))) > 80
+        assert len(list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess)))) > 80
     assert bench.calls == []
     assert bench.clock.now() == 0.0
 
@@ -170,7 +171,7 @@ def _lost(bench: FakeBench) -> None:
 @pytest.mark.parametrize(
     ("spoil", "kind", "words", "points"),
     [
-        (_overload, MeasurementError, r"multimeter at FAKE::22: overload .* step 28 \(average 10 readings", 3),
+        (_overload, MeasurementError, r"multimeter at FAKE::22: overload .* step 30 \(average 10 readings", 3),
         (
             _current_limit,
             MeasurementError,
@@ -188,10 +189,15 @@ def _lost(bench: FakeBench) -> None:
         (
             _no_drive,
             MeasurementError,
-            r"oscilloscope at FAKE::7: drive signal .* after 5 s: amplitude 0.01 V, .* step 10",
+            r"oscilloscope at FAKE::7: drive signal .* after 5 s: amplitude 0.01 V, .* step the check of the drive",
             0,
         ),
-        (_off_frequency, MeasurementError, r"frequency 3300 Hz, expected 3480...3498 Hz, step 10", 0),
+        (
+            _off_frequency,
+            MeasurementError,
+            r"frequency 3300 Hz, expected 3480...3498 Hz, step the check of the drive",
+            0,
+        ),
         (_slow_meter, MeasurementError, r"multimeter at FAKE::22: reading 2 of 10 began 0.6 s late", 0),
         (_lost, LinkLost, r"multimeter at FAKE::22: the connection broke, step 2 \(multimeter: DC 10 V range", 0),
     ],

@@ -9,7 +9,8 @@ import pytest
 from tests.procedures.fakes import make_settings
 from vcfbench.errors import PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
-from vcfbench.procedures.rehearsal import StraightGyro, rehearse
+from vcfbench.procedures.dry_run import walk
+from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.settings import PAPER_RATES_DEG_S
 from vcfbench.procedures.steps import (
     Acquire,
@@ -38,7 +39,7 @@ K_VC = 40.0
 def steps_of(name: str) -> list[Step]:
     settings = make_settings(k_vc_guess=K_VC)
     plan = PROCEDURES[name].plan(settings)
-    return [each.step for each in rehearse(plan, StraightGyro(K_VC))]
+    return [each.step for each in walk(plan, LinearGyro(K_VC))]
 
 
 def words(steps: list[Step]) -> list[str]:
@@ -75,7 +76,9 @@ START_UP = [
     "EnableSupply",
     "settle 2",
     "CheckRails",
-    "AwaitDrive",
+    "ConfigureScope",
+    "FindDrive",
+    "MeasureDrive",
     "EnableTable",
 ]
 

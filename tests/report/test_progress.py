@@ -34,7 +34,7 @@ def test_one_plain_line_a_step_with_bench_time_and_time_left() -> None:
         "    16.0 s     217 s left  average 10 readings, one every 1 s: +200 deg/s, V_Vc +0 V -> "
     )
     assert averaged.endswith("-> -2.54200 V, s 0.0e+00 V")
-    assert len(lines) == 11 + 1 + 17 * 4 + 2 + 2 + 6
+    assert len(lines) == 13 + 1 + 17 * 4 + 2 + 2 + 6
     assert all(line.isascii() for line in lines)
 
 

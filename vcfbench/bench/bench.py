@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.holding import Holding, Watch
-from vcfbench.bench.limits import LimitedGenerator, LimitedRateTable, LimitedSupply
+from vcfbench.bench.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import filled_roles, require_still, safe_action
 from vcfbench.bench.signals import ControlClock, StopSignals
@@ -179,18 +179,18 @@ def _all(failures: list[BenchError]) -> BenchError:
 
 
 def _bench(description: BenchDescription, clock: Clock, seed: int | None, opened: _Opened, holding: Holding) -> Bench:
-    limits, instruments = description.limits, opened.instruments
+    checks, instruments = LimitChecks.of(description), opened.instruments
     vibration = instruments.get("vibration_source")
     return Bench(
         description=description,
         clock=clock,
         seed=seed,
         identities=opened.identities,
-        power=LimitedSupply(instruments["power"], limits, description.wiring.rails),
-        rate_source=LimitedGenerator(instruments["rate_source"], limits),
+        power=LimitedSupply(instruments["power"], checks),
+        rate_source=LimitedGenerator(instruments["rate_source"], checks),
         multimeter=instruments["multimeter"],
         oscilloscope=instruments["oscilloscope"],
-        rate_table=LimitedRateTable(instruments["rate_table"], limits),
+        rate_table=LimitedRateTable(instruments["rate_table"], checks),
         holding=holding,
-        vibration_source=None if vibration is None else LimitedGenerator(vibration, limits),
+        vibration_source=None if vibration is None else LimitedGenerator(vibration, checks),
     )

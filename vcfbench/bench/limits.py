@@ -1,16 +1,20 @@
-"""Instruments that refuse what the station's limits forbid, before anything is sent.
+"""The limits of a bench, and instruments that refuse what leaves them before anything is sent.
 
-Each wraps a driver and is one itself; what is not limited goes straight through.
+Each instrument wraps a driver and is one itself; what is not limited goes straight through.
 """
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import LimitError
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import Limits, RailWiring
+    from collections.abc import Iterator
+
+    from vcfbench.bench.description import BenchDescription, Limits, RailWiring
     from vcfbench.clock import Deadline
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -23,7 +27,60 @@ if TYPE_CHECKING:
         Told,
     )
 
-__all__ = ["LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
+__all__ = ["LimitChecks", "LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
+
+
+@dataclass(frozen=True, slots=True)
+class LimitChecks:
+    """The limits of a bench as questions: each raises LimitError for a value that leaves one, or is not a number.
+
+    The errors say nothing of where: whoever asks knows the instrument, or the step of a plan.
+    """
+
+    limits: Limits
+    rails: RailWiring
+
+    @classmethod
+    def of(cls, description: BenchDescription) -> LimitChecks:
+        """Return those of a bench file."""
+        return cls(description.limits, description.wiring.rails)
+
+    def rate(self, rate_deg_s: float) -> None:
+        """Check a rate of the table, either way."""
+        _at_most("rate", rate_deg_s, self.limits.max_rate_deg_s, "deg/s")
+
+    def acceleration(self, acceleration_deg_s2: float) -> None:
+        """Check an acceleration of the table; a table whose acceleration is 0 could no longer be stopped (ACUTROL)."""
+        _at_most("acceleration", acceleration_deg_s2, self.limits.max_acceleration_deg_s2, "deg/s^2")
+        if acceleration_deg_s2 <= 0.0:
+            raise LimitError(f"acceleration {acceleration_deg_s2:g} deg/s^2 is not above 0 deg/s^2")
+
+    def v_vc(self, peak_v: float, what: str = "voltage") -> None:
+        """Check a voltage of the generator, either sign, into an open circuit."""
+        _at_most(what, peak_v, self.limits.max_v_vc_v, "V")
+
+    def rail(self, output: str, voltage_v: float) -> None:
+        """Check the level of a supply output: 0 V is always allowed, outputs that feed no rail only that."""
+        if voltage_v == 0.0:
+            return
+        polarity = {self.rails.positive: 1.0, self.rails.negative: -1.0}
+        if output not in polarity:
+            raise LimitError(f"{output} {voltage_v:g} V: the output feeds no rail of the bench")
+        low, high = self.limits.min_rail_v, self.limits.max_rail_v
+        if not low <= voltage_v * polarity[output] <= high:
+            ends = sorted((low * polarity[output], high * polarity[output]))
+            raise LimitError(
+                f"{output} {voltage_v:g} V is outside the bench's rail window of {ends[0]:g} to {ends[1]:g} V"
+            )
+
+    def rail_current(self, output: str, current_a: float) -> None:
+        """Check the current limit of a supply output."""
+        _at_most(f"{output} current limit", current_a, self.limits.max_rail_current_a, "A")
+
+
+def _at_most(what: str, value: float, limit: float, unit: str) -> None:
+    if not abs(value) <= limit:
+        raise LimitError(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
 
 
 class _Limited:
@@ -62,22 +119,23 @@ class _Limited:
         """Give the connection back."""
         self._instrument.close()
 
-    def _at_most(self, what: str, value: float, limit: float, unit: str) -> None:
-        """Refuse a magnitude above `limit`, and anything that is not a number."""
-        if not abs(value) <= limit:
-            self._refuse(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
-
-    def _refuse(self, what: str) -> None:
-        raise LimitError(what, instrument=self.name, resource=self.resource, hint="nothing was sent")
+    @contextmanager
+    def _nothing_sent(self) -> Iterator[None]:
+        """Say at which instrument a limit would have been left."""
+        try:
+            yield
+        except LimitError as error:
+            error.instrument, error.resource, error.hint = self.name, self.resource, "nothing was sent"
+            raise
 
 
 class LimitedRateTable(_Limited):
     """A rate table within the bench's rate and acceleration."""
 
-    def __init__(self, table: RateTable, limits: Limits) -> None:
+    def __init__(self, table: RateTable, checks: LimitChecks) -> None:
         super().__init__(table)
         self._table = table
-        self._limits = limits
+        self._checks = checks
 
     def enable(self) -> None:
         """Zero the demand, then close the servo."""
@@ -89,13 +147,15 @@ class LimitedRateTable(_Limited):
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         """Ramp to `rate_deg_s`; LimitError beyond the limits of rate and acceleration."""
-        self._at_most("rate", rate_deg_s, self._limits.max_rate_deg_s, "deg/s")
-        self._acceleration(acceleration_deg_s2)
+        with self._nothing_sent():
+            self._checks.rate(rate_deg_s)
+            self._checks.acceleration(acceleration_deg_s2)
         self._table.set_rate(rate_deg_s, acceleration_deg_s2)
 
     def stop(self, acceleration_deg_s2: float) -> None:
         """Ramp to rest; LimitError beyond the limit of acceleration."""
-        self._acceleration(acceleration_deg_s2)
+        with self._nothing_sent():
+            self._checks.acceleration(acceleration_deg_s2)
         self._table.stop(acceleration_deg_s2)
 
     def at_rate(self) -> bool:
@@ -114,33 +174,31 @@ class LimitedRateTable(_Limited):
         """Return the latched fault in words, or None."""
         return self._table.fault()
 
-    def _acceleration(self, acceleration_deg_s2: float) -> None:
-        self._at_most("acceleration", acceleration_deg_s2, self._limits.max_acceleration_deg_s2, "deg/s^2")
-        if acceleration_deg_s2 <= 0.0:  # a table whose acceleration is 0 can no longer be stopped (ACUTROL manual)
-            self._refuse(f"acceleration {acceleration_deg_s2:g} deg/s^2 is not above 0 deg/s^2")
-
 
 class LimitedGenerator(_Limited):
     """A function generator whose voltage stays within the bench's V_Vc, peak, into an open circuit."""
 
-    def __init__(self, generator: FunctionGenerator, limits: Limits) -> None:
+    def __init__(self, generator: FunctionGenerator, checks: LimitChecks) -> None:
         super().__init__(generator)
         self._generator = generator
-        self._max_v = limits.max_v_vc_v
+        self._checks = checks
 
     def configure_dc(self, voltage_v: float) -> float:
         """Select DC at `voltage_v`; LimitError beyond the limit."""
-        self._at_most("voltage", voltage_v, self._max_v, "V")
+        with self._nothing_sent():
+            self._checks.v_vc(voltage_v)
         return self._generator.configure_dc(voltage_v)
 
     def set_dc(self, voltage_v: float) -> float:
         """Change the DC level; LimitError beyond the limit."""
-        self._at_most("voltage", voltage_v, self._max_v, "V")
+        with self._nothing_sent():
+            self._checks.v_vc(voltage_v)
         return self._generator.set_dc(voltage_v)
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine; LimitError when its peak, offset included, is beyond the limit."""
-        self._at_most("peak voltage", abs(amplitude_vpp) / 2.0 + abs(offset_v), self._max_v, "V")
+        with self._nothing_sent():
+            self._checks.v_vc(abs(amplitude_vpp) / 2.0 + abs(offset_v), "peak voltage")
         self._generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
 
     def enable_output(self) -> None:
@@ -162,17 +220,16 @@ class LimitedSupply(_Limited):
     Outputs that feed no rail may only be set to 0 V.
     """
 
-    def __init__(self, supply: PowerSupply, limits: Limits, rails: RailWiring) -> None:
+    def __init__(self, supply: PowerSupply, checks: LimitChecks) -> None:
         super().__init__(supply)
         self._supply = supply
-        self._limits = limits
-        self._polarity: dict[str, float] = {rails.positive: 1.0, rails.negative: -1.0}
+        self._checks = checks
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
         """Set level and current limit of `output`; LimitError outside the limits, 0 V is always allowed."""
-        if voltage_v != 0.0:
-            self._rail(output, voltage_v)
-        self._at_most(f"{output} current limit", current_limit_a, self._limits.max_rail_current_a, "A")
+        with self._nothing_sent():
+            self._checks.rail(output, voltage_v)
+            self._checks.rail_current(output, current_limit_a)
         self._supply.configure_output(output, voltage_v, current_limit_a)
 
     def enable_outputs(self) -> None:
@@ -198,11 +255,3 @@ class LimitedSupply(_Limited):
     def regulation(self, output: str) -> Regulation:
         """Tell how `output` is regulated now."""
         return self._supply.regulation(output)
-
-    def _rail(self, output: str, voltage_v: float) -> None:
-        if output not in self._polarity:
-            self._refuse(f"{output} {voltage_v:g} V: the output feeds no rail of the bench")
-        low, high = self._limits.min_rail_v, self._limits.max_rail_v
-        if not low <= voltage_v * self._polarity[output] <= high:
-            ends = sorted((low * self._polarity[output], high * self._polarity[output]))
-            self._refuse(f"{output} {voltage_v:g} V is outside the bench's rail window of {ends[0]:g} to {ends[1]:g} V")

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.procedures.catalogue import Procedure
+    from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Execution, Observer
-    from vcfbench.procedures.rehearsal import Rehearsed
     from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
@@ -169,44 +169,48 @@ def _match(name: str) -> Any:
         raise ConfigError(f"--match {name}: expected {known}") from None
 
 
-def _rehearse(procedure: Procedure, settings: CalibrationSettings) -> list[Rehearsed]:
-    from vcfbench.procedures.rehearsal import StraightGyro, rehearse  # noqa: PLC0415
+def _planned(procedure: Procedure, settings: CalibrationSettings, description: BenchDescription) -> list[PlannedStep]:
+    """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
+    from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
+    from vcfbench.procedures.dry_run import dry_run  # noqa: PLC0415
 
-    return list(rehearse(procedure.plan(settings), StraightGyro.expected(settings)))
+    return dry_run(procedure.plan(settings), settings.expected_gyro(), LimitChecks.of(description))
 
 
-def _estimate_s(rehearsed: Sequence[Rehearsed]) -> float:
-    return rehearsed[-1].t_s + rehearsed[-1].step.duration_s
+def _estimate_s(planned: Sequence[PlannedStep]) -> float:
+    return planned[-1].t_s + planned[-1].step.duration_s
 
 
 def _dry_run(name: str, options: RunOptions) -> None:
     try:
-        procedure, settings = _prepare(RunReport(name), options)
+        report = RunReport(name)
+        procedure, settings = _prepare(report, options)
+        assert report.description is not None  # noqa: S101  # _prepare filled it in
+        planned = _planned(procedure, settings, report.description)
     except BenchError as error:
         if options.json:
             print_json({"procedure": name, "dry_run": True, "error": str(error)})
         raise
-    rehearsed = _rehearse(procedure, settings)
-    minimum_s = sum(each.step.physical_s for each in rehearsed)
+    minimum_s = sum(each.step.physical_s for each in planned)
     if options.json:
-        print_json(_dry_run_json(name, rehearsed, minimum_s))
+        print_json(_dry_run_json(name, planned, minimum_s))
         return
-    for each in rehearsed:
+    for each in planned:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
     typer.echo(
-        f"estimated bench time {_estimate_s(rehearsed):.0f} s, {minimum_s:.0f} s of it windows, ramps and settling"
+        f"estimated bench time {_estimate_s(planned):.0f} s, {minimum_s:.0f} s of it windows, ramps and settling"
     )
 
 
-def _dry_run_json(name: str, rehearsed: Sequence[Rehearsed], minimum_s: float) -> dict[str, Any]:
+def _dry_run_json(name: str, planned: Sequence[PlannedStep], minimum_s: float) -> dict[str, Any]:
     return {
         "procedure": name,
         "dry_run": True,
-        "estimated_bench_seconds": _estimate_s(rehearsed),
+        "estimated_bench_seconds": _estimate_s(planned),
         "physical_minimum_s": minimum_s,
         "steps": [
             {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
-            for each in rehearsed
+            for each in planned
         ],
     }
 
@@ -220,7 +224,7 @@ def _run(report: RunReport, options: RunOptions, signals: StopSignals) -> None:
     description = report.description
     assert description is not None  # noqa: S101  # _prepare filled it in
     record = Record(report, procedure, settings, options)
-    estimate_s = _estimate_s(_rehearse(procedure, settings))
+    estimate_s = _estimate_s(_planned(procedure, settings, description))
     display = Shielded(lambda: _progress(options, estimate_s))
     record.prepare()
     try:

@@ -13,15 +13,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.errors import Aborted, BenchError
-from vcfbench.procedures.actions import BenchActor
-from vcfbench.procedures.steps import Acquire, Reading, Step, StepResult, VerifyZero, Window
+from vcfbench.procedures.step import Context, abandon
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from vcfbench.procedures.actions import OpenBench
-    from vcfbench.procedures.steps import Plan
+    from vcfbench.procedures.step import OpenBench, Plan, Step, StepResult
+    from vcfbench.procedures.steps.meter import Reading
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -121,7 +120,7 @@ class Executor:
     bench: OpenBench
     journal: StepJournal
     observers: Sequence[Observer] = ()
-    _actor: BenchActor = field(init=False)
+    _context: Context = field(init=False)
     _started_s: float = field(init=False)
     _number: int = field(init=False, default=0)
     _points: list[Point] = field(init=False, default_factory=list)
@@ -131,7 +130,7 @@ class Executor:
     _walked: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
-        self._actor = BenchActor(self.bench, self._heard)
+        self._context = Context(self.bench, self._heard)
         self._started_s = self.bench.clock.now()
         self.observers = list(self.observers)
 
@@ -144,7 +143,7 @@ class Executor:
             self._walk(plan)
             self._walked = True
         finally:
-            _abandon(plan)
+            abandon(plan)
         return self.so_far()
 
     def so_far(self) -> Execution:
@@ -183,25 +182,32 @@ class Executor:
     def _act(self, step: Step) -> StepResult:
         start_s = self._now()
         self._tell(StepStarted(self._number, start_s, step))
-        result = self._actor.perform(step)
+        self._context.begin()
+        result = step.perform(self._context)
         self._physical_s += step.physical_s
         self._write(step, result, start_s)
         self._tell(StepFinished(self._number, self._now(), step, result))
         return result
 
     def _write(self, step: Step, result: StepResult, start_s: float) -> None:
-        line = {**self._line(step), "t_s": start_s, "end_s": self._now(), **_named("result", result)}
-        if self._actor.asked_again:
-            line["asked_again"] = list(self._actor.asked_again)
-            self._asked_again += (f"step {self._number}: {said}" for said in self._actor.asked_again)
-        if isinstance(step, Acquire) and not isinstance(step, VerifyZero) and isinstance(result, Window):
-            point = step.point(result)
+        line = {
+            **self._line(step),
+            "t_s": start_s,
+            "end_s": self._now(),
+            "result_kind": type(result).__name__,
+            "result": result.as_json(),
+        }
+        if self._context.asked_again:
+            line["asked_again"] = list(self._context.asked_again)
+            self._asked_again += (f"step {self._number}: {said}" for said in self._context.asked_again)
+        point = result.recorded_point
+        if point is not None:
             line["point"] = point.as_json()
             self._points.append(point)
         self.journal.step(line)
 
     def _line(self, step: Step) -> dict[str, Any]:
-        return {"n": self._number, "key": step.key, **_named("step", step)}
+        return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": asdict(step)}
 
     def _failed(self, step: Step, problem: BaseException) -> BenchError:
         """Put the step into the error and both into the journal."""
@@ -209,10 +215,10 @@ class Executor:
         if error.step is None:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
-        partial_readings = [asdict(reading) for reading in self._actor.readings]
+        partial_readings = [asdict(reading) for reading in self._context.readings]
         line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": partial_readings}
-        if self._actor.asked_again:
-            line["asked_again"] = list(self._actor.asked_again)
+        if self._context.asked_again:
+            line["asked_again"] = list(self._context.asked_again)
         with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
             self.journal.error(line)
         self._tell(StepFailed(self._number, self._now(), step, error))
@@ -246,21 +252,5 @@ def _stop() -> Step:
     raise StopIteration
 
 
-def _named(name: str, value: Step | StepResult) -> dict[str, Any]:
-    """Name the kind of a step or result beside its fields, so that a reader can make the value again."""
-    return {f"{name}_kind": type(value).__name__, name: asdict(value)}
-
-
 def _told(error: BenchError) -> dict[str, Any]:
     return {"error_kind": type(error).__name__, "error": str(error)}
-
-
-class _Abandoned(BenchError):
-    """Thrown into a plan that nobody performs any longer."""
-
-
-def _abandon(plan: Plan) -> None:
-    """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
-    with suppress(StopIteration, BenchError):
-        while True:
-            plan.throw(_Abandoned("the run was left"))

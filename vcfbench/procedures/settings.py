@@ -7,6 +7,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.linear_gyro import LinearGyro
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +57,7 @@ class RailSettings:
 class DriveWindows:
     """Where the drive signal must lie at the start-up check, each (least, most), and the channels that see it.
 
-    It counts as settled when two looks, `interval_s` apart, differ by less than `amplitude_tolerance`: 3 %, somewhat
+    It counts as settled when two records, `interval_s` apart, differ by less than `amplitude_tolerance`: 3 %, somewhat
     above what 8 bit resolve. The drive loop's time constant is 0.13 s (gyro-metrology 1.3), so 0.5 s is four of them.
     """
 
@@ -133,11 +134,24 @@ class CalibrationSettings:
 
         return msgspec.convert(values, cls)
 
+    def expected_gyro(self) -> LinearGyro:
+        """Return the gyro that the bench file expects: the middle of what it should show, or the guess of K_Vc."""
+        expected = self.expected
+        return LinearGyro(
+            self.k_vc_guess if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
+            -0.0125 if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
+            0.0 if expected.bias_v is None else _middle(expected.bias_v),
+        )
+
     @property
     def meter_resolution_v(self) -> float:
         """Resolution of one reading of the 34401A, V: a fraction of the range by integration time (manual p. 54-57)."""
         fraction_of_range = {0.02: 1e-4, 0.2: 1e-5, 1.0: 3e-6, 10.0: 1e-6, 100.0: 3e-7}
         return fraction_of_range.get(float(self.nplc), 1e-6) * self.meter_range_v
+
+
+def _middle(window: tuple[float, float]) -> float:
+    return 0.5 * (window[0] + window[1])
 
 
 def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> CalibrationSettings:

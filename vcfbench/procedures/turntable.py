@@ -10,13 +10,14 @@ from vcfbench.procedures.agreement import (
     require_expected_column,
     require_steady_slope,
 )
-from vcfbench.procedures.phrases import Phrase, go_to_rate, powered, ramp_to, take, take_zero_again
+from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
 from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.procedures.settings import CalibrationSettings
+    from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["STEP", "table_sweep", "turntable"]
@@ -30,7 +31,7 @@ def turntable(settings: CalibrationSettings) -> Plan:
     return (yield from powered(settings, _calibrate(settings)))
 
 
-def _calibrate(settings: CalibrationSettings) -> Phrase[Outcome]:
+def _calibrate(settings: CalibrationSettings) -> Routine[Outcome]:
     yield Note("Step 1: the table turns at each rate, generator off")
     points = yield from table_sweep(settings, STEP)
     require_expected_column(points, settings.expected)
@@ -40,7 +41,7 @@ def _calibrate(settings: CalibrationSettings) -> Phrase[Outcome]:
     return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates")
 
 
-def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Point] = ()) -> Phrase[list[Point]]:
+def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
     """Visit the rates in their order from rest, take a point at each, and go back to rest.
 
     Points must agree with each other, and with those that were measured `earlier` with the generator off: the zero and

@@ -20,8 +20,7 @@ from vcfbench.procedures.agreement import (
     require_steady_slope,
 )
 from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.phrases import (
-    Phrase,
+from vcfbench.procedures.routines import (
     go_to_rate,
     powered,
     ramp_to,
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.procedures.settings import CalibrationSettings
+    from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["virtual_coriolis"]
@@ -47,7 +47,7 @@ def virtual_coriolis(settings: CalibrationSettings) -> Plan:
     return (yield from powered(settings, _four_steps(settings)))
 
 
-def _four_steps(settings: CalibrationSettings) -> Phrase[Outcome]:
+def _four_steps(settings: CalibrationSettings) -> Routine[Outcome]:
     yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
     points = yield from _table_reference(settings)
     yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
@@ -60,7 +60,7 @@ def _four_steps(settings: CalibrationSettings) -> Phrase[Outcome]:
     return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates")
 
 
-def _table_reference(settings: CalibrationSettings) -> Phrase[list[Point]]:
+def _table_reference(settings: CalibrationSettings) -> Routine[list[Point]]:
     """Step 1: the zero output and the output at the matching rate, in turn."""
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     points: list[Point] = []
@@ -78,7 +78,7 @@ def _table_reference(settings: CalibrationSettings) -> Phrase[list[Point]]:
     return points
 
 
-def _match(settings: CalibrationSettings, table: list[Point]) -> Phrase[tuple[list[Point], Matching]]:
+def _match(settings: CalibrationSettings, table: list[Point]) -> Routine[tuple[list[Point], Matching]]:
     """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal.
 
     Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
@@ -104,7 +104,7 @@ def _match(settings: CalibrationSettings, table: list[Point]) -> Phrase[tuple[li
     return points, matching
 
 
-def _confirm(settings: CalibrationSettings, points: list[Point]) -> Phrase[None]:
+def _confirm(settings: CalibrationSettings, points: list[Point]) -> Routine[None]:
     """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn, and add them to `points`."""
     equal_v = previous_v = points[-1].v_vc_v
     for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
@@ -127,7 +127,7 @@ def _in_turn(windows: int) -> Iterator[bool]:
         yield from (not second, second)
 
 
-def _take_virtual(settings: CalibrationSettings, v_vc_v: float) -> Phrase[Point]:
+def _take_virtual(settings: CalibrationSettings, v_vc_v: float) -> Routine[Point]:
     return (yield from take(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
@@ -141,7 +141,7 @@ def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementE
     )
 
 
-def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Point]) -> Phrase[None]:
+def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Point]) -> Routine[None]:
     """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for K_Vc times the V_Vc that was read back.
 
     The points must agree with those of step 2, `driven`, and so must the zero when all is done.

@@ -11,9 +11,6 @@ from vcfbench.procedures.steps import (
     DriveReading,
     Note,
     RailsReading,
-    RateReading,
-    StepResult,
-    VvcSetting,
     Window,
 )
 from vcfbench.report.outlet import Outlet
@@ -25,26 +22,9 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.executor import Event
 
-__all__ = ["LineProgress", "LiveProgress", "NoProgress", "describe_result"]
+__all__ = ["LineProgress", "LiveProgress", "NoProgress"]
 
 _REDRAW_S = 0.1
-
-
-def describe_result(result: StepResult) -> str:
-    """Say in a few words what a step gave; empty when it gave nothing."""
-    match result:
-        case Window():
-            return f"{result.mean_v:+.5f} V, s {result.std_v:.1e} V"
-        case RailsReading():
-            return ", ".join(f"{rail.rail} {rail.voltage_v:+.3f} V {rail.current_a:.4f} A" for rail in result.rails)
-        case DriveReading():
-            return f"{result.frequency_hz:.2f} Hz, {result.amplitude_v:.4g} V, {result.phase_deg:+.2f} deg"
-        case RateReading():
-            return f"reads {result.rate_deg_s:+.4f} deg/s"
-        case VvcSetting():
-            return f"reads {result.v_vc_v:+.6g} V"
-        case _:
-            return ""
 
 
 class NoProgress:
@@ -85,7 +65,7 @@ class LineProgress(NoProgress):
             case StepFinished(step=Note()):
                 self._say(event.t_s, f"* {event.step.describe()}")
             case StepFinished():
-                told = describe_result(event.result)
+                told = event.result.describe()
                 self._say(event.t_s, f"{event.step.describe()}{f' -> {told}' if told else ''}")
             case StepFailed():
                 self._say(event.t_s, f"FAILED: {event.error}")
@@ -154,7 +134,7 @@ class LiveProgress(NoProgress):
             case StepFinished(step=Acquire() as step, result=Window() as window):
                 self._print(_point(step, window), "cyan")
             case StepFinished(result=RailsReading() | DriveReading()):
-                self._print(f"  {describe_result(event.result)}", "")
+                self._print(f"  {event.result.describe()}", "")
             case StepFailed():
                 self._print(f"FAILED: {event.error}", "bold red")
             case _:

@@ -1,29 +1,34 @@
-"""Sentences that every work instruction uses: power up, check the drive, go to a rate, take a point, shut down."""
+"""What every work instruction does: power up, check the drive, go to a rate, take a point, shut down."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import math
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.steps import (
     Acquire,
-    AwaitDrive,
     AwaitRate,
     CheckRails,
     ConfigureGenerator,
     ConfigureMeter,
     ConfigureRail,
+    ConfigureScope,
     DisableSupply,
     DisableTable,
     DisableVvc,
+    DriveAmplitudes,
+    DriveReading,
     EnableSupply,
     EnableTable,
     EnableVvc,
+    FindDrive,
+    MeasureDrive,
     Note,
+    ScopeReady,
     SetRate,
     Settle,
     SetVvc,
-    Step,
     StepResult,
     VerifyZero,
     VvcSetting,
@@ -31,33 +36,21 @@ from vcfbench.procedures.steps import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.settings import CalibrationSettings
+    from vcfbench.procedures.settings import CalibrationSettings, DriveWindows
+    from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "Phrase",
-    "go_to_rate",
-    "powered",
-    "ramp_to",
-    "set_v_vc",
-    "start_up",
-    "take",
-    "take_zero_again",
-    "v_vc_on",
-]
-
 T = TypeVar("T")
-Phrase = Generator[Step, StepResult, T]
 
 
-def start_up(settings: CalibrationSettings) -> Phrase[None]:
+def start_up(settings: CalibrationSettings) -> Routine[None]:
     """Bring the gyro from cold to a settled drive loop, generator off."""
     yield Note("Start-up")
     yield from power_up(settings)
     yield from check_drive(settings)
 
 
-def power_up(settings: CalibrationSettings) -> Phrase[None]:
+def power_up(settings: CalibrationSettings) -> Routine[None]:
     """Set levels and limits, then switch on, wait, and read the rails back; V_Vc is off before the PCB gets power."""
     yield ConfigureMeter(settings.meter_range_v, settings.nplc)
     yield DisableVvc()
@@ -75,22 +68,75 @@ def rails_of(settings: CalibrationSettings) -> tuple[ConfigureRail, ...]:
     return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
 
 
-def check_drive(settings: CalibrationSettings) -> Phrase[None]:
-    """Wait for the AGC and check frequency, amplitude and phase of the drive signal on the oscilloscope."""
+def check_drive(settings: CalibrationSettings) -> Routine[DriveReading]:
+    """Wait for the AGC: look at the drive signal until it has settled and everything lies in its window.
+
+    Settled: two looks in a row differ by less than `amplitude_tolerance` (relative).
+
+    Raises:
+        MeasurementError: it does not come to that in time.
+    """
     drive = settings.drive
-    yield AwaitDrive(
-        drive.drive_channel,
-        drive.carrier_channel,
-        drive.frequency_hz,
-        drive.amplitude_v,
-        drive.phase_deg,
-        drive.amplitude_tolerance,
-        drive.interval_s,
-        drive.deadline_s,
+    ready = answer(
+        (yield ConfigureScope(_one_two_five(2.0 / sum(drive.frequency_hz)), drive.drive_channel)), ScopeReady
     )
+    found = yield from _find_drive(drive)
+    while True:
+        reading = yield from _measure_drive(drive, found)
+        complaint = reading.trouble or _complaint(reading, drive, found.drive_v)
+        if not complaint:
+            return reading
+        if reading.t_s - ready.t_s >= drive.deadline_s:
+            raise MeasurementError(
+                f"drive signal not as it should be after {drive.deadline_s:g} s: {complaint}",
+                instrument="oscilloscope",
+                step="the check of the drive signal",
+            )
+        if reading.trouble:
+            found = yield from _find_drive(drive)
+        else:
+            found = DriveAmplitudes(reading.amplitude_v, found.carrier_v)
+        yield Settle(drive.interval_s, "drive loop settles")
 
 
-def ramp_to(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s: float) -> Phrase[None]:
+def _find_drive(drive: DriveWindows) -> Routine[DriveAmplitudes]:
+    step = FindDrive(drive.drive_channel, drive.carrier_channel, drive.amplitude_v[1], _middle(drive.amplitude_v))
+    return answer((yield step), DriveAmplitudes)
+
+
+def _measure_drive(drive: DriveWindows, found: DriveAmplitudes) -> Routine[DriveReading]:
+    least_v = drive.amplitude_v[0]
+    expected = (_middle(drive.frequency_hz), _middle(drive.amplitude_v), _middle(drive.phase_deg))
+    scales_v = (max(found.drive_v, least_v), max(found.carrier_v, least_v))
+    return answer((yield MeasureDrive(drive.drive_channel, drive.carrier_channel, *scales_v, expected)), DriveReading)
+
+
+def _complaint(reading: DriveReading, drive: DriveWindows, previous_v: float) -> str:
+    """Say what is wrong with the drive signal; empty when nothing is."""
+    low_deg = drive.phase_deg[0]
+    for name, value, (low, high), unit in (
+        ("frequency", reading.frequency_hz, drive.frequency_hz, "Hz"),
+        ("amplitude", reading.amplitude_v, drive.amplitude_v, "V"),
+        ("phase", low_deg + (reading.phase_deg - low_deg) % 360.0, drive.phase_deg, "deg"),  # a window may hold 180
+    ):
+        if not low <= value <= high:
+            return f"{name} {value:.6g} {unit}, expected {low:g}...{high:g} {unit}"
+    if abs(reading.amplitude_v - previous_v) > drive.amplitude_tolerance * reading.amplitude_v:
+        return f"amplitude still moving, {previous_v:.4g} to {reading.amplitude_v:.4g} V"
+    return ""
+
+
+def _middle(window: tuple[float, float]) -> float:
+    return 0.5 * (window[0] + window[1])
+
+
+def _one_two_five(least: float) -> float:
+    """Return the smallest of 1, 2, 5 times a power of ten that is at least `least`."""
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= least * (1.0 - 1e-9))
+
+
+def ramp_to(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
     """Ramp the table and wait until it is at its rate."""
     ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, previous_deg_s)
     yield ramp
@@ -98,19 +144,19 @@ def ramp_to(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s:
     yield AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
 
 
-def go_to_rate(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s: float) -> Phrase[None]:
+def go_to_rate(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
     """Ramp the table, wait until it is at its rate, then let the gyro settle."""
     yield from ramp_to(settings, rate_deg_s, previous_deg_s=previous_deg_s)
     yield Settle(settings.settle_s, "gyro settles after the rate step")
 
 
-def v_vc_on() -> Phrase[None]:
+def v_vc_on() -> Routine[None]:
     """Set 0 V and only then close the generator's relay."""
     yield SetVvc(0.0)
     yield EnableVvc()
 
 
-def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Phrase[float]:
+def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Routine[float]:
     """Set V_Vc and let the gyro settle; return the level read back, V."""
     setting = answer((yield SetVvc(v_vc_v)), VvcSetting)
     yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
@@ -119,16 +165,16 @@ def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Phrase[float]:
 
 def take(
     settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float
-) -> Phrase[Point]:
+) -> Routine[Point]:
     """Average one window and return its point."""
     acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **_window_of(settings))
-    return acquire.point(answer((yield acquire), Window))
+    return answer((yield acquire), Window).point
 
 
-def take_zero_again(settings: CalibrationSettings, step: int) -> Phrase[Point]:
+def take_zero_again(settings: CalibrationSettings, step: int) -> Routine[Point]:
     """Average one window more at zero and return what it gives; it is for comparison and no point of the run."""
     verify = VerifyZero(step, 0.0, 0.0, 0.0, **_window_of(settings))
-    return verify.point(answer((yield verify), Window))
+    return answer((yield verify), Window).point
 
 
 def _window_of(settings: CalibrationSettings) -> dict[str, Any]:
@@ -144,7 +190,7 @@ def _window_of(settings: CalibrationSettings) -> dict[str, Any]:
     }
 
 
-def powered(settings: CalibrationSettings, work: Phrase[T]) -> Phrase[T]:
+def powered(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off.
 
     The bench's own safety stack does all this once more, and proves it, whatever becomes of these steps.
@@ -156,7 +202,7 @@ def powered(settings: CalibrationSettings, work: Phrase[T]) -> Phrase[T]:
         yield from power_down()
 
 
-def under_servo(settings: CalibrationSettings, work: Phrase[T]) -> Phrase[T]:
+def under_servo(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the table under servo; whatever happens, bring it to rest and open the servo."""
     yield EnableTable()
     try:
@@ -167,7 +213,7 @@ def under_servo(settings: CalibrationSettings, work: Phrase[T]) -> Phrase[T]:
         yield DisableTable()
 
 
-def table_to_rest(settings: CalibrationSettings) -> Phrase[None]:
+def table_to_rest(settings: CalibrationSettings) -> Routine[None]:
     """Demand zero from whatever rate the table has, and see it come to rest."""
     fastest_deg_s = max(abs(rate) for rate in (*settings.rates_deg_s, settings.match_rate_deg_s))
     yield SetRate(0.0, settings.acceleration_deg_s2, 0.0)
@@ -175,7 +221,7 @@ def table_to_rest(settings: CalibrationSettings) -> Phrase[None]:
     yield AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
 
 
-def power_down() -> Phrase[None]:
+def power_down() -> Routine[None]:
     """Switch off the stimulus, then the power."""
     try:
         yield DisableVvc()

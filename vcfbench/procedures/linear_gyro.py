@@ -1,0 +1,25 @@
+"""A gyroscope on paper: a straight line that answers the steps of a plan without a bench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class LinearGyro:
+    """Answers every step as a bench would whose gyro is a straight line and whose K_Vc is as expected.
+
+    `k_vc` is in (deg/s)/V, `scale_factor` in V/(deg/s), `bias_v` in V. `v_vc_v` and `v_vc_on` are what the plan has set
+    so far.
+    """
+
+    k_vc: float
+    scale_factor: float = -0.0125
+    bias_v: float = 0.0
+    v_vc_v: float = 0.0
+    v_vc_on: bool = False
+
+    def output_v(self, table_deg_s: float) -> float:
+        """Return the output with the table at `table_deg_s`, V."""
+        rate_deg_s = table_deg_s + (self.k_vc * self.v_vc_v if self.v_vc_on else 0.0)
+        return self.bias_v + self.scale_factor * rate_deg_s

@@ -1,0 +1,221 @@
+"""What a step is: one frozen value that can describe itself, be predicted, be held against limits and be performed.
+
+A procedure is a generator that yields steps and is sent their results (:data:`Plan`). Since a step is a value, a plan
+can be walked without a bench: dry run, estimate of the time and limits read the same steps that the executor performs.
+A step of one's own is a subclass in one's own file; nothing else has to know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+
+from vcfbench.errors import BenchError, FramingError, MeasurementError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.clock import Clock
+    from vcfbench.interfaces import FunctionGenerator, Instrument, Multimeter, Oscilloscope, PowerSupply, RateTable
+    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.procedures.scatter import NoiseSeen
+    from vcfbench.procedures.steps.meter import Reading
+    from vcfbench.record.schema import Point
+
+_T = TypeVar("_T")
+
+
+class Effect(Enum):
+    """What a step does to the bench: sets something, lets time pass, measures, or nothing at all."""
+
+    SETS = "sets"
+    WAITS = "waits"
+    MEASURES = "measures"
+    NOTHING = "nothing"
+
+
+class OpenBench(Protocol):
+    """What a procedure needs of a bench: its instruments by role, and its clock."""
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        ...
+
+    @property
+    def power(self) -> PowerSupply:
+        """The supply of the PCB's rails."""
+        ...
+
+    @property
+    def rate_source(self) -> FunctionGenerator:
+        """The generator of V_Vc."""
+        ...
+
+    @property
+    def multimeter(self) -> Multimeter:
+        """The voltmeter of the output."""
+        ...
+
+    @property
+    def oscilloscope(self) -> Oscilloscope:
+        """The oscilloscope on drive and carrier."""
+        ...
+
+    @property
+    def rate_table(self) -> RateTable:
+        """The table."""
+        ...
+
+
+@dataclass(slots=True)
+class Context:
+    """What a step works with while it is performed: the bench, and where readings and doubts are written down.
+
+    `hear` is called with every reading as it comes. `readings` holds those of the window under way, so that a window
+    that fails leaves them behind. `asked_again` says what was answered, in the step under way, that could not be
+    believed, so that it was asked once more. `noise` is the scatter that the run has seen so far.
+    """
+
+    bench: OpenBench
+    hear: Callable[[Reading], None]
+    readings: list[Reading] = field(default_factory=list)
+    asked_again: list[str] = field(default_factory=list)
+    noise: NoiseSeen | None = None
+
+    def begin(self) -> None:
+        """Forget what the step before left."""
+        self.readings.clear()
+        self.asked_again.clear()
+
+    def take(self, reading: Reading) -> None:
+        """Keep a reading and pass it on."""
+        self.readings.append(reading)
+        self.hear(reading)
+
+    def believable(self, ask: Callable[[], _T], doubt: Callable[[_T], str] = lambda _: "") -> _T:
+        """Ask, and once more where the answer is none or `doubt` says something against it; that is written down.
+
+        Asking again moves nothing: `ask` reads, or sets what is set already. The second answer is as it is: whoever
+        asked says what is wrong with it.
+        """
+        try:
+            answer = ask()
+        except FramingError as error:
+            self.asked_again.append(str(error))
+            return ask()
+        if said := doubt(answer):
+            self.asked_again.append(said)
+            return ask()
+        return answer
+
+
+def problem(instrument: Instrument, what: str) -> MeasurementError:
+    """Return the error that says what is wrong at `instrument`."""
+    return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """What came of a step. A subclass of one's own is known to records by its name."""
+
+    kinds: ClassVar[dict[str, type[StepResult]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the kind known, so that a record can be read into values again."""
+        super(StepResult, cls).__init_subclass__(**options)
+        StepResult.kinds[cls.__name__] = cls
+
+    @property
+    def recorded_point(self) -> Point | None:
+        """The point that the step adds to the run, None when it adds none."""
+        return None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fields as they stand in the journal."""
+        return asdict(self)
+
+    def describe(self) -> str:
+        """Say in a few words what the step gave; empty when there is nothing to say."""
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What all steps have in common.
+
+    `subject` names what is set, waited for or measured, ``"table rate"``: the last step that sets a subject is what a
+    run that is taken up again has to do once more.
+    """
+
+    kinds: ClassVar[dict[str, type[Step]]] = {}
+    effect: ClassVar[Effect] = Effect.NOTHING
+    subject: ClassVar[str] = ""
+    overhead_s: ClassVar[float] = 0.0
+    """Estimate of the time that talking to the instruments takes, beside what physics asks for."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the kind known, so that a record can be read into values again."""
+        super(Step, cls).__init_subclass__(**options)
+        Step.kinds[cls.__name__] = cls
+
+    def describe(self) -> str:
+        """Say what the step does, as the work instruction would."""
+        raise NotImplementedError
+
+    def perform(self, context: Context) -> StepResult:
+        """Do the step on the bench of `context`. The executor is the only one who calls this.
+
+        Raises:
+            BenchError: the instrument, the wire or the bench did not let it be done.
+        """
+        raise NotImplementedError
+
+    def predict(self, gyro: LinearGyro) -> StepResult:
+        """Return what the step would give with `gyro` on the bench; nothing is opened or sent."""
+        raise NotImplementedError
+
+    def within(self, limits: LimitChecks) -> None:
+        """Raise LimitError when the step would leave the limits of the bench. One that sets nothing cannot."""
+
+    @property
+    def key(self) -> str:
+        """Name the step by its kind and parameters; the same in every run of the same plan."""
+        return repr(self)
+
+    @property
+    def physical_s(self) -> float:
+        """Least time the step needs on any bench (ramp, settling, averaging window), s."""
+        return 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s."""
+        return self.physical_s + self.overhead_s
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A plan came to its end. What it measured is in the points; this says in one line that it is all there."""
+
+    summary: str
+
+
+Plan = Generator[Step, StepResult, Outcome]
+Routine = Generator[Step, StepResult, _T]
+"""Part of a plan, which returns what it has found."""
+
+
+class _Abandoned(BenchError):
+    """Thrown into a plan that nobody performs any longer."""
+
+
+def abandon(plan: Plan) -> None:
+    """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
+    with suppress(StopIteration, BenchError):
+        while True:
+            plan.throw(_Abandoned("the run was left"))

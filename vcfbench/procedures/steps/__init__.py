@@ -1,0 +1,62 @@
+"""The steps that come with the project, a page for each instrument."""
+
+from vcfbench.procedures.step import Effect, Outcome, Plan, Step, StepResult
+from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, Reading, VerifyZero, Window, ZeroWindow
+from vcfbench.procedures.steps.scope import (
+    ConfigureScope,
+    DriveAmplitudes,
+    DriveReading,
+    FindDrive,
+    MeasureDrive,
+    ScopeReady,
+)
+from vcfbench.procedures.steps.source import ConfigureGenerator, DisableVvc, EnableVvc, SetVvc, VvcSetting
+from vcfbench.procedures.steps.supply import (
+    CheckRails,
+    ConfigureRail,
+    DisableSupply,
+    EnableSupply,
+    RailReading,
+    RailsReading,
+)
+from vcfbench.procedures.steps.table import AwaitRate, DisableTable, EnableTable, RateReading, SetRate
+from vcfbench.procedures.steps.wait import Done, Note, Settle
+
+__all__ = [
+    "Acquire",
+    "AwaitRate",
+    "CheckRails",
+    "ConfigureGenerator",
+    "ConfigureMeter",
+    "ConfigureRail",
+    "ConfigureScope",
+    "DisableSupply",
+    "DisableTable",
+    "DisableVvc",
+    "Done",
+    "DriveAmplitudes",
+    "DriveReading",
+    "Effect",
+    "EnableSupply",
+    "EnableTable",
+    "EnableVvc",
+    "FindDrive",
+    "MeasureDrive",
+    "Note",
+    "Outcome",
+    "Plan",
+    "RailReading",
+    "RailsReading",
+    "RateReading",
+    "Reading",
+    "ScopeReady",
+    "SetRate",
+    "SetVvc",
+    "Settle",
+    "Step",
+    "StepResult",
+    "VerifyZero",
+    "VvcSetting",
+    "Window",
+    "ZeroWindow",
+]

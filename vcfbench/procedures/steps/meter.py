@@ -1,0 +1,211 @@
+"""Everything about the multimeter: its range, and averaging windows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from vcfbench.procedures.scatter import NoiseSeen
+from vcfbench.procedures.step import Effect, Step, StepResult, problem
+from vcfbench.procedures.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
+from vcfbench.procedures.steps.table import read_rate
+from vcfbench.procedures.steps.wait import Done
+from vcfbench.record.schema import Point
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.procedures.step import Context
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One reading of the multimeter: bench time at which it was asked for (s) and voltage (V)."""
+
+    t_s: float
+    voltage_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class Window(StepResult):
+    """One averaging window: every reading, and the state of the bench read back at its end.
+
+    `table_rate_deg_s` is the read-back of the table, `rails` that of the supply, `point` what the readings come to.
+    """
+
+    readings: tuple[Reading, ...]
+    table_rate_deg_s: float
+    rails: tuple[RailReading, ...]
+    point: Point
+
+    @property
+    def mean_v(self) -> float:
+        """Mean of the readings, V."""
+        return self.point.output_v
+
+    @property
+    def std_v(self) -> float:
+        """Sample standard deviation of the readings (n - 1), V."""
+        return self.point.std_v
+
+    @property
+    def recorded_point(self) -> Point | None:
+        """The point that the window adds to the run."""
+        return self.point
+
+    def as_json(self) -> dict[str, Any]:
+        """Return readings and read-backs; the point has a place of its own in the journal."""
+        values = asdict(self)
+        del values["point"]
+        return values
+
+    def describe(self) -> str:
+        """Name mean and scatter."""
+        return f"{self.mean_v:+.5f} V, s {self.std_v:.1e} V"
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroWindow(Window):
+    """A window at zero that is compared with earlier ones, and is no point of the run."""
+
+    @property
+    def recorded_point(self) -> None:
+        """None: the window is for comparison alone."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigureMeter(Step):
+    """Select the multimeter's fixed DC range and integration time."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "multimeter"
+    overhead_s: ClassVar[float] = 0.1
+
+    range_v: float
+    nplc: float
+
+    def describe(self) -> str:
+        """Name range and integration time."""
+        return f"multimeter: DC {self.range_v:g} V range, {self.nplc:g} power-line cycles, autozero on"
+
+    def perform(self, context: Context) -> Done:
+        """Select both."""
+        context.bench.multimeter.configure_dc_voltage(self.range_v, self.nplc)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that they are selected."""
+        del gyro
+        return Done()
+
+
+@dataclass(frozen=True, slots=True)
+class Acquire(Step):
+    """Take `samples` readings on a grid of `interval_s`; the window counts `samples * interval_s` seconds.
+
+    `step` is the number of the paper's step. `rate_deg_s` is the rate that the point stands for: the table's rate, in
+    step 4 the equivalent rate K_Vc V_Vc. `table_deg_s` is what the table must read back (within `tolerance_deg_s`) at
+    the end, `rails` what the supply must (within `rail_tolerance_v`). `resolution_v` is that of one reading; `noise_v`
+    is what the scatter of the readings is expected to be, (least, most), None when nothing is known of it.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "output"
+
+    step: int
+    rate_deg_s: float
+    v_vc_v: float
+    table_deg_s: float
+    tolerance_deg_s: float
+    rails: tuple[ConfigureRail, ...]
+    rail_tolerance_v: float
+    samples: int
+    interval_s: float
+    resolution_v: float
+    noise_v: tuple[float, float] | None = None
+
+    def describe(self) -> str:
+        """Name the point and the window."""
+        return (
+            f"average {self.samples} readings, one every {self.interval_s:g} s: "
+            f"{self.rate_deg_s:+.6g} deg/s, V_Vc {self.v_vc_v:+.6g} V"
+        )
+
+    @property
+    def physical_s(self) -> float:
+        """The averaging window, s."""
+        return self.samples * self.interval_s
+
+    def perform(self, context: Context) -> Window:
+        """Read on the grid, hold the window to its full length, and read back table and rails before it ends.
+
+        Raises:
+            MeasurementError: the meter cannot follow, a read-back is not as it should be, or the readings do not
+                scatter as those of the run do.
+        """
+        clock = context.bench.clock
+        start_s = clock.now()
+        for number in range(self.samples):
+            self._read_at(start_s + number * self.interval_s, number, context)
+        rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
+        table_deg_s = read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+        window = self._window(tuple(context.readings), table_deg_s, rails)
+        self._require_plausible(window, context)
+        clock.sleep_until(start_s + self.samples * self.interval_s)
+        return window
+
+    def predict(self, gyro: LinearGyro) -> Window:
+        """Predict a window without noise."""
+        output_v = gyro.output_v(self.table_deg_s)
+        readings = tuple(Reading(number * self.interval_s, output_v) for number in range(self.samples))
+        return self._window(readings, self.table_deg_s, tuple(map(predicted_rail, self.rails)))
+
+    def _window(self, readings: tuple[Reading, ...], table_deg_s: float, rails: tuple[RailReading, ...]) -> Window:
+        return Window(readings, table_deg_s, rails, self._point(readings))
+
+    def _point(self, readings: tuple[Reading, ...]) -> Point:
+        count = len(readings)
+        mean_v = math.fsum(reading.voltage_v for reading in readings) / count
+        squares_v2 = math.fsum((reading.voltage_v - mean_v) ** 2 for reading in readings)
+        std_v = math.sqrt(squares_v2 / max(1, count - 1))
+        return Point(self.step, self.rate_deg_s, self.v_vc_v, mean_v, std_v, count)
+
+    def _read_at(self, instant_s: float, number: int, context: Context) -> None:
+        clock, meter = context.bench.clock, context.bench.multimeter
+        clock.sleep_until(instant_s)
+        t_s = clock.now()
+        if t_s - instant_s > 0.5 * self.interval_s:
+            raise problem(
+                meter,
+                f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
+                f"the meter cannot follow one reading every {self.interval_s:g} s",
+            )
+        context.take(Reading(t_s, context.believable(meter.read_voltage_v)))
+
+    def _require_plausible(self, window: Window, context: Context) -> None:
+        """See that the readings scatter as expected, and as those of the run do."""
+        meter = context.bench.multimeter
+        if self.noise_v is not None and not self.noise_v[0] <= window.std_v <= self.noise_v[1]:
+            low_v, high_v = self.noise_v
+            raise problem(
+                meter,
+                f"the readings scatter by {window.std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
+                "(expected.reading_noise_v)",
+            )
+        if context.noise is None:
+            context.noise = NoiseSeen(self.resolution_v)
+        if said := context.noise.doubt([reading.voltage_v for reading in window.readings]):
+            raise problem(meter, f"{said}; a mean of them is no measurement")
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyZero(Acquire):
+    """Take the zero once more when everything has been measured: a window that is compared, and is no point."""
+
+    def describe(self) -> str:
+        """Say what the window is for."""
+        return f"the zero again, to compare: {self.samples} readings, one every {self.interval_s:g} s"
+
+    def _window(self, readings: tuple[Reading, ...], table_deg_s: float, rails: tuple[RailReading, ...]) -> Window:
+        return ZeroWindow(readings, table_deg_s, rails, self._point(readings))

@@ -1,0 +1,171 @@
+"""Everything about the oscilloscope: it looks at the drive signal before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.step import Effect, Step, StepResult
+
+if TYPE_CHECKING:
+    from vcfbench.interfaces import Oscilloscope
+    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.procedures.step import Context
+
+_DIVISIONS = 3.0
+"""Divisions of the oscilloscope's screen (eight high) that an amplitude shall fill."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeReady(StepResult):
+    """Time base and trigger are set; bench time, s."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class DriveAmplitudes(StepResult):
+    """Amplitudes of drive and carrier at a coarse scale, V; 0 where there is no signal yet."""
+
+    drive_v: float
+    carrier_v: float
+
+    def describe(self) -> str:
+        """Name both."""
+        return f"drive {self.drive_v:.3g} V, carrier {self.carrier_v:.3g} V"
+
+
+@dataclass(frozen=True, slots=True)
+class DriveReading(StepResult):
+    """The drive signal on the oscilloscope: frequency (Hz), amplitude (V), phase of the drive to the carrier (deg).
+
+    `t_s` is the bench time, s. `trouble` says why the record could not be measured; empty when it could.
+    """
+
+    frequency_hz: float
+    amplitude_v: float
+    phase_deg: float
+    t_s: float
+    trouble: str = ""
+
+    def describe(self) -> str:
+        """Name the three, or the trouble."""
+        if self.trouble:
+            return self.trouble
+        return f"{self.frequency_hz:.2f} Hz, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigureScope(Step):
+    """Set time base and trigger for the drive signal."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "oscilloscope"
+    overhead_s: ClassVar[float] = 0.1
+
+    timebase_s_per_div: float
+    trigger_channel: int
+
+    def describe(self) -> str:
+        """Name both."""
+        return f"oscilloscope: {self.timebase_s_per_div:g} s/div, trigger on channel {self.trigger_channel}"
+
+    def perform(self, context: Context) -> ScopeReady:
+        """Set both."""
+        ready = ScopeReady(context.bench.clock.now())
+        scope = context.bench.oscilloscope
+        scope.configure_timebase(self.timebase_s_per_div)
+        scope.configure_trigger(self.trigger_channel)
+        return ready
+
+    def predict(self, gyro: LinearGyro) -> ScopeReady:
+        """Predict that they are set."""
+        del gyro
+        return ScopeReady(0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FindDrive(Step):
+    """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure roughly how large they are.
+
+    `expected_v` is what a dry run answers.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "drive signal"
+    overhead_s: ClassVar[float] = 0.4
+
+    drive_channel: int
+    carrier_channel: int
+    largest_v: float
+    expected_v: float
+
+    def describe(self) -> str:
+        """Name the scale."""
+        return f"oscilloscope: find drive and carrier, up to {self.largest_v:g} V"
+
+    def perform(self, context: Context) -> DriveAmplitudes:
+        """Take one record of both."""
+        scope = context.bench.oscilloscope
+        channels = (self.drive_channel, self.carrier_channel)
+        for channel in channels:
+            scope.configure_channel(channel, self.largest_v / _DIVISIONS)
+        scope.acquire(*channels)
+        return DriveAmplitudes(*(_amplitude_or_none(scope, channel) for channel in channels))
+
+    def predict(self, gyro: LinearGyro) -> DriveAmplitudes:
+        """Predict that both are there."""
+        del gyro
+        return DriveAmplitudes(self.expected_v, self.expected_v)
+
+
+def _amplitude_or_none(scope: Oscilloscope, channel: int) -> float:
+    """Measure an amplitude where there may be no signal yet, V; 0 when there is none."""
+    try:
+        return scope.measure_amplitude_v(channel)
+    except MeasurementError:
+        return 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureDrive(Step):
+    """Take one record of drive and carrier at fitting scales and measure frequency, amplitude and phase.
+
+    `drive_v` and `carrier_v` are the amplitudes that fill the screen. `expected` is what a dry run answers: Hz, V, deg.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "drive signal"
+    overhead_s: ClassVar[float] = 0.5
+
+    drive_channel: int
+    carrier_channel: int
+    drive_v: float
+    carrier_v: float
+    expected: tuple[float, float, float]
+
+    def describe(self) -> str:
+        """Name what is measured."""
+        return "oscilloscope: frequency, amplitude and phase of the drive signal"
+
+    def perform(self, context: Context) -> DriveReading:
+        """Measure; a record that cannot be measured is an answer too, since the drive may still be starting."""
+        scope, clock = context.bench.oscilloscope, context.bench.clock
+        scope.configure_channel(self.drive_channel, self.drive_v / _DIVISIONS)
+        scope.configure_channel(self.carrier_channel, self.carrier_v / _DIVISIONS)
+        scope.acquire(self.drive_channel, self.carrier_channel)
+        try:
+            measured = (
+                scope.measure_frequency_hz(self.drive_channel),
+                scope.measure_amplitude_v(self.drive_channel),
+                scope.measure_phase_deg(self.drive_channel, self.carrier_channel),
+            )
+        except MeasurementError as error:
+            return DriveReading(0.0, 0.0, 0.0, clock.now(), error.what)
+        return DriveReading(*measured, clock.now())
+
+    def predict(self, gyro: LinearGyro) -> DriveReading:
+        """Predict that the drive is as expected."""
+        del gyro
+        return DriveReading(*self.expected, 0.0)

@@ -1,0 +1,135 @@
+"""Everything about the generator of V_Vc."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.procedures.step import Effect, Step, StepResult, problem
+from vcfbench.procedures.steps.wait import Done
+
+if TYPE_CHECKING:
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.procedures.step import Context
+
+
+@dataclass(frozen=True, slots=True)
+class VvcSetting(StepResult):
+    """The DC level that the generator says it has set, V."""
+
+    v_vc_v: float
+
+    def describe(self) -> str:
+        """Name the level."""
+        return f"reads {self.v_vc_v:+.6g} V"
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigureGenerator(Step):
+    """Select DC at `v_vc_v` into the high impedance of the PCB; the output stays off."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.1
+
+    v_vc_v: float
+
+    def describe(self) -> str:
+        """Name the level."""
+        return f"generator: output off, DC {self.v_vc_v:g} V into high impedance"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold the level against that of V_Vc."""
+        limits.v_vc(self.v_vc_v)
+
+    def perform(self, context: Context) -> VvcSetting:
+        """Select and read back."""
+        source = context.bench.rate_source
+        return VvcSetting(context.believable(lambda: source.configure_dc(self.v_vc_v)))
+
+    def predict(self, gyro: LinearGyro) -> VvcSetting:
+        """Predict that the level is taken as it is."""
+        gyro.v_vc_v = self.v_vc_v
+        return VvcSetting(self.v_vc_v)
+
+
+@dataclass(frozen=True, slots=True)
+class SetVvc(Step):
+    """Set V_Vc; the result is the level read back."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.05
+
+    v_vc_v: float
+
+    def describe(self) -> str:
+        """Name the level."""
+        return f"V_Vc = {self.v_vc_v:+.6g} V"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold the level against that of V_Vc."""
+        limits.v_vc(self.v_vc_v)
+
+    def perform(self, context: Context) -> VvcSetting:
+        """Set and read back."""
+        source = context.bench.rate_source
+        return VvcSetting(context.believable(lambda: source.set_dc(self.v_vc_v)))
+
+    def predict(self, gyro: LinearGyro) -> VvcSetting:
+        """Predict that the level is taken as it is."""
+        gyro.v_vc_v = self.v_vc_v
+        return VvcSetting(self.v_vc_v)
+
+
+@dataclass(frozen=True, slots=True)
+class EnableVvc(Step):
+    """Switch the generator's output on."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "generator output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output."""
+        return "generator output on"
+
+    def perform(self, context: Context) -> Done:
+        """Switch on; MeasurementError when it reads back off."""
+        source = context.bench.rate_source
+        source.enable_output()
+        if not source.output_enabled():
+            raise problem(source, "the output was switched on but reads back off")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc acts."""
+        gyro.v_vc_on = True
+        return Done()
+
+
+@dataclass(frozen=True, slots=True)
+class DisableVvc(Step):
+    """Switch the generator's output off: the PCB pulls the V_Vc node to 0 V."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "generator output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output, and what the PCB does then."""
+        return "generator output off, the PCB holds V_Vc at 0 V"
+
+    def perform(self, context: Context) -> Done:
+        """Switch off; MeasurementError when it reads back on."""
+        source = context.bench.rate_source
+        source.disable_output()
+        if source.output_enabled():
+            raise problem(source, "the output was switched off but reads back on")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc acts no more."""
+        gyro.v_vc_on = False
+        return Done()

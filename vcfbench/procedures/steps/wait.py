@@ -1,0 +1,68 @@
+"""Steps that set nothing: headings, and waiting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.clock import sleep
+from vcfbench.procedures.step import Effect, Step, StepResult
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.procedures.step import Context
+
+
+@dataclass(frozen=True, slots=True)
+class Done(StepResult):
+    """A step was performed and gave nothing to look at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note(Step):
+    """A heading of the work instruction; nothing is done."""
+
+    text: str
+
+    def describe(self) -> str:
+        """Return the heading."""
+        return self.text
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+@dataclass(frozen=True, slots=True)
+class Settle(Step):
+    """Wait for the bench to come to rest."""
+
+    effect: ClassVar[Effect] = Effect.WAITS
+
+    seconds: float
+    reason: str
+
+    def describe(self) -> str:
+        """Say how long and why."""
+        return f"wait {self.seconds:g} s: {self.reason}"
+
+    def perform(self, context: Context) -> Done:
+        """Wait."""
+        sleep(context.bench.clock, self.seconds)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that time passes."""
+        del gyro
+        return Done()
+
+    @property
+    def physical_s(self) -> float:
+        """The wait itself, s."""
+        return self.seconds
