@@ -9,10 +9,14 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.faults.corruption import Came, Change, bench_of, changes_of, perform
+from tests.faults.corruption import Behind, Came, Change, bench_of, changes_of, perform
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 pytestmark = pytest.mark.slow
 
@@ -31,12 +35,12 @@ def clean(procedure: str) -> Came:
     return came
 
 
-def wrong(procedure: str, came: Came) -> str | None:
+def wrong(expects: Came, came: Came) -> str | None:
     """Say which number of a complete run is wrong."""
     if came.error is not None:
         return None
-    expected = clean(procedure).numbers()
-    again = came.readings() != clean(procedure).readings()
+    expected = expects.numbers()
+    again = came.readings() != expects.readings()
     for name, (value, u) in came.numbers().items():
         true, true_u = expected[name]
         bar = 4.0 * math.hypot(u, true_u) if again else true_u / 3.0
@@ -49,14 +53,12 @@ def changes(procedure: str, role: str, count: int) -> list[Change]:
     """Return `count` changes, spread over all bytes of all replies of a role."""
     replies = list(enumerate(clean(procedure).replies[role]))[OPENING:]
     every = changes_of(replies)
-    stride = max(1, len(every) // count) | 1  # odd, and no multiple of the three ways
-    stride += 2 * (stride % 3 == 0)
-    return every[::stride][:count]
+    return [every[number * len(every) // count] for number in range(count)]
 
 
 def believed(procedure: str, role: str, chosen: list[Change]) -> list[str]:
     """Return the changes after which a complete run had a wrong number."""
-    found = [(change, wrong(procedure, perform(BENCH, procedure, {role: change}))) for change in chosen]
+    found = [(change, wrong(clean(procedure), perform(BENCH, procedure, {role: change}))) for change in chosen]
     return [f"{role} {change}: {words}" for change, words in found if words is not None]
 
 
@@ -76,3 +78,54 @@ def test_500_corrupted_readings() -> None:
 @pytest.mark.parametrize("role", ROLES)
 def test_corrupted_read_backs(role: str) -> None:
     assert not believed("virtual-coriolis", role, changes("virtual-coriolis", role, 60))
+
+
+def lead_off(behind: Behind) -> None:
+    behind.world.leads["multimeter"].connect("input", None)
+
+
+def leads_swapped(behind: Behind) -> None:
+    behind.world.leads["multimeter"].turn("input", reversed_=True)
+
+
+def another_node(behind: Behind) -> None:
+    behind.world.leads["multimeter"].connect("input", "v_vc")
+
+
+def offset(behind: Behind) -> None:
+    behind.spoilers["multimeter"].offset_v = 0.5
+
+
+def warmer(behind: Behind) -> None:
+    behind.world.set_ambient_c(65.0)
+
+
+WIDE = bench_of(procedure_words=QUICK.replace("[40, 0, -20]", "[40, 20, 0, -20, -40]"))
+"""Of three rates nobody can tell which is wrong; of five one can."""
+MISHAPS = (lead_off, leads_swapped, another_node, offset, warmer)
+POINTS = {"turntable": 5, "virtual-coriolis": 34}
+
+
+@cache
+def clean_wide(procedure: str) -> Came:
+    came = perform(WIDE, procedure)
+    assert came.error is None
+    return came
+
+
+def mistaken(procedure: str, mishap: Callable[[Behind], None], point: int) -> str | None:
+    """Say which number is wrong after a mishap when `point` points have been taken."""
+    return wrong(clean_wide(procedure), perform(WIDE, procedure, at_point={point: mishap}))
+
+
+@pytest.mark.parametrize("mishap", MISHAPS)
+def test_a_mishap_amid_a_run(mishap: Callable[[Behind], None]) -> None:
+    assert mistaken("turntable", mishap, 2) is None
+
+
+@pytest.mark.fault_matrix
+@pytest.mark.parametrize("procedure", POINTS)
+@pytest.mark.parametrize("mishap", MISHAPS)
+def test_a_mishap_after_every_point(mishap: Callable[[Behind], None], procedure: str) -> None:
+    words = {number: mistaken(procedure, mishap, number) for number in range(1, POINTS[procedure])}
+    assert not {number: told for number, told in words.items() if told is not None}
