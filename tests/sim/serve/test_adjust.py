@@ -6,6 +6,7 @@ One bench serves all of these tests, put back to its first state before each.
 from __future__ import annotations
 
 import math
+import struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -32,6 +33,14 @@ def lab(started: ServedLab) -> Iterator[ServedLab]:
     started.ask("speed", value="max")
 
 
+class TableWire(Wire):
+    """A plain socket to a table that says error and length, two 32-bit words, before each reply."""
+
+    def line(self) -> bytes:
+        _, length = struct.unpack("<II", self.file.read(8))
+        return self.file.read(length)
+
+
 class Wired:
     """Plain sockets to every instrument."""
 
@@ -40,9 +49,8 @@ class Wired:
             return int(lab.resource(role).removesuffix("::SOCKET").rpartition(":")[2])
 
         self.lab = lab
-        self.power, self.meter, self.scope, self.table = (
-            Wire(port(role)) for role in ("power", "multimeter", "oscilloscope", "rate_table")
-        )
+        self.power, self.meter, self.scope = (Wire(port(role)) for role in ("power", "multimeter", "oscilloscope"))
+        self.table = TableWire(port("rate_table"))
 
     def switch_on(self, volts: float = 10.0, limit_a: float = 0.5) -> None:
         setting = f"APPL P25V,{volts},{limit_a};:APPL N25V,-{volts},{limit_a};:OUTP ON;*OPC?\n"
