@@ -8,12 +8,17 @@ import pytest
 
 HERE = Path(__file__).parent
 SLOW = (
+    "bench/test_holding.py",
     "bench/test_open_simulated.py",
     "cli/test_main.py",
     "cli/test_paper_figures.py",
     "cli/test_run_dialects.py",
     "cli/test_run_served.py",
     "cli/test_run_simulated.py",
+    "cli/test_streams.py",
+    "faults/test_matrix.py",
+    "faults/test_owners.py",
+    "faults/test_scripts.py",
     "sim/gyro/test_bridge.py",
     "sim/gyro/test_carrier.py",
     "sim/gyro/test_noise.py",

@@ -143,12 +143,14 @@ def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
             os.write(master, b"two\n")
             with pytest.raises(serial.SerialException):
                 port.read(4)
+        path = Path(wire.resource)
+        while not path.exists():  # it comes back by itself, when the machine has a moment for it
+            sleep(CLOCK, 0.01)
         with serial.Serial(wire.resource, timeout=5.0) as port:
             port.write(b"B\n")
             assert os.read(master, 10) == b"B\n"
             os.write(master, b"three\n")
             assert port.read(6) == b"three\n"
-        path = Path(wire.resource)
         wire.begin(WireFault("cut"))
         os.write(master, b"four\n")
         while path.is_symlink():
