@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from vcfbench.sim.scpi import ScpiError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 __all__ = ["APERTURES_S", "AUTO_DELAY_S", "BY_NAME", "RESOLUTIONS", "Function"]
 
@@ -33,6 +38,7 @@ class Function:
         integrating: the aperture is set by power line cycles. gated: by a gate time.
         lowest, highest: limits of what may be expected where there is one range.
         voltage_ranges: of the signal, for frequency and period.
+        fractions: power line cycles, rising, to resolution as a fraction of the range.
     """
 
     name: str
@@ -47,6 +53,7 @@ class Function:
     lowest: float = 0.0
     highest: float = 0.0
     voltage_ranges: tuple[float, ...] = ()
+    fractions: Mapping[float, float] = field(default_factory=lambda: RESOLUTIONS)
 
     @property
     def default_range(self) -> float:
@@ -75,7 +82,23 @@ class Function:
     @property
     def resolutions(self) -> tuple[float, ...]:
         """The resolutions to be had, as fractions of the range; ac readings only mask digits (p. 57)."""
-        return tuple(RESOLUTIONS.values()) if self.integrating else (1e-4, 1e-5, 1e-6)
+        return tuple(self.fractions.values()) if self.integrating else (1e-4, 1e-5, 1e-6)
+
+    @property
+    def usual_resolution(self) -> float:
+        """The resolution, as a fraction of the range, that CONFigure takes when it is told none."""
+        return self.fractions[10.0] if self.integrating else 1e-6
+
+    def fraction_of(self, nplc: float) -> float:
+        """Return the resolution, as a fraction of the range; between the power line cycles of the table by a power."""
+        if nplc in self.fractions:
+            return self.fractions[nplc]
+        below = max((each for each in self.fractions if each < nplc), default=min(self.fractions))
+        above = min((each for each in self.fractions if each > nplc), default=max(self.fractions))
+        if below == above:
+            return self.fractions[below]
+        share = math.log(nplc / below) / math.log(above / below)
+        return float(self.fractions[below] ** (1.0 - share) * self.fractions[above] ** share)
 
     @property
     def autorange_s(self) -> float:
@@ -97,7 +120,7 @@ class Function:
         """Return the power line cycles that go with a resolution."""
         if not self.integrating:
             return 10.0
-        return next(cycles for cycles, fraction in RESOLUTIONS.items() if fraction <= resolution)
+        return next(cycles for cycles, fraction in self.fractions.items() if fraction <= resolution)
 
     def auto_delay_s(self, nplc: float, bandwidth_hz: float, range_: float) -> float:
         """Return the automatic trigger delay (p. 81)."""

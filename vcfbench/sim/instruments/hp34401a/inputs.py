@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vcfbench.sim.instruments.hp34401a import counter, ohms
@@ -13,18 +14,18 @@ from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.instruments.hp34401a.calibration import Corrections
 from vcfbench.sim.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
-from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, RESOLUTIONS, Function
+from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, Function
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from vcfbench.sim.instruments.hp34401a.ac import Detected
     from vcfbench.sim.instruments.hp34401a.setup import Setup
     from vcfbench.sim.trace import History, Piece
 
-__all__ = ["Conditions", "Inputs", "MeterErrors", "Reading"]
+__all__ = ["FAST_APERTURES_S", "Conditions", "Inputs", "MeterErrors", "Reading"]
 
-_FAST_APERTURE_S = {0.02: 400e-6, 0.2: 3e-3}
+FAST_APERTURES_S = MappingProxyType({0.02: 400e-6, 0.2: 3e-3})
 """Integration below one cycle does not depend on the line (p. 217)."""
 _OVERHEAD_S = {0.02: 0.6e-3, 0.2: 0.33e-3}
 """What the published reading rates leave beside integration and delay (p. 217; inferred)."""
@@ -86,10 +87,19 @@ class Inputs:
         mains_hz: line frequency.
         source_ohm: resistance of the node that the 10 Mohm of direct voltage load.
         sense: the node between the sense terminals, None while they are open.
+        fast_apertures_s: integration times that do not depend on the line, by power line cycles.
     """
 
     def __init__(
-        self, world: Any, node: str, errors: MeterErrors, *, mains_hz: float, source_ohm: float, sense: str | None
+        self,
+        world: Any,
+        node: str,
+        errors: MeterErrors,
+        *,
+        mains_hz: float,
+        source_ohm: float,
+        sense: str | None,
+        fast_apertures_s: Mapping[float, float] = FAST_APERTURES_S,
     ) -> None:
         self._world = world
         self._node = node
@@ -97,6 +107,7 @@ class Inputs:
         self._errors = errors
         self._mains_hz = mains_hz
         self._source_ohm = source_ohm
+        self._fast_apertures_s = fast_apertures_s
         self._noise = random.Random(errors.noise_seed)  # noqa: S311  (noise, not secrets)
         self._history: History | None = None
         self.corrections = Corrections()
@@ -104,7 +115,7 @@ class Inputs:
 
     def aperture_s(self, nplc: float) -> float:
         """Return the integration time of `nplc` power line cycles."""
-        return _FAST_APERTURE_S.get(nplc, nplc / self._mains_hz)
+        return self._fast_apertures_s.get(nplc, nplc / self._mains_hz)
 
     def route(self, function: Function) -> None:
         """Switch the input to a function: the ac path sees the signal from now on, and has to settle."""
@@ -154,7 +165,7 @@ class Inputs:
         autozero = conditions.autozero or function.name in ("FRES", "VOLT:RAT")
         end = start_s + aperture * (2 if autozero else 1) + _OVERHEAD_S.get(setup.nplc, 0.0)
         window = self._world.window(self._node, start_s, start_s + aperture)
-        scale = _Scale(setup.range, function.over_range_of(setup.range), RESOLUTIONS[setup.nplc] * setup.range)
+        scale = _Scale(setup.range, function.over_range_of(setup.range), function.fraction_of(setup.nplc) * setup.range)
         if function.name == "VOLT":
             loading = self.loading(setup.range, high_impedance=conditions.high_impedance)
 
@@ -165,7 +176,7 @@ class Inputs:
 
             return Reading(end, volts)
         if function.name == "VOLT:RAT":
-            return self._ratio(window.mean_v, scale, start_s, setup.nplc)
+            return self._ratio(function, window.mean_v, scale, start_s, setup.nplc)
         return Reading(end, lambda: self._resistive(function, window.mean_v(), scale))
 
     def _integrated_again(
@@ -203,7 +214,9 @@ class Inputs:
             reading = round(reading / step) * step
         return reading
 
-    def _ratio(self, signal_v: Callable[[], float], scale: _Scale, start_s: float, nplc: float) -> Reading:
+    def _ratio(
+        self, function: Function, signal_v: Callable[[], float], scale: _Scale, start_s: float, nplc: float
+    ) -> Reading:
         """Both inputs are read one after the other, each with its zero; the reference up to 12 V (p. 52, 217)."""
         aperture = self.aperture_s(nplc)
         middle, end = start_s + 2 * aperture, start_s + 4 * aperture + _OVERHEAD_S.get(nplc, 0.0)
@@ -212,7 +225,8 @@ class Inputs:
         reference = self._world.window(self._sense, middle, middle + aperture)
 
         def value() -> float:
-            below = self._as_read(reference.mean_v(), _Scale(10.0, 1.2, 10.0 * RESOLUTIONS[nplc]), autozero=True)
+            of_sense = _Scale(10.0, 1.2, 10.0 * function.fraction_of(nplc))
+            below = self._as_read(reference.mean_v(), of_sense, autozero=True)
             above = self._as_read(signal_v(), scale, autozero=True)
             overloaded = OVERLOAD in (abs(below), abs(above)) or below == 0.0
             return OVERLOAD if overloaded else above / below
@@ -256,7 +270,7 @@ class Inputs:
         own = self.corrections.apply(function.name, range_, open_dc_input_a(errors, range_))
         aperture = self.aperture_s(setup.nplc) * (2 if conditions.autozero else 1)
         end = start_s + aperture + _OVERHEAD_S.get(setup.nplc, 0.0)
-        return Reading(end, lambda: self._shown(own, RESOLUTIONS[setup.nplc] * range_))
+        return Reading(end, lambda: self._shown(own, function.fraction_of(setup.nplc) * range_))
 
     # --- alternating voltage, frequency, period -----------------------------------------------------------
 

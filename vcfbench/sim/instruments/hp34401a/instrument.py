@@ -9,6 +9,7 @@ measure, `setup` settings, `inputs` readings, `ac`, `counter`, `ohms`, `current`
 from __future__ import annotations
 
 import re
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.sim.instruments.hp34401a import ohms
@@ -17,7 +18,7 @@ from vcfbench.sim.instruments.hp34401a.calibration import Calibration, Calibrati
 from vcfbench.sim.instruments.hp34401a.commands import TABLE
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.functions import BY_NAME, Function
-from vcfbench.sim.instruments.hp34401a.inputs import Conditions, Inputs
+from vcfbench.sim.instruments.hp34401a.inputs import FAST_APERTURES_S, Conditions, Inputs
 from vcfbench.sim.instruments.hp34401a.setup import Setup, configured
 from vcfbench.sim.instruments.hp34401a.trigger import TriggerSystem
 from vcfbench.sim.scpi import (
@@ -34,11 +35,13 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from vcfbench.sim.instruments.hp34401a.inputs import Reading
+    from vcfbench.sim.scpi import CommandTable, Interface
 
 __all__ = ["TABLE", "Hp34401A", "MeterErrors"]
 
-_INTERFACES = {"gpib": GPIB, "rs232": RS232}
 _DIALECT = Dialect(
     queue_depth=20,
     words={-350: "Too many errors"},
@@ -65,9 +68,15 @@ class Hp34401A(ScpiInstrument):
         source_ohm: resistance of the node, which the input resistance loads.
         sense: the node on its sense terminals, for ratios and four-wire resistance; None leaves them open.
         interface: "gpib" or "rs232", one of which is selected on the front panel.
+        model: what it calls itself, where it stands for a meter that speaks the same words.
     """
 
     errors_class: ClassVar = MeterErrors
+    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "rs232": RS232})
+    functions: ClassVar[Mapping[str, Function]] = BY_NAME
+    table: ClassVar[CommandTable] = TABLE
+    dialect: ClassVar[Dialect] = _DIALECT
+    fast_apertures_s: ClassVar[Mapping[float, float]] = FAST_APERTURES_S
 
     def __init__(
         self,
@@ -79,18 +88,28 @@ class Hp34401A(ScpiInstrument):
         source_ohm: float = 0.0,
         sense: str | None = None,
         interface: str = "gpib",
+        model: str | None = None,
     ) -> None:
+        self._model = model or "34401A"
         self.world = world
         self.clock = world.clock
         line_hz = 50.0 if mains_hz > 360.0 else mains_hz
-        self.inputs = Inputs(world, node, errors, mains_hz=line_hz, source_ohm=source_ohm, sense=sense)
+        self.inputs = Inputs(
+            world,
+            node,
+            errors,
+            mains_hz=line_hz,
+            source_ohm=source_ohm,
+            sense=sense,
+            fast_apertures_s=self.fast_apertures_s,
+        )
         self.questionable = Register()
         status = Status({3: self.questionable})
         self.engine = ScpiEngine(
-            self, TABLE, world.clock, dialect=_DIALECT, interface=_INTERFACES[interface], status=status
+            self, self.table, world.clock, dialect=self.dialect, interface=self.interfaces[interface], status=status
         )
         self.math = Math()
-        self.triggering = TriggerSystem(world.clock, self._begin_reading, self._finish_reading)
+        self.triggering = self.made_trigger_system()
         self.calibration = CalibrationMemory()
         self.local = True
         self.language = _SCPI
@@ -100,16 +119,20 @@ class Hp34401A(ScpiInstrument):
         self._calibrating = False
         self.reset()
 
+    def made_trigger_system(self) -> TriggerSystem:
+        """Return the trigger system of the model."""
+        return TriggerSystem(self.clock, self._begin_reading, self._finish_reading)
+
     # --- what the engine asks -----------------------------------------------------------------------------
 
     def identity(self) -> str:
         """Return the identity; the firmware numbers are typical, unverified."""
-        return "HEWLETT-PACKARD,34401A,0,11-5-2"
+        return f"HEWLETT-PACKARD,{self._model},0,11-5-2"
 
     def reset(self) -> None:
         """*RST (p. 101)."""
-        self.setups = {name: Setup.of(function) for name, function in BY_NAME.items() if name != "VOLT:RAT"}
-        self._turn_to(BY_NAME["VOLT"])
+        self.setups = {name: Setup.of(function) for name, function in self.functions.items() if name != "VOLT:RAT"}
+        self._turn_to(self.functions["VOLT"])
         self.bandwidth_hz = 20.0
         self.autozero = True
         self.display_on = True

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, BY_NAME, Function
-from vcfbench.sim.instruments.hp34401a.trigger import MEMORY
 from vcfbench.sim.scpi import RS232, Command, Number, Pending, ScpiError, Text, comma_list, quoted, real
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
     from vcfbench.sim.instruments.hp34401a.setup import Setup
     from vcfbench.sim.instruments.hp34401a.trigger import Sequence, TriggerSystem
 
 
-__all__ = ["COMMANDS"]
+__all__ = ["COMMANDS", "CONFIGURATION", "FUNCTION", "measurement_commands"]
 
 _FUNCTION_CHANGE_S = 1 / 26
 """Function changes a second over the bus (p. 217)."""
 _NR3 = real(8)
 _READINGS = comma_list(_NR3)
+_NO_WORDS: Mapping[str, float] = MappingProxyType({})
 
 
 class _Readings:
@@ -58,7 +59,7 @@ def _read(meter: Hp34401A) -> Pending:
 
 
 def _initiate(meter: Hp34401A) -> Pending:
-    if meter.triggering.feed and meter.triggering.readings_to_come > MEMORY:
+    if meter.triggering.feed and meter.triggering.readings_to_come > meter.triggering.capacity:
         raise ScpiError(531)
     return _running(meter, meter.triggering.start(stored=True), lambda: None)
 
@@ -76,10 +77,10 @@ def _configure(function: Function) -> Callable[..., None]:
     return configure
 
 
-def _measure(function: Function) -> Callable[..., Pending]:
+def _measure(function: Function, read: Callable[[Any], Pending]) -> Callable[..., Pending]:
     def measure(meter: Hp34401A, expected: Any = None, resolution: Any = None) -> Pending:
         meter.configure(function, expected, resolution)
-        return _read(meter)
+        return read(meter)
 
     return measure
 
@@ -95,13 +96,13 @@ def _gate_resolution(setup: Setup, function: Function) -> float:
 
 
 def _set_function(meter: Hp34401A, name: str) -> None:
-    meter.choose(_function_named(name))
+    meter.choose(_function_named(meter, name))
 
 
-def _function_named(text: str) -> Function:
+def _function_named(meter: Hp34401A, text: str) -> Function:
     """Return the function a string names, in short or long forms, `:DC` being optional."""
     words = tuple(text.strip().upper().split(":"))
-    for function in BY_NAME.values():
+    for function in meter.functions.values():
         if any(_spells(words, spelling) for spelling in function.spellings):
             return function
     raise ScpiError(-224)
@@ -116,15 +117,24 @@ def _function(meter: Hp34401A) -> str:
     return meter.function.name
 
 
-def _measurement_commands(function: Function) -> tuple[Command, ...]:
-    """Declare CONFigure and MEASure of one function: `[<range>[,<resolution>]]`."""
-    number = Number(unit=function.unit, required=False, deferred=True)
-    parameters = () if function.name in ("CONT", "DIOD") else (number, number)
+def measurement_commands(
+    function: Function, read: Callable[[Any], Pending] = _read, words: Mapping[str, float] = _NO_WORDS
+) -> tuple[Command, ...]:
+    """Declare CONFigure and MEASure of one function: `[<range>[,<resolution>]]`.
+
+    Args:
+        function: the function.
+        read: what READ? does.
+        words: what may stand for the range besides MIN, MAX and DEF.
+    """
+    expected = Number(unit=function.unit, required=False, deferred=True, words=words)
+    resolution = Number(unit=function.unit, required=False, deferred=True)
+    parameters = () if function.name in ("CONT", "DIOD") else (expected, resolution)
     return (
         Command(f"CONFigure:{function.header}", parameters, do=_configure(function), takes_s=_FUNCTION_CHANGE_S),
         Command(
             f"MEASure:{function.header}",
-            query=_measure(function),
+            query=_measure(function, read),
             query_parameters=parameters,
             reply=_READINGS,
             query_takes_s=_FUNCTION_CHANGE_S,
@@ -132,12 +142,17 @@ def _measurement_commands(function: Function) -> tuple[Command, ...]:
     )
 
 
+FUNCTION = Command(
+    "[SENSe:]FUNCtion", (Text(),), do=_set_function, query=_function, reply=quoted, takes_s=_FUNCTION_CHANGE_S
+)
+CONFIGURATION = Command("CONFigure", query=_configuration, reply=quoted)
+
 COMMANDS = (
     # measuring
-    *(command for function in BY_NAME.values() for command in _measurement_commands(function)),
-    Command("CONFigure", query=_configuration, reply=quoted),
+    *(command for function in BY_NAME.values() for command in measurement_commands(function)),
+    CONFIGURATION,
     Command("READ", query=_read, reply=_READINGS),
     Command("INITiate[:IMMediate]", do=_initiate),
     Command("FETCh", query=_fetch, reply=_READINGS),
-    Command("[SENSe:]FUNCtion", (Text(),), do=_set_function, query=_function, reply=quoted, takes_s=_FUNCTION_CHANGE_S),
+    FUNCTION,
 )

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, BY_NAME, RESOLUTIONS
+from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, BY_NAME
 from vcfbench.sim.instruments.hp34401a.setup import attainable_fraction
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, boolean, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
 
 
-__all__ = ["COMMANDS"]
+__all__ = ["COMMANDS", "gate_command", "nplc_command", "range_commands", "resolution_command"]
 
 _RANGE_CHANGE_S = 1 / 50
 """Range changes a second over the bus (p. 217)."""
@@ -34,7 +35,7 @@ _INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
 def _set_range(name: str) -> Callable[..., None]:
     def write(meter: Hp34401A, value: float) -> None:
         setup = meter.setups[name]
-        setup.range = BY_NAME[name].voltage_ranged.range_for(value)
+        setup.range = meter.functions[name].voltage_ranged.range_for(value)
         setup.auto = False
 
     return write
@@ -55,14 +56,14 @@ def _auto(name: str) -> Callable[..., bool]:
     return lambda meter: bool(meter.setups[name].auto)
 
 
-def _resolution_limits(name: str) -> Callable[[Hp34401A], Limits]:
-    legal = BY_NAME[name].resolutions
+def _resolution_limits(function: Function) -> Callable[[Hp34401A], Limits]:
+    legal, name = function.resolutions, function.name
     return lambda meter: Limits(min(legal) * meter.setups[name].range, max(legal) * meter.setups[name].range)
 
 
 def _set_resolution(name: str) -> Callable[..., None]:
     def write(meter: Hp34401A, value: Any) -> None:
-        setup, function = meter.setups[name], BY_NAME[name]
+        setup, function = meter.setups[name], meter.functions[name]
         setup.resolution = attainable_fraction(function, setup.range, value)
         setup.nplc = function.nplc_for(setup.resolution)
 
@@ -76,7 +77,7 @@ def _resolution(name: str) -> Callable[..., float]:
 def _set_nplc(name: str) -> Callable[..., None]:
     def write(meter: Hp34401A, cycles: float) -> None:
         meter.setups[name].nplc = cycles
-        meter.setups[name].resolution = RESOLUTIONS[cycles]
+        meter.setups[name].resolution = meter.functions[name].fraction_of(cycles)
 
     return write
 
@@ -126,9 +127,9 @@ def _terminals(meter: Hp34401A) -> str:
     return "FRON"
 
 
-def _range_commands(name: str, header: str) -> tuple[Command, ...]:
+def range_commands(function: Function, header: str) -> tuple[Command, ...]:
     """Declare RANGe and RANGe:AUTO of one function; limits are the lowest range and the top one with its over-range."""
-    ranged = BY_NAME[name].voltage_ranged
+    ranged, name = function.voltage_ranged, function.name
     number = Number(unit=ranged.unit, limits=Limits(0.0, ranged.ranges[-1] * ranged.over_range))
     shown = Choice(("MINimum", "MAXimum"), required=False)
     bounds = {"MIN": ranged.ranges[0], "MAX": ranged.ranges[-1]}
@@ -150,11 +151,12 @@ def _range_commands(name: str, header: str) -> tuple[Command, ...]:
     )
 
 
-def _resolution_command(name: str, header: str) -> Command:
-    limits = _resolution_limits(name)
+def resolution_command(function: Function, header: str) -> Command:
+    """Declare RESolution of one function."""
+    limits, name = _resolution_limits(function), function.name
     return Command(
         f"[SENSe:]{header}:RESolution",
-        (Number(unit=BY_NAME[name].unit, deferred=True),),
+        (Number(unit=function.unit, deferred=True),),
         do=_set_resolution(name),
         query=_limited(_resolution(name), limits),
         query_parameters=(Choice(("MINimum", "MAXimum"), required=False),),
@@ -172,24 +174,27 @@ def _limited(value: Callable[..., float], limits: Callable[[Hp34401A], Limits]) 
     return read
 
 
-def _nplc_command(name: str, header: str) -> Command:
-    number = Number(limits=Limits(0.02, 100.0), legal=tuple(RESOLUTIONS))
+def nplc_command(function: Function, header: str) -> Command:
+    """Declare NPLCycles of one function: other power line cycles are rounded up to those it has."""
+    legal, name = tuple(function.fractions), function.name
+    number = Number(limits=Limits(min(legal), max(legal)), legal=legal)
     return Command(f"[SENSe:]{header}:NPLCycles", (number,), do=_set_nplc(name), query=_nplc(name), reply=_NR3)
 
 
-def _aperture_command(name: str, header: str) -> Command:
+def gate_command(name: str, header: str) -> Command:
+    """Declare APERture of frequency or period: its gate time."""
     number = Number(unit="S", limits=Limits(0.01, 1.0), legal=tuple(APERTURES_S))
     return Command(f"[SENSe:]{header}:APERture", (number,), do=_set_aperture(name), query=_aperture(name), reply=_NR3)
 
 
 COMMANDS = (
-    *(command for name, header in _RANGED.items() for command in _range_commands(name, header)),
-    *_range_commands("FREQ", "FREQuency:VOLTage"),
-    *_range_commands("PER", "PERiod:VOLTage"),
-    *(_resolution_command(name, header) for name, header in _RANGED.items()),
-    *(_nplc_command(name, _RANGED[name]) for name in _INTEGRATING),
-    _aperture_command("FREQ", "FREQuency"),
-    _aperture_command("PER", "PERiod"),
+    *(command for name, header in _RANGED.items() for command in range_commands(BY_NAME[name], header)),
+    *range_commands(BY_NAME["FREQ"], "FREQuency:VOLTage"),
+    *range_commands(BY_NAME["PER"], "PERiod:VOLTage"),
+    *(resolution_command(BY_NAME[name], header) for name, header in _RANGED.items()),
+    *(nplc_command(BY_NAME[name], _RANGED[name]) for name in _INTEGRATING),
+    gate_command("FREQ", "FREQuency"),
+    gate_command("PER", "PERiod"),
     Command(
         "[SENSe:]DETector:BANDwidth",
         (Number(unit="HZ", limits=Limits(3.0, 200.0)),),

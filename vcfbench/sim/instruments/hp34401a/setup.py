@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, RESOLUTIONS
+from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S
 from vcfbench.sim.scpi import ScpiError, Special
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class Setup:
     def of(cls, function: Function) -> Setup:
         """Return the settings after *RST; continuity and diode test have 5.5 digits, 300 a second (p. 51, 217)."""
         nplc = 0.2 if function.fixed else 10.0
-        return cls(function.default_range, nplc=nplc, resolution=RESOLUTIONS[nplc])
+        return cls(function.default_range, nplc=nplc, resolution=function.fraction_of(nplc))
 
 
 def configured(function: Function, expected: Any, resolution: Any) -> Setup:
@@ -62,7 +62,7 @@ def attainable_fraction(function: Function, range_: float, resolution: Any) -> f
     """Return the resolution as a fraction of the range, the coarsest attainable one that is fine enough (p. 55)."""
     legal = function.resolutions
     if resolution in (None, Special.DEF):
-        return 1e-6
+        return function.usual_resolution
     if isinstance(resolution, Special):
         return min(legal) if resolution is Special.MIN else max(legal)
     wanted = resolution / range_

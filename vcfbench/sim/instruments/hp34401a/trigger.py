@@ -50,9 +50,17 @@ class TriggerSystem:
         clock: bench time.
         begin: begins a reading at or after an instant.
         finished: gives a finished reading its math and status, and returns what becomes of it.
+        capacity: how many readings can be stored.
     """
 
-    def __init__(self, clock: Clock, begin: Callable[[float], Reading], finished: Callable[[float], float]) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        begin: Callable[[float], Reading],
+        finished: Callable[[float], float],
+        capacity: int = MEMORY,
+    ) -> None:
+        self.capacity = capacity
         self._clock = clock
         self._begin = begin
         self._finished = finished
@@ -81,7 +89,7 @@ class TriggerSystem:
             raise ScpiError(-213)
         if stored:
             self.memory = []
-        streamed = not stored and self.readings_to_come > MEMORY
+        streamed = not stored and self.readings_to_come > self.capacity
         armed = self._clock.now() + _ARMING_S
         self.sequence = Sequence(self.trigger_count, self.sample_count, stored, streamed, armed)
         if self.source == "IMM":
@@ -147,7 +155,7 @@ class TriggerSystem:
 
     def _start_reading(self, sequence: Sequence) -> None:
         """Begin a reading; with nobody to read those that wait, the meter waits too (p. 84, unverified)."""
-        sequence.stalled = sequence.streamed and len(sequence.readings) >= MEMORY
+        sequence.stalled = sequence.streamed and len(sequence.readings) >= self.capacity
         if not sequence.stalled:
             sequence.current = self._begin(max(self._clock.now(), sequence.armed_s))
 
@@ -158,14 +166,15 @@ class TriggerSystem:
             sequence.current = outcome
             return
         sequence.current = None
-        self._keep(sequence, self._finished(outcome))
+        self.keep(sequence, self._finished(outcome))
         sequence.samples -= 1
         if sequence.samples > 0:
             self._start_reading(sequence)
         else:
             self._finish_trigger(sequence)
 
-    def _keep(self, sequence: Sequence, value: float) -> None:
+    def keep(self, sequence: Sequence, value: float) -> None:
+        """Put a reading where it belongs."""
         if not sequence.stored:
             sequence.readings.append(value)
         elif self.feed:
