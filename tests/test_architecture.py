@@ -20,7 +20,7 @@ FLOORS = [
     {"cli", "testing", "__main__"},
     {"report", "procedures", "bench"},
     {"drivers", "record", "analysis", "sim"},
-    {"interfaces", "models", "files", "errors", "clock"},
+    {"interfaces", "models", "specifications", "files", "errors", "clock"},
 ]
 SEALED = {"drivers", "record", "analysis", "sim"}
 KNOW_THE_SIMULATION = (

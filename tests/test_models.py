@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -20,6 +21,8 @@ from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.models import LANGUAGES, MODELS, Model, TableLanguage, find_language, find_model, resolve
+from vcfbench.procedures.settings import settings_of
+from vcfbench.specifications import HP_34401A
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -131,10 +134,14 @@ def test_what_speaks_the_same_words_is_one_line_of_the_bench_file() -> None:
         (
             '"34401A"',
             '"2000"',
-            "lab.toml: multimeter.model: expected '34401A' or 'M1', or one that speaks the same words (like = ...)",
+            "lab.toml: multimeter.model: expected '34401A' or '34461A' or '34465A' or 'M1', or one that speaks the",
         ),
         ('"33220A"', '"M1"', "rate_source.model: expected '33220A', or one that speaks the same words"),
-        ('"34401A"', '"X"\nlike = "33220A"', "multimeter.like: expected '34401A' or 'M1', came '33220A'"),
+        (
+            '"34401A"',
+            '"X"\nlike = "33220A"',
+            "multimeter.like: expected '34401A' or '34461A' or '34465A' or 'M1', came '33220A'",
+        ),
         ('"34401A"', '"M2"', "the model 'M2' (no_such_module:MODEL) cannot be loaded: No module named"),
         ('"34401A"', '"M3"', "what is registered for 'M3' (acme_of_a_test:TWIN) is no row of vcfbench.models"),
         ('"acl"', '"M1"', "rate_table.dialect: expected a text: one of acl, zaber"),
@@ -151,6 +158,23 @@ def test_a_model_without_a_twin_serves_on_real_benches_alone(monkeypatch: pytest
     assert find_model("M1") is not None
     with pytest.raises(ConfigError, match="there is no simulated M1"):
         twins(bench('"34401A"', '"M1"'))
+
+
+def test_a_meter_without_a_data_sheet_is_no_meter_for_a_calibration() -> None:
+    with pytest.raises(ConfigError, match="nothing tells the resolution of a M1") as caught:
+        settings_of(bench('"34401A"', '"M1"'))
+    assert "names a data sheet" in str(caught.value)
+
+
+def test_an_integration_time_that_the_data_sheet_has_not_is_a_mistake_of_the_bench_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    row = Model(
+        "M1", ("multimeter",), driver=Meter, twin=Twin, specifications=replace(HP_34401A, resolution={1.0: 1e-6})
+    )
+    monkeypatch.setattr(sys.modules["acme_of_a_test"], "MODEL", row)
+    with pytest.raises(ConfigError, match=r"procedure\.nplc: a 34401A integrates over 1 cycles, not 10"):
+        settings_of(bench('"34401A"', '"M1"'))
 
 
 def test_of_words_that_nobody_has_rules_for_only_questions_pass() -> None:

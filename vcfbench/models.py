@@ -52,6 +52,8 @@ class Model:
         wires: on which a served bench offers it by default: those of the real box, and TCP where labs put it on a
             converter.
         rs232: whether it has a serial port.
+        specifications: its data sheet, as those of :mod:`vcfbench.specifications`; a multimeter needs one, for the
+            resolution of its readings.
         answers: what it answers while it is at rest and well, by the beginning of the question; ``*IDN?`` at least.
     """
 
@@ -63,6 +65,7 @@ class Model:
     makers: tuple[str, ...] = HP_MAKERS
     wires: frozenset[Wire] = frozenset({"tcp", "pty"})
     rs232: bool = False
+    specifications: Any = None
     answers: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     def recognises(self, maker: str, model: str) -> bool:
@@ -120,6 +123,7 @@ MODELS: Final = (
         console="vcfbench.bench.guard.generator:generator_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11"}),
+        specifications="vcfbench.specifications:AGILENT_33220A",
         answers={"*IDN?": "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2", "OUTP?": "0"},
     ),
     Model(
@@ -129,7 +133,30 @@ MODELS: Final = (
         twin="vcfbench.sim.instruments.hp34401a:Hp34401A",
         console="vcfbench.bench.guard.meter:meter_rules",
         rs232=True,
+        specifications="vcfbench.specifications:HP_34401A",
         answers={"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"},
+    ),
+    Model(
+        "34461A",
+        ("multimeter",),
+        driver="vcfbench.drivers.truevolt:Keysight34461A",
+        twin="vcfbench.sim.instruments.truevolt:Keysight34461A",
+        console="vcfbench.bench.guard.meter:meter_rules",
+        makers=("KEYSIGHT", "AGILENT"),
+        wires=frozenset({"tcp", "vxi11", "hislip"}),
+        specifications="vcfbench.specifications:KEYSIGHT_34461A",
+        answers={"*IDN?": "Keysight Technologies,34461A,MY1,A.02.17-02.40-02.17-00.52-03-01"},
+    ),
+    Model(
+        "34465A",
+        ("multimeter",),
+        driver="vcfbench.drivers.truevolt:Keysight34465A",
+        twin="vcfbench.sim.instruments.truevolt:Keysight34465A",
+        console="vcfbench.bench.guard.meter:meter_rules",
+        makers=("KEYSIGHT",),
+        wires=frozenset({"tcp", "vxi11", "hislip"}),
+        specifications="vcfbench.specifications:KEYSIGHT_34465A",
+        answers={"*IDN?": "Keysight Technologies,34465A,MY1,A.02.17-02.40-02.17-00.52-03-01"},
     ),
     Model(
         "DSO7104B",

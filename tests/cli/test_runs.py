@@ -64,6 +64,19 @@ def test_settings_of_another_version_cost_the_results_not_the_points(station: St
     assert station.opened
 
 
+def test_a_record_without_a_resolution_is_that_of_a_34401a(station: Station, tmp_path: Path) -> None:
+    """Records of before data sheets were kept by model."""
+    call("run", "turntable", "--quiet")
+    now = json.loads(call("runs", "show", "last", "--json").stdout)["results"]
+    journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
+    first, rest = journal.read_text().split("\n", 1)
+    header = json.loads(first)
+    assert header["settings"].pop("meter_resolution_v") == pytest.approx(1e-5)
+    journal.write_text(json.dumps(header, separators=(",", ":")) + "\n" + rest)
+    assert json.loads(call("runs", "show", "last", "--json").stdout)["results"] == now
+    assert station.opened
+
+
 def test_a_damaged_record_is_shown_without_results_and_refused(station: Station, tmp_path: Path) -> None:
     call("run", "turntable", "--quiet")
     journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"

@@ -1,4 +1,4 @@
-"""Every error number of IEEE 488.2 and SCPI-99 that a command can provoke, at its occasion, on all four instruments.
+"""Every error number of IEEE 488.2 and SCPI-99 that a command can provoke, at its occasion, on every instrument.
 
 The occasions are those of SCPI-99 volume 2, chapter 21, and the examples of the error lists of the 34401A (p. 173-182)
 and of the E3631A (p. 139-146). They use commands that every model has, or that the table names for each.
@@ -22,6 +22,8 @@ STRING = {
     "hp34401a": "DISP:TEXT",
     "agilent33220a": "DISP:TEXT",
     "dso7104b": "CHAN1:LAB",
+    "keysight34461a": "DISP:TEXT",
+    "keysight34465a": "DISP:TEXT",
 }
 """A command with a string."""
 NUMBER = {
@@ -29,6 +31,8 @@ NUMBER = {
     "hp34401a": ("TRIG:DEL", "S"),
     "agilent33220a": ("FREQ", "HZ"),
     "dso7104b": ("TIM:POS", "S"),
+    "keysight34461a": ("TRIG:DEL", "S"),
+    "keysight34465a": ("TRIG:DEL", "S"),
 }
 """A command with a number that has a unit, and that unit."""
 WORD = {
@@ -36,6 +40,8 @@ WORD = {
     "hp34401a": "TRIG:SOUR",
     "agilent33220a": "TRIG:SOUR",
     "dso7104b": "TRIG:SWE",
+    "keysight34461a": "TRIG:SOUR",
+    "keysight34465a": "TRIG:SOUR",
 }
 """A command with a word out of a list."""
 
@@ -110,8 +116,15 @@ EVERYWHERE: list[tuple[str, int]] = [
 ]
 """Messages and the one error each of them is."""
 
-NUMBER_FOR_A_STRING = {"e3631a": -128, "hp34401a": -104, "agilent33220a": -128, "dso7104b": -128}
-"""`DISP:TEXT 5.0` is -104 in the one manual and -128 in the other; the two last are not verified."""
+NUMBER_FOR_A_STRING = {
+    "e3631a": -128,
+    "hp34401a": -104,
+    "agilent33220a": -128,
+    "dso7104b": -128,
+    "keysight34461a": -128,
+    "keysight34465a": -128,
+}
+"""`DISP:TEXT 5.0` is -104 in the one manual and -128 in the other; those after the two are not verified."""
 
 ONE_MODEL = [
     ("agilent33220a", "DATA:DAC VOLATILE,#3abc", -161),
@@ -127,6 +140,11 @@ ONE_MODEL = [
     ("e3631a", f"CAL:SEC:STAT OFF,HP003631;:CAL:STR '{'x' * 41}'", -223),
     ("hp34401a", "SAMP:COUN 513;:INIT", 531),
     ("hp34401a", "CONF:VOLT:DC 1,1E-9", 532),
+    ("keysight34461a", "TRIG:SOUR BUS;:READ?", -214),
+    ("keysight34461a", "FETC?", -230),
+    ("keysight34461a", "CONF:VOLT:DC 1,1E-9", 532),
+    ("keysight34465a", "INIT;INIT", -213),
+    ("keysight34465a", "*TRG", -211),
     ("e3631a", "SYST:REM", 514),
     ("e3631a", "CAL:VOLT 1", 702),
     ("e3631a", "CAL:SEC:STAT OFF,WRONG", 703),
@@ -246,8 +264,10 @@ OVERFLOW = {
     "hp34401a": (20, "Too many errors"),
     "agilent33220a": (20, "Queue overflow"),
     "dso7104b": (30, "Queue overflow"),
+    "keysight34461a": (20, "Error queue overflow"),
+    "keysight34465a": (20, "Error queue overflow"),
 }
-"""Depth of the queue and words of -350; for the two last models from users' reports."""
+"""Depth of the queue and words of -350; of 33220A and DSO7104B from users' reports, of 34461A and 34465A unverified."""
 
 
 @pytest.mark.parametrize("model", walk.MODELS)

@@ -45,6 +45,7 @@ from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorError
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.world import World
 
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
 
 EXPECTATIONS = Path(__file__).parent / "expectations"
-MODELS = ("e3631a", "hp34401a", "agilent33220a", "dso7104b")
+MODELS = ("e3631a", "hp34401a", "agilent33220a", "dso7104b", "keysight34461a", "keysight34465a")
 
 _NR3 = re.compile(r"[+-]?\d+(\.\d+)?E[+-]\d{2,3}")
 
@@ -112,6 +113,12 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
         world, rails={"P25V": "positive", "N25V": "negative"}, errors=SupplyErrors.none(), interface=interface
     ),
     "hp34401a": lambda world, interface: Hp34401A(world, node="output", errors=MeterErrors.none(), interface=interface),
+    "keysight34461a": lambda world, interface: Keysight34461A(
+        world, node="output", errors=MeterErrors.none(), interface=interface
+    ),
+    "keysight34465a": lambda world, interface: Keysight34465A(
+        world, node="output", errors=MeterErrors.none(), interface=interface
+    ),
     "agilent33220a": lambda world, _interface: Agilent33220A(world, GeneratorErrors.none()),
     "dso7104b": lambda world, _interface: Dso7104B(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, ScopeErrors.none()

@@ -23,6 +23,7 @@ def make_settings(**changes: Any) -> CalibrationSettings:
         "drive": DriveWindows(1, 2, (3480.0, 3498.0), (0.5, 4.0), (-10.0, 10.0)),
         "meter_range_v": 10.0,
         "nplc": 10.0,
+        "meter_resolution_v": 1e-5,
         "samples": 10,
         "sample_interval_s": 1.0,
         "settle_s": 2.0,

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from vcfbench.bench.file import embedded_text
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -123,7 +125,19 @@ class Served:
 def served() -> Iterator[Served]:
     """A bench, served by the command itself."""
     offers = [word for role in ROLES for word in ("--offer", f"{role}:{OFFERED.get(role, 'tcp,pty')}")]
-    words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--speed", "max", "--json", *offers]
+    yield from _serving(*offers)
+
+
+@pytest.fixture
+def served_34465a(tmp_path: Path) -> Iterator[Served]:
+    """The same with a 34465A as its multimeter, on the wires that it has."""
+    bench = tmp_path / "bench.toml"
+    bench.write_text(embedded_text("paper").replace('"34401A"', '"34465A"', 1), encoding="utf-8")
+    yield from _serving("--bench", str(bench))
+
+
+def _serving(*options: str) -> Iterator[Served]:
+    words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--speed", "max", "--json", *options]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
         assert server.stdout is not None
         try:

@@ -39,6 +39,12 @@ def test_qcodes(qcodes: Path, served: Served) -> None:
     check(seen, "qcodes.Agilent34401A", 12)
 
 
+def test_qcodes_truevolt(qcodes: Path, served_34465a: Served) -> None:
+    """Sample timer, pretrigger and time trace are left out: the simulated 34465A has no sample timer."""
+    seen = methods(qcodes, "qcodes_truevolt.py", "Keysight34465A", served_34465a.resource("multimeter", "tcp"))
+    check(seen, "qcodes.Keysight34465A", 52)
+
+
 @pytest.mark.parametrize(
     ("client", "driver", "role", "wire", "at_least"),
     [

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Hp34401A"]
 
-_RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
-_NPLC = (0.02, 0.2, 1.0, 10.0, 100.0)
 _OVERHEAD_S = 0.05
 """Settling delay 1.5 ms (guide p. 81), about 20 ms into wait-for-trigger, and a 9600-baud line's 17 ms."""
 
@@ -33,6 +31,12 @@ class Hp34401A(ScpiInstrument):
 
     over_range: ClassVar[float] = 1.2
     """What can be read on a range, over the range (guide p. 216; the 1000 V range has none, which is not looked at)."""
+
+    ranges_v: ClassVar[tuple[float, ...]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
+    integration_times_nplc: ClassVar[tuple[float, ...]] = (0.02, 0.2, 1.0, 10.0, 100.0)
+    autozero_on: ClassVar[str] = "ZERO:AUTO ON"
+    abort_words: ClassVar[tuple[str, ...]] = ()
+    """What ends a measurement where a device clear does not; a 34401A takes no command while it measures (p. 116)."""
 
     def __init__(self, session: Session, *, mains_hz: float = 50.0, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
@@ -56,13 +60,13 @@ class Hp34401A(ScpiInstrument):
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
-        self._require_one_of("range", range_v, _RANGES_V)
-        self._require_one_of("integration time in power-line cycles", nplc, _NPLC)
+        self._require_one_of("range", range_v, self.ranges_v)
+        self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
         # CONFigure presets one sample, one trigger, source immediate, 10 Mohm; autozero it takes from the NPLC.
         self._session.write(
             f"CONF:VOLT:DC {decimal(range_v)}",
             f"VOLT:DC:NPLC {decimal(nplc)}",
-            "ZERO:AUTO ON",
+            self.autozero_on,
             "TRIG:SOUR IMM",
             deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
         )
@@ -121,5 +125,7 @@ class Hp34401A(ScpiInstrument):
     def _prove_idle(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
         self._session.clear(deadline)
+        for words in self.abort_words:
+            self._session.send(words, deadline=deadline)
         self._session.query_int("*OPC?", deadline)
         return "idle"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
+from vcfbench.specifications import AGILENT_33220A
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,9 +37,8 @@ LEVEL_RESOLUTION = 2.0 * math.sqrt(10.0) / 2**14
 
 _U_LEVEL = LEVEL_RESOLUTION / math.sqrt(12.0)
 
-GENERATOR_ACCURACY, GENERATOR_OFFSET_V = 0.02, 4e-3
-"""What a 33220A promises of a direct voltage into an open circuit: 2 % of the setting and 4 mV, which is 2 mV into 50
-ohm (data sheet, unverified; the table in docs/simulated-instruments.md)."""
+GENERATOR_ACCURACY, GENERATOR_OFFSET_V = AGILENT_33220A.setting, AGILENT_33220A.offset_v
+"""What a 33220A promises of a direct voltage into an open circuit."""
 
 
 def turntable_results(points: Sequence[Point], meter_resolution_v: float) -> dict[str, Any]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
+from vcfbench.models import find_model, resolve
 from vcfbench.procedures.linear_gyro import LinearGyro
+from vcfbench.specifications import HP_34401A
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.bench.description import BenchDescription, Node
+    from vcfbench.specifications import VoltmeterSpecification
 
 __all__ = [
     "PAPER_RATES_DEG_S",
@@ -103,7 +107,7 @@ class CalibrationSettings:
     `k_vc_guess` is the K_Vc from which step 2 starts, (deg/s)/V; `match_iterations` is the most settings of V_Vc it
     may take, `match_windows` how many windows each mean that K_Vc hangs on is made of. `start_up_s` is the wait after
     power-on, `rate_deadline_s` what a table may take beyond twice its ramp. A run that does not show what is `expected`
-    is ended; `acceptance` are the limits that its results are judged by.
+    is ended; `acceptance` are the limits that its results are judged by. `meter_resolution_v` is that of one reading.
     """
 
     rails: tuple[RailSettings, ...]
@@ -111,6 +115,7 @@ class CalibrationSettings:
     drive: DriveWindows
     meter_range_v: float
     nplc: float
+    meter_resolution_v: float
     samples: int
     sample_interval_s: float
     settle_s: float
@@ -129,10 +134,14 @@ class CalibrationSettings:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> CalibrationSettings:
-        """Return the settings that were written into a record."""
+        """Return the settings that were written into a record; those without a meter's resolution had a 34401A."""
         import msgspec  # noqa: PLC0415  # only records need it
 
-        return msgspec.convert(values, cls)
+        known = {"meter_resolution_v": math.nan, **values} if isinstance(values, dict) else values
+        told = msgspec.convert(known, cls)
+        if not math.isnan(told.meter_resolution_v):
+            return told
+        return replace(told, meter_resolution_v=HP_34401A.resolution.get(told.nplc, 1e-6) * told.meter_range_v)
 
     def expected_gyro(self) -> LinearGyro:
         """Return the gyro that the bench file expects: the middle of what it should show, or the guess of K_Vc."""
@@ -143,12 +152,6 @@ class CalibrationSettings:
             0.0 if expected.bias_v is None else _middle(expected.bias_v),
         )
 
-    @property
-    def meter_resolution_v(self) -> float:
-        """Resolution of one reading of the 34401A, V: a fraction of the range by integration time (manual p. 54-57)."""
-        fraction_of_range = {0.02: 1e-4, 0.2: 1e-5, 1.0: 3e-6, 10.0: 1e-6, 100.0: 3e-7}
-        return fraction_of_range.get(float(self.nplc), 1e-6) * self.meter_range_v
-
 
 def _middle(window: tuple[float, float]) -> float:
     return 0.5 * (window[0] + window[1])
@@ -158,7 +161,7 @@ def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> Cal
     """Take the settings of both calibrations from a bench file.
 
     Raises:
-        ConfigError: the oscilloscope does not see the drive signal or the carrier.
+        ConfigError: the oscilloscope does not see the drive signal or the carrier, or the meter has no data sheet.
     """
     from msgspec import structs  # noqa: PLC0415  # the description is made of it, so it is there
 
@@ -173,6 +176,7 @@ def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> Cal
         drive=_drive_windows(description),
         meter_range_v=float(told.meter_range_v),
         nplc=float(told.nplc),
+        meter_resolution_v=_meter_resolution_v(description),
         samples=told.samples,
         sample_interval_s=told.sample_interval_s,
         settle_s=told.settle_s,
@@ -188,6 +192,22 @@ def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> Cal
             Limit(key, *window) for key, window in structs.asdict(description.acceptance).items() if window
         ),
     )
+
+
+def _meter_resolution_v(description: BenchDescription) -> float:
+    """Return the resolution of one reading of the bench's meter, V, after its data sheet."""
+    part, told = description.multimeter, description.procedure
+    row = find_model(part.like or part.model)
+    if row is None or row.specifications is None:
+        raise ConfigError(
+            f"multimeter.model: nothing tells the resolution of a {part.model}",
+            hint="its row in vcfbench.models names a data sheet (specifications)",
+        )
+    sheet: VoltmeterSpecification = resolve(row.specifications)
+    try:
+        return sheet.resolution_v(float(told.meter_range_v), float(told.nplc))
+    except ValueError as error:
+        raise ConfigError(f"procedure.nplc: {error}") from error
 
 
 def _drive_windows(description: BenchDescription) -> DriveWindows:

@@ -8,5 +8,6 @@ MODEL = Model(
     driver="acme.driver:M1",
     twin="acme.twin:SimulatedM1",
     makers=("ACME",),
+    specifications="acme.sheet:M1",
     answers={"*IDN?": "ACME,M1,0042,1.0"},
 )

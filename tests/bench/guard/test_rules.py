@@ -255,6 +255,12 @@ def test_no_way_to_a_peak_beyond_the_limit(vpp: float, offset: float, load: str)
         ('SENS:FUNC "CONT"', False),
         ("L2", False),
         ("FUNC?", True),
+        ("MEAS:CAP?", False),
+        ("CONF:TEMP RTD", False),
+        ("VOLT:DC:ZERO:AUTO ON;:VOLT:NULL ON", True),
+        ("INIT;R? 3;:DATA:REM? 2,WAIT", True),
+        ("*RCL 1", False),
+        ("MMEM:LOAD:STAT 'RES'", False),
     ],
 )
 def test_the_meter_may_not_send_a_test_current(message: str, allowed: bool) -> None:  # noqa: FBT001

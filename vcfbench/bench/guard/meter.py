@@ -1,4 +1,4 @@
-"""What may be said to the multimeter (34401A, commands after guide 34401-90004 p. 105-147)."""
+"""What may be said to the multimeter (34401A, guide 34401-90004 p. 105-147; 34461A and 34465A, Truevolt guide)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ if TYPE_CHECKING:
 __all__ = ["MeterRules", "meter_rules"]
 
 _QUIET = ("VOLTage...", "CURRent...", "FREQuency...", "PERiod...")
-"""Functions that only measure. Resistance, continuity and diode tests send up to 1 mA out of the meter (p. 51-53)."""
+"""Functions that only measure. Resistance, continuity and diode tests send up to 1 mA out of the meter (p. 51-53), and
+so do capacitance and temperature with a resistive sensor (34461A, 34465A)."""
 
 _CHOOSING = ("MEASure...", "CONFigure...")
 _OTHER_LANGUAGES = ("L2", "L3")
+_RECALLING = ("*RCL", "MMEMory:LOAD...", "MEMory:STATe:RECall...")
+"""Stored states of the newer models may hold a resistance measurement."""
 
 
 def meter_rules(description: BenchDescription) -> MeterRules:
@@ -37,6 +40,8 @@ class MeterRules:
             function = _chosen(part)
             if function is not None and not any(header_pattern(each).fullmatch(function) for each in _QUIET):
                 raise Beyond(f"{part.path} could send a test current into the PCB: {function} is no quiet function")
+            if is_one_of(part, _RECALLING):
+                raise Unreadable(f"{part.path} brings back a state that nobody here knows")
             if part.path in _OTHER_LANGUAGES:
                 raise Unreadable(f"{part.path} makes the meter speak another language")
 

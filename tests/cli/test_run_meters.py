@@ -1,0 +1,47 @@
+"""Other multimeters than the 34401A in its place: a run in one process and over real wires gives the same bytes."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.cli.test_run_served import SHORT, answer, serving
+from vcfbench.bench.file import embedded_text, load_bench
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LIKE_34410A = '34410A"\nlike = "34401A'
+MARKS = {"tcp": "::SOCKET", "vxi11": "::inst0::INSTR", "hislip": "::hislip0,"}
+
+
+def bench(folder: Path, model: str) -> Path:
+    """Write the paper bench with few rates and another meter."""
+    path = folder / "bench.toml"
+    text = embedded_text("paper").replace("\n[procedure.drive]", SHORT)
+    path.write_text(text.replace('"34401A"', f'"{model}"', 1), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("model", ["34461A", "34465A", LIKE_34410A])
+def test_a_run_over_every_wire_of_the_meter_gives_the_same_bytes(tmp_path: Path, model: str) -> None:
+    path = bench(tmp_path, model)
+    alone = answer(tmp_path, "virtual-coriolis", "--bench", str(path), "--seed", "7")
+    for wire, mark in MARKS.items():
+        with serving(path, "--offer", f"multimeter:{wire}", "--wires", wire, "--seed", "7") as served:
+            assert mark in load_bench(served).multimeter.resource
+            over_wire = answer(tmp_path, "virtual-coriolis", "--bench", str(served))
+        assert json.dumps(over_wire) == json.dumps(alone), wire
+
+
+def test_the_resolution_is_that_of_the_meter_in_use(tmp_path: Path) -> None:
+    resolutions = {}
+    for model in ("34401A", "34461A", "34465A", LIKE_34410A):
+        answer(tmp_path / "runs", "turntable", "--bench", str(bench(tmp_path, model)), "--seed", "7")
+        (run,) = (tmp_path / "runs").iterdir()
+        header = json.loads((run / "journal.jsonl").read_text(encoding="utf-8").splitlines()[0])
+        resolutions[model] = header["settings"]["meter_resolution_v"]
+        run.rename(tmp_path / f"done-{len(resolutions)}")
+    assert resolutions == pytest.approx({"34401A": 1e-5, "34461A": 1e-5, "34465A": 1e-6, LIKE_34410A: 1e-5})

@@ -1,0 +1,31 @@
+"""Keysight 34461A and 34465A multimeters, after the Truevolt Series Operating and Service Guide.
+
+They speak the 34401A's words but for those that stand here as data. INITiate is overlapped: FETCh? waits for the
+reading and may be asked again, for it stays in memory (users' drivers, after the guide).
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from vcfbench.drivers.hp34401a import Hp34401A
+
+__all__ = ["Keysight34461A", "Keysight34465A"]
+
+
+class Keysight34461A(Hp34401A):
+    """The 34461A: every function has an autozero of its own (guide, Agilent's edition, p. 223)."""
+
+    model: ClassVar[str] = "34461A"
+    makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT", "AGILENT")
+    autozero_on: ClassVar[str] = "VOLT:DC:ZERO:AUTO ON"
+    abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
+    """A raw socket has no device clear, and *OPC? waits for a measurement that is under way."""
+
+
+class Keysight34465A(Keysight34461A):
+    """The 34465A: more integration times (guide p. 329); it refuses the three fastest without its option DIG."""
+
+    model: ClassVar[str] = "34465A"
+    makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
+    integration_times_nplc: ClassVar[tuple[float, ...]] = (0.001, 0.002, 0.006, 0.02, 0.06, 0.2, 1.0, 10.0, 100.0)

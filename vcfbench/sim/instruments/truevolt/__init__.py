@@ -1,0 +1,7 @@
+"""The simulated 34461A and 34465A multimeters (Truevolt series)."""
+
+from __future__ import annotations
+
+from vcfbench.sim.instruments.truevolt.instrument import Errors34465A, Keysight34461A, Keysight34465A, Truevolt
+
+__all__ = ["Errors34465A", "Keysight34461A", "Keysight34465A", "Truevolt"]

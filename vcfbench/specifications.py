@@ -1,0 +1,156 @@
+"""Data sheets by model: what makers promise of direct voltages, and how finely meters resolve them.
+
+What no source at hand confirms says so in its `source`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "AGILENT_33220A",
+    "HP_34401A",
+    "KEYSIGHT_34461A",
+    "KEYSIGHT_34465A",
+    "Accuracy",
+    "LevelSpecification",
+    "VoltmeterSpecification",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """The largest error that is promised: a part of the reading and a part of the range."""
+
+    reading: float
+    range: float
+
+    def limit_v(self, reading_v: float, range_v: float) -> float:
+        """Return the largest error of `reading_v` on the range of `range_v`, V."""
+        return self.reading * abs(reading_v) + self.range * range_v
+
+
+@dataclass(frozen=True, slots=True)
+class VoltmeterSpecification:
+    """What a voltmeter promises of direct voltages.
+
+    Args:
+        model: its name.
+        accuracy: by range, V, and days since its calibration.
+        resolution: power-line cycles, rising, to the resolution of a reading as a part of the range.
+        accuracy_source: where `accuracy` stands.
+        resolution_source: where `resolution` stands.
+    """
+
+    model: str
+    accuracy: Mapping[float, Mapping[int, Accuracy]]
+    resolution: Mapping[float, float]
+    accuracy_source: str
+    resolution_source: str
+
+    def accuracy_of(self, range_v: float, age_days: float) -> Accuracy:
+        """Return what is promised of a range so long after a calibration.
+
+        Raises:
+            ValueError: the meter has no such range, or its data sheet nothing about an age so great.
+        """
+        ages = self.accuracy.get(range_v)
+        if ages is None:
+            raise ValueError(f"a {self.model} has the ranges {_listed(self.accuracy)} V, not {range_v:g} V")
+        age = min((each for each in ages if each >= age_days), default=None)
+        if age is None:
+            raise ValueError(f"a {self.model} promises nothing {age_days:g} days after calibration, up to {max(ages)}")
+        return ages[age]
+
+    def resolution_v(self, range_v: float, nplc: float) -> float:
+        """Return the resolution of a reading of `nplc` power-line cycles, V.
+
+        Raises:
+            ValueError: the meter has no such integration time.
+        """
+        if nplc not in self.resolution:
+            raise ValueError(f"a {self.model} integrates over {_listed(self.resolution)} cycles, not {nplc:g}")
+        return self.resolution[nplc] * range_v
+
+
+@dataclass(frozen=True, slots=True)
+class LevelSpecification:
+    """What a generator promises of a direct voltage into an open circuit: a part of the setting, and volts."""
+
+    model: str
+    setting: float
+    offset_v: float
+    source: str
+
+    def limit_v(self, level_v: float) -> float:
+        """Return the largest error of a level, V."""
+        return self.setting * abs(level_v) + self.offset_v
+
+
+def _listed(values: Mapping[float, object]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _ages(**by_age: tuple[float, float]) -> Mapping[int, Accuracy]:
+    """Return accuracies by days, given as percent of reading and of range, as data sheets print them."""
+    days = {"day": 1, "quarter": 90, "year": 365}
+    return MappingProxyType({days[age]: Accuracy(of[0] / 100.0, of[1] / 100.0) for age, of in by_age.items()})
+
+
+_CLASSIC: Final = MappingProxyType({0.02: 1e-4, 0.2: 1e-5, 1.0: 3e-6, 10.0: 1e-6, 100.0: 3e-7})
+
+HP_34401A: Final = VoltmeterSpecification(
+    model="34401A",
+    accuracy=MappingProxyType(
+        {
+            0.1: _ages(day=(0.0030, 0.0030), quarter=(0.0040, 0.0035), year=(0.0050, 0.0035)),
+            1.0: _ages(day=(0.0020, 0.0006), quarter=(0.0030, 0.0007), year=(0.0040, 0.0007)),
+            10.0: _ages(day=(0.0015, 0.0004), quarter=(0.0020, 0.0005), year=(0.0035, 0.0005)),
+            100.0: _ages(day=(0.0020, 0.0006), quarter=(0.0035, 0.0006), year=(0.0045, 0.0006)),
+            1000.0: _ages(day=(0.0020, 0.0006), quarter=(0.0035, 0.0010), year=(0.0045, 0.0010)),
+        }
+    ),
+    resolution=_CLASSIC,
+    accuracy_source="User's Guide 34401-90004 p. 216; the sums agree with the test limits of the Service Guide, p. 69",
+    resolution_source="User's Guide 34401-90004 p. 54-57",
+)
+
+KEYSIGHT_34461A: Final = VoltmeterSpecification(
+    model="34461A",
+    accuracy=MappingProxyType({10.0: _ages(year=(0.0035, 0.0005))}),
+    resolution=_CLASSIC,
+    accuracy_source="as generally quoted, unverified; the other ranges and ages were not at hand",
+    resolution_source="Truevolt Series Operating and Service Guide p. 452",
+)
+
+KEYSIGHT_34465A: Final = VoltmeterSpecification(
+    model="34465A",
+    accuracy=MappingProxyType({10.0: _ages(year=(0.0030, 0.0004))}),
+    resolution=MappingProxyType(
+        {
+            0.001: 30e-6,
+            0.002: 15e-6,
+            0.006: 6e-6,
+            0.02: 3e-6,
+            0.06: 1.5e-6,
+            0.2: 7e-7,
+            1.0: 3e-7,
+            10.0: 1e-7,
+            100.0: 3e-8,
+        }
+    ),
+    accuracy_source="as generally quoted, unverified; the other ranges and ages were not at hand",
+    resolution_source="users' drivers (QCoDeS), which follow the guide's table; the three fastest with option DIG",
+)
+
+AGILENT_33220A: Final = LevelSpecification(
+    model="33220A",
+    setting=0.02,
+    offset_v=4e-3,
+    source="data sheet, unverified: 2 % of the setting and 2 mV into 50 ohm, hence 4 mV into an open circuit",
+)
