@@ -173,10 +173,13 @@ class World:
         rate = self.table.segment(now)
         edge = self._edges_s[0] if self._edges_s else math.inf
         stop = min(target_s, rate.stop_s, self._gyro.next_event_s(), edge)
-        stretch = self._loaded(self._gyro.propagate(rate, stop))
-        for each in self._observers:
-            if each.start_s <= now:
+        looking = [each for each in self._observers if each.start_s <= now]
+        if looking:
+            stretch = self._loaded(self._gyro.propagate(rate, stop))
+            for each in looking:
                 each.take(stretch)
+        else:
+            self._gyro.go(rate, stop)
         if stop == edge:
             self._pass_edge(stop)
 

@@ -15,7 +15,7 @@ the step.
 from __future__ import annotations
 
 import cmath
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -154,6 +154,17 @@ class Chain:
     to_sense: NDArray[np.complex128]
     carrier_through: complex
     virtual_through: complex
+    lag: NDArray[np.complex128] = field(init=False)
+    """What the filter's free motions make of a steady force times e^{2j th}."""
+    by_rate: NDArray[np.complex128] = field(init=False)
+    by_virtual: NDArray[np.complex128] = field(init=False)
+    """Columns of `rate` over `turned_rate`, and of `virtual` over `turned_virtual`."""
+
+    def __post_init__(self) -> None:
+        """Work out what every response needs."""
+        object.__setattr__(self, "lag", 1 / (2j * self.drive_rad_s - self.eigenmodes[4:]))
+        object.__setattr__(self, "by_rate", np.concatenate((self.rate, self.turned_rate))[:, None])
+        object.__setattr__(self, "by_virtual", np.concatenate((self.virtual, self.turned_virtual))[:, None])
 
     def modal(self, state: ChainState, turn: complex) -> NDArray[np.complex128]:
         """Return the eigenmodes' coordinates of a state; `turn` is e^{2j th}, 0 leaves the second product out."""
@@ -179,19 +190,21 @@ class Chain:
 
     def respond(self, modal: NDArray[np.complex128], forcing: Forcing, turn: complex) -> Response:
         """Return the response to `forcing` from coordinates `modal` on; `turn` is e^{2j th} then."""
-        own, twice = self.eigenmodes, 2j * self.drive_rad_s
+        own, lag = self.eigenmodes, self.lag
         steady = self.rate * forcing.rate + self.virtual * forcing.virtual_v + self.quadrature
-        slope = self.rate * (-forcing.rate_slope / own) + self.virtual * (-forcing.virtual_slope / own)
-        constant = (slope - steady) / own
-        exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
-        forced = _spread(self.rate, self.virtual, forcing) / (exponents - own[:, None])
-        lag = 1 / (twice - own[4:])
         turned_steady = self.turned_rate * forcing.rate + self.turned_virtual * forcing.virtual_v
-        turned_slope = turn * forcing.rate_slope * self.turned_rate * lag
-        turned_slope += turn * forcing.virtual_slope * self.turned_virtual * lag
-        turned_constant = turn * (turned_steady + self.turned_quadrature) * lag - turned_slope * lag
-        turned_forced = turn * _spread(self.turned_rate, self.turned_virtual, forcing)
-        turned_forced = turned_forced / (exponents + twice - own[4:, None])
+        turned_constant = turn * (turned_steady + self.turned_quadrature) * lag
+        if forcing.rate_slope or forcing.virtual_slope:
+            slope = self.rate * (-forcing.rate_slope / own) + self.virtual * (-forcing.virtual_slope / own)
+            turned_slope = turn * forcing.rate_slope * self.turned_rate * lag
+            turned_slope += turn * forcing.virtual_slope * self.turned_virtual * lag
+            constant = (slope - steady) / own
+            turned_constant -= turned_slope * lag
+        else:
+            slope, turned_slope = np.zeros_like(own), np.zeros_like(lag)
+            constant = -steady / own
+        exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
+        forced, turned_forced = self._forced(forcing, exponents, turn)
         free = modal - constant - forced.sum(axis=1)
         free[4:] -= turned_constant + turned_forced.sum(axis=1)
         return Response(
@@ -207,6 +220,18 @@ class Chain:
             turned_forced,
             self._through(forcing),
         )
+
+    def _forced(
+        self, forcing: Forcing, exponents: NDArray[np.complex128], turn: complex
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return how each term of the forcing moves the eigenmodes, and the filter's times e^{2j th}; a column each."""
+        own = self.eigenmodes[:, None]
+        acting = self.by_rate * np.array([a for a, _ in forcing.rate_terms], complex)
+        if forcing.virtual_terms:
+            virtual = self.by_virtual * np.array([a for a, _ in forcing.virtual_terms], complex)
+            acting = np.concatenate((acting, virtual), axis=1)
+        turned = turn * acting[len(own) :] / (exponents + 2j * self.drive_rad_s - own[4:])
+        return acting[: len(own)] / (exponents - own), turned
 
     def _through(self, forcing: Forcing) -> tuple[complex, complex, NDArray[np.complex128]]:
         """Return what is in the envelope of V_s without motion; of a rate there is nothing."""
@@ -224,13 +249,6 @@ def _weighed(weights: NDArray[np.complex128], forced: NDArray[np.complex128]) ->
     """Return what the forced motions show, one figure a term; see :func:`_moved`."""
     few = forced.shape[1] <= FEW_TERMS
     return np.asarray(weights @ forced if few else (weights[:, None] * forced).sum(axis=0))
-
-
-def _spread(rate: NDArray[np.complex128], virtual: NDArray[np.complex128], forcing: Forcing) -> NDArray[np.complex128]:
-    """Return how each term of the forcing acts, one column a term."""
-    by_rate = np.multiply.outer(rate, np.array([a for a, _ in forcing.rate_terms], complex))
-    by_virtual = np.multiply.outer(virtual, np.array([a for a, _ in forcing.virtual_terms], complex))
-    return np.concatenate((by_rate, by_virtual), axis=1)
 
 
 def build_chain(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,17 @@ FORGOTTEN_DEG_S = 1e-18
 COLDEST_C, HOTTEST_C = -55.0, 125.0
 _SHAKES, _LOOKS, _BEHIND = 1, 2, 4
 """Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """What happens from now to `stop_s`: the chain's response, the noise in the end and its integral, the flutter."""
+
+    stop_s: float
+    response: Response
+    noise: NoiseState
+    noise_integral_v_s: float
+    shaking_rad_sqrt_s: float
 
 
 class Gyro:
@@ -139,20 +150,34 @@ class Gyro:
         response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
         return self._stretch(response, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
 
+    def go(self, rate: RateSegment, stop_s: float) -> None:
+        """Go to `stop_s`, not beyond the next event, with nobody looking."""
+        self._arrive(self._course(rate, stop_s))
+
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
+        course = self._course(rate, stop_s)
+        noise = self._path(course.noise, course.noise_integral_v_s, stop_s - self.now_s, course.shaking_rad_sqrt_s)
+        stretch = self._stretch(course.response, stop_s, noise, course.noise_integral_v_s)
+        self._arrive(course)
+        return stretch
+
+    def _course(self, rate: RateSegment, stop_s: float) -> _Course:
+        """Return how it goes on up to `stop_s`; but for the random numbers nothing has changed yet."""
         duration = stop_s - self.now_s
         response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
         noise, integral = self._propagate_noise(duration)
         shaking = self._shaking_rad_sqrt_s(rate, stop_s)
         if shaking and self._flutter is not None:
             noise, integral = self._flutter.added(noise, integral, duration, shaking, self._shaking)
-        stretch = self._stretch(response, stop_s, self._path(noise, integral, duration, shaking), integral)
-        self._modal, self._noise = response.modal(duration), noise
+        return _Course(stop_s, response, noise, integral, shaking)
+
+    def _arrive(self, course: _Course) -> None:
+        duration = course.stop_s - self.now_s
+        self._modal, self._noise = course.response.modal(duration), course.noise
         self._phase = math.fmod(self._phase + self._drive[0].drive_rad_s * duration, 2 * math.pi)
-        self.now_s = stop_s
+        self.now_s = course.stop_s
         self._pass_events()
-        return stretch
 
     def _turn(self) -> complex:
         return cmath.exp(2j * self._phase)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["Resonance", "butterworth_poles", "butterworth_residues"]
 
@@ -22,13 +22,14 @@ class Resonance:
 
     natural_rad_s: float
     quality: float
+    poles: tuple[complex, complex] = field(init=False, repr=False, compare=False)
+    """p+ and p-, 1/s."""
 
-    @property
-    def poles(self) -> tuple[complex, complex]:
-        """Return p+ and p-, 1/s."""
+    def __post_init__(self) -> None:
+        """Work out the poles, which every step needs."""
         damping = self.natural_rad_s / (2 * self.quality)
         ringing = self.natural_rad_s * math.sqrt(1 - 1 / (4 * self.quality**2))
-        return complex(-damping, ringing), complex(-damping, -ringing)
+        object.__setattr__(self, "poles", (complex(-damping, ringing), complex(-damping, -ringing)))
 
     def steady(self, drive_rad_s: float) -> complex:
         """Return the steady envelope per unit force per mass, 1/(P + jR), s^2."""
