@@ -14,6 +14,7 @@ SLOW = (
     "cli/test_paper_figures.py",
     "cli/test_run_dialects.py",
     "cli/test_run_served.py",
+    "cli/test_run_meters.py",
     "cli/test_run_simulated.py",
     "cli/test_streams.py",
     "faults/test_matrix.py",

@@ -25,15 +25,17 @@ def bench(folder: Path, model: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("model", ["34461A", "34465A", LIKE_34410A])
-def test_a_run_over_every_wire_of_the_meter_gives_the_same_bytes(tmp_path: Path, model: str) -> None:
+@pytest.mark.parametrize(
+    ("model", "wire"),
+    [*((model, wire) for model in ("34461A", "34465A") for wire in MARKS), (LIKE_34410A, "tcp")],
+)
+def test_a_run_over_a_wire_of_the_meter_gives_the_same_bytes(tmp_path: Path, model: str, wire: str) -> None:
     path = bench(tmp_path, model)
     alone = answer(tmp_path, "virtual-coriolis", "--bench", str(path), "--seed", "7")
-    for wire, mark in MARKS.items():
-        with serving(path, "--offer", f"multimeter:{wire}", "--wires", wire, "--seed", "7") as served:
-            assert mark in load_bench(served).multimeter.resource
-            over_wire = answer(tmp_path, "virtual-coriolis", "--bench", str(served))
-        assert json.dumps(over_wire) == json.dumps(alone), wire
+    with serving(path, "--wires", wire, "--seed", "7") as served:
+        assert MARKS[wire] in load_bench(served).multimeter.resource
+        over_wire = answer(tmp_path, "virtual-coriolis", "--bench", str(served))
+    assert json.dumps(over_wire) == json.dumps(alone)
 
 
 def test_the_resolution_is_that_of_the_meter_in_use(tmp_path: Path) -> None:
