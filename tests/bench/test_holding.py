@@ -70,8 +70,9 @@ def ended(lab: ServedLab, folder: Path, end: str) -> subprocess.CompletedProcess
 
 
 def what_is_on(lab: ServedLab) -> list[str]:
-    names = ("applied_rate_deg_s", "rail.positive.voltage_v", "rail.negative.voltage_v", "node.v_vc")
-    return [f"{name} {value}" for name in names if abs(value := lab.ask("get", name=name)) > 0.1]
+    most = {"applied_rate_deg_s": 0.1, "rail.positive.voltage_v": 0.5, "rail.negative.voltage_v": 0.5, "node.v_vc": 0.1}
+    seen = {name: lab.ask("get", name=name) for name in most}
+    return [f"{name} {value}" for name, value in seen.items() if abs(value) > most[name]]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process sends itself a SIGTERM")

@@ -235,9 +235,11 @@ def test_a_short_circuit_drives_the_supply_into_its_limit() -> None:
     injector.devices["power"].wake_at()
     assert bench.world.value_v("rail_positive") == pytest.approx(10.0, abs=0.01)
     injector.add(Fault("power", "current_limit"))
+    clock.sleep_until(clock.now() + 0.01)
     assert bench.world.value_v("rail_positive") == pytest.approx(0.1, abs=0.01)
     assert ask(injector, clock, "power", "STAT:QUES:INST:ISUM2:COND?") in {"+1", "1"}
     injector.clear(["power"])
+    clock.sleep_until(clock.now() + 0.1)
     assert bench.world.value_v("rail_positive") == pytest.approx(10.0, abs=0.01)
 
 

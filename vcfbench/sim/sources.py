@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["HIGHEST_HZ", "Bend", "Drive", "Piece", "Played", "Ripple", "Sine"]
+__all__ = ["HIGHEST_HZ", "NOTHING_V", "Approach", "Bend", "Drive", "Piece", "Played", "Ripple", "Sine"]
 
 HIGHEST_HZ = 16e3
 """Up to where a piece holds what an input makes of its source.
@@ -26,6 +26,13 @@ Content apart from both by d Hz moves the sense mode 25 Hz / d as much as slow c
 little at the ends of a piece: of a jump of 1 V the output misses some 3e-5 V, for as long as the modes ring.
 """
 
+
+NOTHING_V = 1e-6
+"""What is left of an approach when it is taken as over: below all that a meter shows of a rail."""
+_BEYOND_V = 1e-9
+_BEYOND_S = 1e-9
+"""How far past a level an approach has to be, or how much later, to have crossed it."""
+_SEARCHES = 100
 
 Bend = tuple[float, float, float, float]
 """A memoryless input: b0 + b1 V + b2 V^2 + b3 V^3 of the open-circuit voltage."""
@@ -130,3 +137,77 @@ class Ripple:
     rms_v: float
     frequency_hz: float
     phase_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """A supply's voltage on its way: `goal_v` and the sum of size exp(-t / tau), t from `origin_s`.
+
+    Args:
+        goal_v: where it ends.
+        origin_s: bench time at which `terms` have their size.
+        terms: size (V) and time constant (s) of each exponential.
+    """
+
+    goal_v: float
+    origin_s: float = 0.0
+    terms: tuple[tuple[float, float], ...] = ()
+
+    def at(self, instant_s: float) -> float:
+        """Return the voltage at a bench time."""
+        if not self.terms:
+            return self.goal_v
+        elapsed = instant_s - self.origin_s
+        return self.goal_v + sum(size * math.exp(-elapsed / tau) for size, tau in self.terms)
+
+    def later(self, now_s: float) -> Approach:
+        """Return the same from `now_s` on; it is over when `NOTHING_V` is left."""
+        elapsed = now_s - self.origin_s
+        left = tuple((size * math.exp(-elapsed / tau), tau) for size, tau in self.terms)
+        over = sum(abs(size) for size, _ in left) <= NOTHING_V
+        return Approach(self.goal_v, now_s, () if over else tuple(term for term in left if term[0]))
+
+    def ends_s(self, now_s: float) -> float:
+        """Return the bench time at which it is over; inf of one that is."""
+        travel_v = self.travel_v(now_s)
+        return self.moved_s(now_s, travel_v - NOTHING_V + _BEYOND_V) + _BEYOND_S if travel_v else math.inf
+
+    def travel_v(self, now_s: float) -> float:
+        """Return how far it goes from now on at most; exact of one exponential."""
+        return sum(abs(size) for size, _ in self.later(now_s).terms)
+
+    def moved_s(self, now_s: float, distance_v: float) -> float:
+        """Return a bench time up to which it moves by at most `distance_v` from now on; exact of one exponential.
+
+        Of several it is when all of them together have moved so far, found by Newton's method from below.
+        """
+        terms = self.later(now_s).terms
+        if distance_v >= sum(abs(size) for size, _ in terms):
+            return math.inf
+        if len(terms) == 1:
+            size, tau = terms[0]
+            return now_s - tau * math.log1p(-distance_v / abs(size))
+        elapsed = 0.0
+        for _ in range(_SEARCHES):
+            missing = distance_v + sum(abs(size) * math.expm1(-elapsed / tau) for size, tau in terms)
+            if missing <= 1e-3 * _BEYOND_V:
+                break
+            elapsed += missing / sum(abs(size) / tau * math.exp(-elapsed / tau) for size, tau in terms)
+        return now_s + elapsed
+
+    def crosses_s(self, now_s: float, level_v: float) -> float:
+        """Return when it has crossed a level, within 1 nV or 1 ns; inf if it never does.
+
+        It cannot be there before it has moved as far as the level is away, so it is asked again and again from there.
+        """
+        above, instant = self.at(now_s) > level_v, now_s
+        if len(self.terms) <= 1 and (self.goal_v > level_v) == above:
+            return math.inf
+        for _ in range(_SEARCHES):
+            reached = self.moved_s(instant, abs(self.at(instant) - level_v) + _BEYOND_V)
+            if reached == math.inf:
+                return math.inf
+            instant = max(reached, instant + _BEYOND_S)
+            if (self.at(instant) > level_v) != above:
+                break
+        return instant

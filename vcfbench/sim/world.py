@@ -16,6 +16,7 @@ from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.mains import Mains
 from vcfbench.sim.motion import TableMotion
+from vcfbench.sim.sources import Approach
 from vcfbench.sim.trace import Trace
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ class World:
         """What the leads catch of the mains."""
         self.leads: dict[str, Leads] = {}
         """The leads of what looks at the World, by role."""
-        self._rails_v = dict.fromkeys(RAILS, 0.0)
+        self._rails = dict.fromkeys(RAILS, Approach(0.0))
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._node_loads = NodeLoads(parameters.source)
         self._v_vc_source: Drive | Played | None = None
@@ -196,10 +197,14 @@ class World:
 
         A pin of the wrong polarity counts as 0 V: the PCB's protection diodes block it.
         """
+        self.move_rail(rail, Approach(voltage_v))
+
+    def move_rail(self, rail: str, approach: Approach) -> None:
+        """Let the voltage on a supply pin go its way from now on; signs and wrong polarity as of :meth:`set_rail`."""
         self._require(rail, RAILS)
         self.advance()
-        self._rails_v[rail] = voltage_v
-        self._gyro.set_rails(max(self._rails_v["positive"], 0.0), min(self._rails_v["negative"], 0.0))
+        self._rails[rail] = approach
+        self._gyro.set_rails(self._rails["positive"], self._rails["negative"])
 
     def set_ripple(self, rail: str, ripple: Ripple | None) -> None:
         """Put a ripple on a supply pin from now on while it has a voltage, or none."""

@@ -4,16 +4,21 @@ import cmath
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from tests.sim.gyro.bench import powered
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.gyro.drive import ring_down, start_up
+from vcfbench.sim.gyro.drive import Supplied, ring_down, start_up
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.sources import Approach
 from vcfbench.sim.world import World
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PAPER = BenchParameters.paper()
 MODE = Resonance(2 * math.pi * 3488.9, 1395.0)
@@ -26,7 +31,9 @@ def test_start_up_time_is_what_saturated_force_and_damping_say(supply_v: float) 
 
     The PI leaves saturation only above 40 % of it. Then 1 % is reached within a quarter of a second.
     """
-    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=supply_v)
+    segments = start_up(
+        PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, supplied=lambda _: Supplied(AMPLITUDE, supply_v)
+    )
     damping = MODE.natural_rad_s / (2 * MODE.quality)
     holding = PAPER.drive_mode.mass_kg * MODE.natural_rad_s**2 * AMPLITUDE / MODE.quality
     wanted = -math.log(1 - 0.4 * holding / (PAPER.drive_loop.force_limit_n_per_v * supply_v)) / damping
@@ -39,26 +46,29 @@ def test_start_up_time_is_what_saturated_force_and_damping_say(supply_v: float) 
     assert max(abs(each.displacement_m) for each in segments) < 1.1 * AMPLITUDE
 
 
-def started_plainly(steps: int) -> np.ndarray:
+def started_plainly(steps: int, weaker_v: Callable[[float], float] = lambda _: 10.0) -> np.ndarray:
     """Drive pick-off (V) after each control step from power-on, from x'' + (w/Q) x' + w^2 x = F sin(th) itself.
 
-    Runge-Kutta, 96 steps a control step of 0.25 ms; the controller takes amplitude and phase off x and x'.
+    Runge-Kutta, 96 steps a control step of 0.25 ms; the controller takes amplitude and phase off x and x'. The weaker
+    rail, of the time since then, sets the largest force and a little of the amplitude.
     """
     loop, w, q = PAPER.drive_loop, MODE.natural_rad_s, MODE.quality
     hold = w**2 / q  # displacement in units of A_x
-    strongest = loop.force_limit_n_per_v * 10.0 / (PAPER.drive_mode.mass_kg * AMPLITUDE * hold)
     x = v = theta = agc = pll = 0.0
     control, h, seen = 0.25e-3, 0.25e-3 / 96, []
-    for _ in range(steps):
+    for step in range(steps):
+        rail_v = weaker_v(step * control)
+        target = 1 + loop.amplitude_supply_coefficient_per_v * (rail_v - 10.0)
+        strongest = loop.force_limit_n_per_v * rail_v / (PAPER.drive_mode.mass_kg * AMPLITUDE * hold) / target
         picture = complex(x, -v / w) * cmath.exp(-1j * theta)
-        error, phase = 1 - abs(picture), cmath.phase(-picture) if picture else 0.0
+        error, phase = 1 - abs(picture) / target, cmath.phase(-picture) if picture else 0.0
         force = min(max(loop.agc_proportional * error + agc, 0.0), strongest)
         if force == loop.agc_proportional * error + agc:
             agc += loop.agc_integral_per_s * error * control
         pll += loop.pll_integral_per_s2 * phase * control
         speed = w + 2 * math.pi * loop.pll_free_running_offset_hz + loop.pll_proportional_per_s * phase + pll
         for _ in range(96):
-            pushes = [force * hold * math.sin(theta + part * h * speed) for part in (0.0, 0.5, 1.0)]
+            pushes = [force * target * hold * math.sin(theta + part * h * speed) for part in (0.0, 0.5, 1.0)]
 
             def slope(y: float, dy: float, push: float) -> tuple[float, float]:
                 return dy, push - w / q * dy - w * w * y
@@ -87,8 +97,61 @@ def test_start_up_follows_the_equation_of_motion_under_the_same_controller() -> 
     assert np.max(np.abs(seen - started_plainly(steps))) < 1e-3
 
 
+def test_start_up_on_rails_that_still_rise_follows_the_equation_of_motion() -> None:
+    """It starts as the rail comes to 8 V on its way to 10 V; constant rails of 8 or 10 V miss this by far."""
+    begins, steps = 220 * math.tau / MODE.natural_rad_s, 240  # the VCO runs at rest too: whole turns
+    tau = begins / math.log(10.0 / 2.0)
+    clock = VirtualClock()
+    world = World(clock, PAPER, 0)
+    world.set_rail("positive", 12.0)
+    world.move_rail("negative", Approach(-10.0, 0.0, ((10.0, tau),)))
+    capture = world.capture(0.0, 0.2)
+    clock.sleep_until(0.2)
+    seen = capture.samples("drive", np.asarray(begins + 0.25e-3 * np.arange(1, steps + 1) - 1e-9, float))
+    plain = started_plainly(steps, lambda since: 10.0 - 2.0 * math.exp(-since / tau))
+    assert np.max(np.abs(seen - plain)) < 1e-3
+    assert np.max(np.abs(seen - started_plainly(steps))) > 20e-3
+    assert not capture.samples("drive", np.linspace(0.0, begins - 1e-6, 1000)).any()
+
+
+def test_brown_out_comes_at_the_instant_at_which_the_falling_rail_says_so() -> None:
+    """From there on the pick-off is a free decay: its envelope tells when it began, to a few microseconds."""
+    clock, world = powered(PAPER)
+    start, tau = clock.now(), 0.08
+    world.move_rail("positive", Approach(0.0, start, ((10.0, tau),)))
+    capture = world.capture(start, start + 0.06)
+    clock.sleep_until(start + 0.06)
+    begins = start + tau * math.log(10.0 / 7.0)
+
+    def envelope(since_s: float) -> float:
+        times = begins + since_s + np.arange(4000) * 1e-6
+        turns = np.exp(1j * MODE.natural_rad_s * (times - begins)) * np.exp(
+            -MODE.natural_rad_s / 2 / MODE.quality * times
+        )
+        columns = np.column_stack((turns.real, turns.imag))
+        return float(np.linalg.norm(np.linalg.lstsq(columns, capture.samples("drive", times), rcond=None)[0]))
+
+    held = 1.0 - 200e-6 * 3.0
+    gone = math.log(held / (envelope(1e-3) * math.exp(-MODE.natural_rad_s / 2 / MODE.quality * begins)))
+    assert gone / (MODE.natural_rad_s / 2 / MODE.quality) == pytest.approx(0.0, abs=60e-6)  # 0.5e-4 of the amplitude
+
+
+def test_the_locked_drive_follows_a_rail_that_moves_within_half_of_0_01_percent() -> None:
+    clock, world = powered(PAPER)
+    start, tau = clock.now(), 0.08
+    world.move_rail("positive", Approach(7.5, start, ((2.5, tau),)))
+    capture = world.capture(start, start + 1.0)
+    clock.sleep_until(start + 1.0)
+    for since in np.linspace(0.0, 0.9, 46):
+        times = start + since + np.arange(400) * 1e-6
+        columns = np.column_stack([turn(MODE.natural_rad_s * (times - start)) for turn in (np.cos, np.sin)])
+        seen = np.linalg.norm(np.linalg.lstsq(columns, capture.samples("drive", times), rcond=None)[0])
+        expected = 1.0 - 200e-6 * 2.5 * (1.0 - math.exp(-(since + 2e-4) / tau))
+        assert seen == pytest.approx(expected, abs=1.01 * 0.5e-4 + 2e-6)
+
+
 def test_start_up_ends_locked_at_resonance_with_x_as_minus_cosine() -> None:
-    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, amplitude_m=AMPLITUDE, supply_v=10.0)
+    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, supplied=lambda _: Supplied(AMPLITUDE, 10.0))
     *starting, last = segments
     assert last.locked
     assert math.isinf(last.stop_s)

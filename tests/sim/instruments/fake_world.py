@@ -18,7 +18,7 @@ from vcfbench.sim.trace import Piece
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.sources import Ripple
+    from vcfbench.sim.sources import Approach, Ripple
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class FakeWorld:
         self.resistance_ohm = math.inf
         self.signals: list[tuple[float, tuple[Sine, ...] | Waveform]] = [(0.0, ())]
         self.load_ohm = {"positive": 100.0, "negative": 100.0}
-        self.rails: list[tuple[float, str, float]] = []
+        self.rails: list[tuple[float, str, Approach]] = []
         self.windows: list[tuple[float, float]] = []
         self.ripples: dict[str, Ripple | None] = {}
 
@@ -127,11 +127,14 @@ class FakeWorld:
     def set_ripple(self, rail: str, ripple: Ripple | None) -> None:
         self.ripples[rail] = ripple
 
-    def set_rail(self, rail: str, voltage_v: float) -> None:
-        self.rails.append((self.clock.now(), rail, voltage_v))
+    def move_rail(self, rail: str, approach: Approach) -> None:
+        self.rails.append((self.clock.now(), rail, approach))
 
-    def rail_v(self, rail: str) -> float:
-        return next((volts for _, name, volts in reversed(self.rails) if name == rail), 0.0)
+    def rail_v(self, rail: str, instant_s: float | None = None) -> float:
+        """The rail now, or at an instant."""
+        instant = self.clock.now() if instant_s is None else instant_s
+        ways = (way for start, name, way in reversed(self.rails) if name == rail and start <= instant)
+        return next((way.at(instant) for way in ways), 0.0)
 
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
         return abs(voltage_v) / self.load_ohm[rail]

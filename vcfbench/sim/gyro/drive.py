@@ -13,19 +13,27 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from vcfbench.sim.gyro.signals import ExponentialSum
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["CONTROL_STEP_S", "DriveSegment", "Motion", "locked", "resting", "ring_down", "start_up"]
+__all__ = ["CONTROL_STEP_S", "DriveSegment", "Motion", "Supplied", "locked", "resting", "ring_down", "start_up"]
+
+
+class Supplied(NamedTuple):
+    """What the rails allow at a moment: the amplitude that the AGC holds, m, and the weaker rail, V."""
+
+    amplitude_m: float
+    rail_v: float
+
 
 CONTROL_STEP_S = 0.25e-3
 STEPS_A_SEGMENT = 16
@@ -92,19 +100,20 @@ class _Loop:
 
     bench: BenchParameters
     mode: Resonance
-    amplitude_m: float
-    limit: float
     free_running_rad_s: float
     agc: float
     pll: float
 
-    def control(self, displacement_m: complex) -> tuple[float, float, bool]:
-        """Return relative force, VCO frequency and whether the loop has settled; then integrate over one step."""
+    def control(self, displacement_m: complex, amplitude_m: float, limit: float) -> tuple[float, float, bool]:
+        """Return relative force, VCO frequency and whether the loop has settled; then integrate over one step.
+
+        `amplitude_m` and the relative force `limit` are those of the rails in this step.
+        """
         loop = self.bench.drive_loop
-        error = 1 - abs(displacement_m) / self.amplitude_m
+        error = 1 - abs(displacement_m) / amplitude_m
         phase = cmath.phase(-displacement_m) if displacement_m else 0.0
         wanted = loop.agc_proportional * error + self.agc
-        force = min(max(wanted, 0.0), self.limit)
+        force = min(max(wanted, 0.0), limit)
         if wanted == force:
             self.agc += loop.agc_integral_per_s * error * CONTROL_STEP_S
         self.pll += loop.pll_integral_per_s2 * phase * CONTROL_STEP_S
@@ -120,21 +129,22 @@ def start_up(
     *,
     start_s: float,
     phase_rad: float,
-    amplitude_m: float,
-    supply_v: float,
+    supplied: Callable[[float], Supplied],
 ) -> list[DriveSegment]:
-    """Return the drive's motion from `parts` to lock at `amplitude_m`, the weaker rail being `supply_v`.
+    """Return the drive's motion from `parts` to lock, `supplied` telling what the rails allow at a bench time.
 
     The loop starts with empty integrators and its VCO at the free-running frequency. If it has not settled after
     `LONGEST_START_S`, it is taken as locked then.
     """
-    holding = mode.natural_rad_s**2 * amplitude_m / mode.quality
+    stiffness = mode.natural_rad_s**2
     offset = 2 * math.pi * bench.drive_loop.pll_free_running_offset_hz
-    limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
-    loop = _Loop(bench, mode, amplitude_m, limit, mode.natural_rad_s + offset, 0.0, 0.0)
+    loop = _Loop(bench, mode, mode.natural_rad_s + offset, 0.0, 0.0)
     motions: list[Motion] = []
     for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
-        force, frequency, settled = loop.control(mode.displacement(parts))
+        amplitude_m, supply_v = supplied(start_s + step * CONTROL_STEP_S)
+        holding = stiffness * amplitude_m / mode.quality
+        limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
+        force, frequency, settled = loop.control(mode.displacement(parts), amplitude_m, limit)
         if settled and step % STEPS_A_SEGMENT == 0:
             break
         motion = Motion(start_s + step * CONTROL_STEP_S, parts, -1j * force * holding, frequency, phase_rad)

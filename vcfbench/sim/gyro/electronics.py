@@ -13,12 +13,15 @@ import numpy as np
 from vcfbench.sim.sources import Drive
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
     from vcfbench.sim.sources import Bend, Piece, Played, Sine
 
 __all__ = [
+    "MovingLimits",
     "Oscillation",
     "Passage",
     "PlayedVoltage",
@@ -202,7 +205,11 @@ def _add(spectrum: dict[float, complex], speed: float, size: complex) -> None:
     spectrum[same] = spectrum.get(same, 0j) + size
 
 
-def amplify(stage: OutputStage, filtered_v: NDArray[np.float64], limits: tuple[float, float]) -> NDArray[np.float64]:
+def amplify(
+    stage: OutputStage,
+    filtered_v: NDArray[np.float64],
+    limits: tuple[float | NDArray[np.float64], float | NDArray[np.float64]],
+) -> NDArray[np.float64]:
     """Return the output amplifier's voltage: gain, curvature, offset, saturation."""
     u = stage.gain * filtered_v
     curved = stage.offset_v + u * (1 + u * (stage.second_order_per_v + u * stage.third_order_per_v2))
@@ -212,6 +219,37 @@ def amplify(stage: OutputStage, filtered_v: NDArray[np.float64], limits: tuple[f
 def output_limits(stage: OutputStage, positive_v: float, negative_v: float) -> tuple[float, float]:
     """Return where the output saturates, lowest and highest."""
     return min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MovingLimits:
+    """Where the output saturates while the rails move; times from the origin of both rails, ripple left out."""
+
+    stage: OutputStage
+    positive: Oscillation
+    negative: Oscillation
+
+    def at(self, elapsed_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return lowest and highest voltage at times."""
+        headroom = self.stage.headroom_v
+        low = np.minimum(self.negative.at(elapsed_s) + headroom, 0.0)
+        return np.asarray(low), np.asarray(np.maximum(self.positive.at(elapsed_s) - headroom, 0.0))
+
+    def tightest(self, duration_s: float) -> tuple[float, float]:
+        """Return limits that hold over all of a time."""
+        positive = self.positive.constant_v + _bound(self.positive, duration_s, min)
+        negative = self.negative.constant_v + _bound(self.negative, duration_s, max)
+        return output_limits(self.stage, positive, negative)
+
+    def cuts_s(self, duration_s: float) -> set[float]:
+        """Return times between which the limits are smooth, by the exponentials' time constants."""
+        speeds = {abs(exponent) for rail in (self.positive, self.negative) for _, exponent in rail.terms}
+        return {cut for speed in speeds for cut in (1.0 / speed, 4.0 / speed, 16.0 / speed) if cut < duration_s}
+
+
+def _bound(rail: Oscillation, duration_s: float, pick: Callable[[float, float], float]) -> float:
+    """Return a bound of the sum of a rail's exponentials within a time."""
+    return sum(pick(size.real, size.real * math.exp(exponent.real * duration_s)) for size, exponent in rail.terms)
 
 
 def rail_current_a(supply: Supply, voltage_v: float, starting: float) -> float:

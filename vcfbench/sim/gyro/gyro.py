@@ -2,6 +2,10 @@
 
 Between events (a rail, V_Vc, a corner of the table's motion, a segment of the drive's start-up, a band of
 temperature) the sense chain is linear with fixed parameters and Gaussian noise, and one step of any length is exact.
+
+A rail that moves (:class:`vcfbench.sim.sources.Approach`) is exact at its pin, in the output's limits, in the control
+steps of a start-up and in when it crosses the PCB's thresholds. The amplitude of the locked drive, which the whole
+chain depends on, follows it in steps.
 """
 
 from __future__ import annotations
@@ -16,15 +20,18 @@ import numpy as np
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
-from vcfbench.sim.gyro.drive import locked, resting, ring_down, start_up
+from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
-from vcfbench.sim.gyro.electronics import Oscillation, output_limits, passage, rail_current_a
+from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, output_limits, passage, rail_current_a
 from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
+from vcfbench.sim.sources import Approach
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vcfbench.sim.gyro.chain import Chain, Response
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.motion import RateSegment
@@ -35,6 +42,10 @@ __all__ = ["Gyro"]
 
 FORGOTTEN_DEG_S = 1e-18
 COLDEST_C, HOTTEST_C = -55.0, 125.0
+AMPLITUDE_STEP = 1e-4
+"""Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""
+FORCED_STEP_V = 10e-3
+"""The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
 _SHAKES, _LOOKS, _BEHIND = 1, 2, 4
 """Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
 
@@ -68,7 +79,8 @@ class Gyro:
             if noise.electronic_v_sqrt_hz
             else None
         )
-        self._rails = (0.0, 0.0)
+        self._rails = (Approach(0.0), Approach(0.0))
+        self._held_v, self._rail_event_s = 0.0, math.inf
         self._ripples: list[Ripple | None] = [None, None]
         self._running = False
         self._source: Drive | Played | None = None
@@ -84,9 +96,14 @@ class Gyro:
 
     # -- commands, all at `now_s` --
 
-    def set_rails(self, positive_v: float, negative_v: float) -> None:
-        """Set both rails, signed; starts or stops the drive loop and the warm-up as they cross their thresholds."""
-        self._rails = (positive_v, negative_v)
+    def set_rails(self, positive: Approach, negative: Approach) -> None:
+        """Set how both rails go on, signed; of the wrong polarity they count as 0 V."""
+        self._rails = (positive, negative)
+        self._follow_rails()
+
+    def _follow_rails(self) -> None:
+        """Start or stop the drive loop and the warm-up as the rails have crossed their thresholds."""
+        self._rails = (self._rails[0].later(self.now_s), self._rails[1].later(self.now_s))
         supply, was_running = self._bench.supply, self._running
         self._running = self._weaker_rail() >= (supply.brown_out_v if was_running else supply.start_v)
         if self._running != was_running:
@@ -133,7 +150,7 @@ class Gyro:
 
     def rail_current_a(self, rail: int, voltage_v: float) -> float:
         """Return the magnitude of the current drawn from rail 0 (positive) or 1 (negative) at a voltage."""
-        weaker_v = min(abs(voltage_v), abs(self._rails[1 - rail]))
+        weaker_v = min(abs(voltage_v), abs(self._rail_v(1 - rail)))
         starts = weaker_v > 0.0 and (self._running or weaker_v >= self._bench.supply.start_v)
         lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m(weaker_v) if starts else 0.0
         return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
@@ -143,7 +160,7 @@ class Gyro:
     def next_event_s(self) -> float:
         """Return when the gyro's own parameters change next, or V_Vc begins another piece."""
         band = self._bands[1][0] if len(self._bands) > 1 else math.inf
-        return min(self._drive[0].stop_s, band, self._passage.stop_s)
+        return min(self._drive[0].stop_s, band, self._passage.stop_s, self._rail_event_s)
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`, as it will be without noise; changes nothing."""
@@ -192,13 +209,16 @@ class Gyro:
         while len(self._bands) > 1 and self._bands[1][0] <= self.now_s:
             self._bands.pop(0)
             changed = True
-        if changed:
+        if self._rail_event_s <= self.now_s:
+            self._follow_rails()
+        elif changed:
             self._settle()
 
     def _settle(self) -> None:
         """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
+        self._held_v, self._rail_event_s = self._rails_ahead()
         if self._drive[0].locked:
-            self._drive = [locked(self._amplitude_m(self._weaker_rail()), self._drive_mode().natural_rad_s)]
+            self._drive = [locked(self._amplitude_m(self._held_v), self._drive_mode().natural_rad_s)]
         turn = self._turn()
         state, noise = self._chain.state(self._modal, turn), self._chain.state(self._noise.modal, 0j)
         self._chain, self._noisy_chain, self._flutter = self._new_chain()
@@ -239,6 +259,7 @@ class Gyro:
         self, response: Response, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float
     ) -> Stretch:
         bench = self._bench
+        moving, limits_v = self._limits(stop_s - self.now_s)
         return Stretch(
             bench,
             self.now_s,
@@ -251,9 +272,10 @@ class Gyro:
             self._phase,
             self._passage.voltage(self.now_s),
             (self._rail(0), self._rail(1)),
-            output_limits(bench.output_stage, *self._rails),
+            limits_v,
             self._weaker_rail() >= bench.supply.dead_v,
             self._electronic,
+            moving,
         )
 
     # -- what acts on the chain --
@@ -279,26 +301,98 @@ class Gyro:
 
     def _rail(self, rail: int) -> Oscillation:
         """Return the voltage really present on a supply pin from now on."""
-        ripple = self._ripples[rail]
-        if ripple is None or not self._rails[rail]:
-            return Oscillation(self._rails[rail], [])
+        ripple, smooth = self._ripples[rail], self._smooth_rail(rail)
+        if ripple is None or not self._rail_v(rail):
+            return smooth
         speed = 2 * math.pi * ripple.frequency_hz
         turned = cmath.rect(math.sqrt(2) * ripple.rms_v, speed * self.now_s + ripple.phase_rad)
-        return Oscillation(self._rails[rail], [(turned, 1j * speed)])
+        return Oscillation(smooth.constant_v, [*smooth.terms, (turned, 1j * speed)])
+
+    def _smooth_rail(self, rail: int) -> Oscillation:
+        """Return the voltage of a supply pin from now on without its ripple."""
+        if not self._rail_v(rail):
+            return Oscillation(0.0, [])
+        on_its_way = self._rails[rail].later(self.now_s)
+        return Oscillation(on_its_way.goal_v, [(complex(size), complex(-1 / tau)) for size, tau in on_its_way.terms])
+
+    def _limits(self, duration_s: float) -> tuple[MovingLimits | None, tuple[float, float]]:
+        """Return where the output saturates from now on, as it moves, and the tightest of it."""
+        stage = self._bench.output_stage
+        if not any(rail.terms for rail in self._rails):
+            return None, output_limits(stage, self._rail_v(0), self._rail_v(1))
+        moving = MovingLimits(stage, self._smooth_rail(0), self._smooth_rail(1))
+        return moving, moving.tightest(duration_s)
 
     # -- power --
 
+    def _rail_v(self, rail: int) -> float:
+        """Return the smooth voltage of a supply pin now."""
+        volts = self._rails[rail].at(self.now_s)
+        return max(volts, 0.0) if rail == 0 else min(volts, 0.0)
+
     def _weaker_rail(self) -> float:
+        return self._weaker_at(self.now_s)
+
+    def _weaker_at(self, instant_s: float) -> float:
         positive, negative = self._rails
-        return max(min(positive, -negative), 0.0)
+        return max(min(positive.at(instant_s), -negative.at(instant_s)), 0.0)
+
+    def _rails_ahead(self) -> tuple[float, float]:
+        """Return the weaker rail that a locked drive goes by, and up to when: the next threshold, end or step."""
+        moving = [(sign, rail) for sign, rail in zip((1.0, -1.0), self._rails, strict=True) if rail.terms]
+        if not moving:
+            return self._weaker_rail(), math.inf
+        supply, now = self._bench.supply, self.now_s
+        levels = (0.0, supply.dead_v, supply.brown_out_v if self._running else supply.start_v)
+        crossings = [rail.crosses_s(now, sign * level) for sign, rail in moving for level in levels]
+        stop = min(*crossings, *(rail.ends_s(now) for _, rail in moving))
+        if not self._drive[0].locked:
+            return self._weaker_rail(), stop
+        step_v = self._rail_step_v()
+        travels = [(rail, rail.travel_v(now)) for _, rail in moving]
+        steps = [(rail, min(step_v, left_v - 0.5 * step_v)) for rail, left_v in travels if left_v > 0.5 * step_v]
+        if not steps:
+            positive, negative = self._rails
+            return max(min(positive.goal_v, -negative.goal_v), 0.0), stop
+        stop = min(stop, *(rail.moved_s(now, distance_v) for rail, distance_v in steps))
+        return 0.5 * (self._weaker_rail() + self._weaker_at(stop)), stop
+
+    def _rail_step_v(self) -> float:
+        """Return by how much the rails may move before the locked drive's amplitude follows."""
+        weakest = min(self._weaker_rail(), *(abs(rail.goal_v) for rail in self._rails))
+        weakest = max(weakest, self._bench.supply.brown_out_v)  # below, the drive is not locked any more
+        if self._wanted_m(weakest) > self._strongest_m(weakest):
+            return FORCED_STEP_V
+        relative = abs(self._bench.drive_loop.amplitude_supply_coefficient_per_v)
+        return AMPLITUDE_STEP / relative if relative else math.inf
+
+    def _supplied(self) -> Callable[[float], Supplied]:
+        """Return what the rails will allow at a bench time, as they go on now."""
+        ends = [rail.ends_s(self.now_s) for rail in self._rails if rail.terms]
+        settled_s, goal_v = max(ends, default=-math.inf), max(min(self._rails[0].goal_v, -self._rails[1].goal_v), 0.0)
+        settled = Supplied(self._amplitude_m(goal_v), goal_v)
+
+        def supplied(instant_s: float) -> Supplied:
+            if instant_s >= settled_s:
+                return settled
+            rail_v = self._weaker_at(instant_s)
+            return Supplied(self._amplitude_m(rail_v), rail_v)
+
+        return supplied
 
     def _amplitude_m(self, rail_v: float) -> float:
         """Return the drive amplitude that the AGC holds on rails of `rail_v`, at most what its force can hold."""
+        return min(self._wanted_m(rail_v), self._strongest_m(rail_v))
+
+    def _wanted_m(self, rail_v: float) -> float:
+        """Return the drive amplitude that the AGC wants."""
         loop, nominal = self._bench.drive_loop, self._bench.supply.nominal_v
-        wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
-        mode, mass = self._drive_mode(), self._bench.drive_mode.mass_kg
-        strongest = loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
-        return min(wanted, strongest)
+        return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
+
+    def _strongest_m(self, rail_v: float) -> float:
+        """Return the drive amplitude that the largest force can hold."""
+        loop, mode, mass = self._bench.drive_loop, self._drive_mode(), self._bench.drive_mode.mass_kg
+        return loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
 
     def _heat(self) -> None:
         """Let the temperature go to its new goal from where it is."""
@@ -314,8 +408,7 @@ class Gyro:
             self._drive_parts(),
             start_s=self.now_s,
             phase_rad=self._phase,
-            amplitude_m=self._amplitude_m(self._weaker_rail()),
-            supply_v=self._weaker_rail(),
+            supplied=self._supplied(),
         )
 
     def _stop(self) -> None:

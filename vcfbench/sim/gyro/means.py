@@ -4,7 +4,8 @@ Exact where the amplifier is linear. Its curvature takes the mean with it: of wh
 by quadrature, of the noise by its variance within the time, so that one and the same direct voltage reads alike with
 every aperture. Where the output clips, time is cut at the crossings first; that leaves 1e-6 V for a peak that reaches
 over the limit for less than `LOOK_S`, and of the noise about the crossings its square over their slope, 1e-7 V on a
-bench as noisy as the paper's. What rests within the noise of a limit is averaged over the noise.
+bench as noisy as the paper's. What rests within the noise of a limit is averaged over the noise. Limits that move with
+the rails are clipped at as they move.
 """
 
 from __future__ import annotations
@@ -23,8 +24,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from vcfbench.sim.gyro.electronics import MovingLimits
     from vcfbench.sim.gyro.signals import ExponentialSum
     from vcfbench.sim.parameters import OutputStage
+
+    _Volts = float | NDArray[np.float64]
 
 __all__ = ["output_integral"]
 
@@ -47,10 +51,12 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
     duration_s: float,
     noise_mean_v: float,
     noise_variance_v2: float,
+    moving: MovingLimits | None = None,
 ) -> float:
     """Return the integral of the output over `duration_s` from the signal's origin on, V s.
 
     `noise_mean_v` is the mean of the filtered noise over that time, `noise_variance_v2` its variance about that mean.
+    Of limits that move `limits_v` are the tightest.
     """
     mean_v = filtered.integral(duration_s).real / duration_s + noise_mean_v
     middle_v = _amplified(stage, mean_v)
@@ -60,7 +66,7 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
     middle_v = middle_v + bend_v if abs(bend_v) >= LEAST_BEND_V else middle_v
     reach_v = 1.5 * moved_v + FAR * noise_v
     if not limits_v[0] + reach_v < middle_v < limits_v[1] - reach_v:
-        return _clipped(stage, limits_v, filtered, duration_s, noise_mean_v, middle_v, moved_v, noise_v)
+        return _clipped(stage, limits_v, filtered, duration_s, noise_mean_v, middle_v, moved_v, noise_v, moving)
     if moved_v < STEADY_V:
         return duration_s * middle_v
     times, weights = _nodes(0.0, duration_s)
@@ -78,33 +84,44 @@ def _clipped(  # noqa: PLR0917  (as above)
     middle_v: float,
     moved_v: float,
     noise_v: float,
+    moving: MovingLimits | None,
 ) -> float:
     """Return the integral where the output may reach a limit."""
-    if moved_v < STEADY_V:
+    if moved_v < STEADY_V and moving is None:
         return duration_s * _limited_mean(middle_v, noise_v, limits_v)
 
     def unlimited(times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         return amplify(stage, filtered.at(times_s).real + noise_mean_v, UNLIMITED)
 
-    cuts = sorted({0.0, duration_s, *(cut for limit in limits_v for cut in _crossings(unlimited, limit, duration_s))})
+    def limit(side: int) -> Callable[[NDArray[np.float64]], _Volts]:
+        return lambda times_s: limits(times_s)[side]
+
+    def limits(times_s: NDArray[np.float64]) -> tuple[_Volts, _Volts]:
+        return limits_v if moving is None else moving.at(times_s)
+
+    cuts = {0.0, duration_s} if moving is None else {0.0, duration_s, *moving.cuts_s(duration_s)}
+    for side in (0, 1):
+        cuts.update(_crossings(unlimited, limit(side), duration_s))
     total = 0.0
-    for start, stop in pairwise(cuts):
+    for start, stop in pairwise(sorted(cuts)):
         times, weights = _nodes(start, stop)
-        total += (stop - start) * float(weights @ np.clip(unlimited(times), *limits_v))
+        total += (stop - start) * float(weights @ np.clip(unlimited(times), *limits(times)))
     return total
 
 
 def _crossings(
-    signal: Callable[[NDArray[np.float64]], NDArray[np.float64]], limit: float, stop_s: float
+    signal: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    limit: Callable[[NDArray[np.float64]], _Volts],
+    stop_s: float,
 ) -> list[float]:
     """Return when a signal crosses a limit before `stop_s`."""
     looks = np.linspace(0.0, stop_s, max(2, math.ceil(stop_s / LOOK_S) + 1))
-    above = signal(looks) > limit
+    above = signal(looks) > limit(looks)
     places = np.flatnonzero(above[1:] != above[:-1])
     early, late, first = looks[places], looks[places + 1], above[places]
     for _ in range(HALVINGS if len(places) else 0):
         middle = 0.5 * (early + late)
-        same = (signal(middle) > limit) == first
+        same = (signal(middle) > limit(middle)) == first
         early, late = np.where(same, middle, early), np.where(same, late, middle)
     return [float(each) for each in 0.5 * (early + late)]
 

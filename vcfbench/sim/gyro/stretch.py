@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
     from vcfbench.sim.gyro.electronic import ElectronicNoise
-    from vcfbench.sim.gyro.electronics import PlayedVoltage
+    from vcfbench.sim.gyro.electronics import MovingLimits, PlayedVoltage
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
 
@@ -36,7 +36,8 @@ class Stretch:
     """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
     `noise_integral_v_s` is the noise's part of the integral of the filtered signal, `noise` its path, drawn if somebody
-    looks. `shares` says of loaded nodes how much of their open voltage is left.
+    looks. `shares` says of loaded nodes how much of their open voltage is left. `moving_limits` says where the output
+    saturates while the rails move; `limits_v` are then the tightest.
     """
 
     bench: BenchParameters
@@ -53,6 +54,7 @@ class Stretch:
     limits_v: tuple[float, float]
     alive: bool
     electronic: ElectronicNoise | None = None
+    moving_limits: MovingLimits | None = None
     shares: Mapping[str, float] = field(default_factory=dict)
 
     def integral(self, node: str) -> float:
@@ -88,7 +90,9 @@ class Stretch:
         source = self._source(node)
         if source is None:
             return None if self.alive else Oscillation(0.0, [])
-        return source if isinstance(source, Oscillation) else None
+        if not isinstance(source, Oscillation) or any(exponent.real for _, exponent in source.terms):
+            return None
+        return source
 
     def _source(self, node: str) -> Oscillation | PlayedVoltage | None:
         """Return what a node of the PCB's inputs carries; None for its own nodes."""
@@ -105,19 +109,25 @@ class Stretch:
         return output if self.electronic is None else output + self.electronic.integral(self.start_s, self.stop_s)
 
     def _rippling(self) -> Oscillation | None:
-        """Return what of the rails' ripple comes through to the output, None where nothing does."""
+        """Return what of the rails' ripple comes through to the output, None where nothing does.
+
+        The approach of a rail to its level does not: the output knows the rails' level by its limits alone.
+        """
         share = self.bench.supply.ripple_feedthrough
-        terms = [(share * size, speed) for rail in self.rails for size, speed in rail.terms] if share else []
+        ripples = [term for rail in self.rails for term in rail.terms if not term[1].real] if share else []
+        terms = [(share * size, speed) for size, speed in ripples]
         return Oscillation(0.0, terms) if terms else None
 
     def _output_integral(self, duration: float) -> float:
         variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
         noise = self.noise_integral_v_s / duration
         filtered = self.response.filtered()
-        return output_integral(self.bench.output_stage, self.limits_v, filtered, duration, noise, variance)
+        stage, moving = self.bench.output_stage, self.moving_limits
+        return output_integral(stage, self.limits_v, filtered, duration, noise, variance, moving)
 
-    def _amplified(self, filtered_v: NDArray[np.float64]) -> NDArray[np.float64]:
-        return amplify(self.bench.output_stage, filtered_v, self.limits_v)
+    def _amplified(self, filtered_v: NDArray[np.float64], elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        limits = self.limits_v if self.moving_limits is None else self.moving_limits.at(elapsed_s)
+        return amplify(self.bench.output_stage, filtered_v, limits)
 
     def _carrier_level_integral(self, node: str, duration: float) -> float:
         turn = cmath.exp(1j * self.phase_rad)
@@ -165,7 +175,8 @@ class Stretch:
             return coarse.interpolated(self._open_circuit(node, coarse.times_s()))
         if node == "output":
             filtered = self.response.filtered().at(elapsed).real
-            volts = self._amplified(filtered if self.noise is None else filtered + self.noise.filtered(elapsed))
+            noisy = filtered if self.noise is None else filtered + self.noise.filtered(elapsed)
+            volts = self._amplified(noisy, elapsed)
             rippling = self._rippling()
             volts = volts if rippling is None else volts + rippling.at(elapsed)
             return volts if self.electronic is None else volts + self.electronic.at(times_s)

@@ -136,7 +136,7 @@ class E3631A(ScpiInstrument):
             self.observe()
 
     def next_event_s(self) -> float | None:
-        """Return the next step of a ramp, or the end of the trigger delay."""
+        """Return the next look at an output that moves, or the end of the trigger delay."""
         return self._next_s
 
     def _advance(self) -> None:
@@ -150,7 +150,7 @@ class E3631A(ScpiInstrument):
 
     def plan(self) -> None:
         """Work out when something next happens by itself."""
-        instants = [output.ramp.instant_s() for output in self.outputs.values() if output.ramp is not None]
+        instants = [instant for output in self.outputs.values() if (instant := output.next_s()) < math.inf]
         if any(output.limited for output in self.outputs.values()) and self.world.clock.now() < self._looks_until_s:
             instants.append(self.world.clock.now() + _LIMITED_LOOK_S)
         if self.transfer_at_s is not None:
@@ -202,7 +202,7 @@ class E3631A(ScpiInstrument):
         self.plan()
 
     def _working_points(self) -> list[float]:
-        return [output.voltage_v for output in self.outputs.values()]
+        return [output.terminal.goal_v for output in self.outputs.values()]
 
     def drive(self) -> None:
         """Send every output towards its setting."""

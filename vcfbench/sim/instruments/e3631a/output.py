@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from vcfbench.sim.sources import Ripple
+from vcfbench.sim.sources import NOTHING_V, Approach, Ripple
 
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.e3631a.errors import SupplyErrors
@@ -19,50 +19,74 @@ if TYPE_CHECKING:
 
 __all__ = ["Output", "stepped"]
 
-_RAMP_STEPS = 8
-_SETTLED = math.log(100.0)
+_LOOKS = 8
+"""How often, in equal shares of its way, an output that moves looks whether its load still draws what it did."""
+_TO_1_PERCENT = math.log(100.0)
 """Settling times of the guide are to 1 % of the excursion."""
+_TRANSIENT_S = 50e-6 / _TO_1_PERCENT
+"""Time constant after a load step: the guide has it back within 15 mV in less than 50 us (p. 186)."""
+_OFF_COURSE_V = 1e-4
+"""How far a moving output may be from what it would be at rest with this load before its way is found anew."""
+_BEYOND_S = 1e-9
+_HALVINGS = 40
 
 
 @dataclass(slots=True)
 class _Ramp:
-    """An exponential approach, handed to the World in steps."""
+    """An exponential approach of the open-circuit level."""
 
     start_s: float
     from_v: float
     to_v: float
     tau_s: float
-    step: int = 1
+    looks: int = 0
+
+    def level_v(self, now_s: float) -> float:
+        """Return the level at a time."""
+        return self.to_v + (self.from_v - self.to_v) * math.exp(-(now_s - self.start_s) / self.tau_s)
 
     def instant_s(self) -> float:
-        """Return when the next step is due."""
-        left = 1.0 - self.step / _RAMP_STEPS
-        return self.start_s + self.tau_s * (-math.log(left) if left > 0 else _SETTLED)
+        """Return when it is looked at next; the last time is its end."""
+        left = 1.0 - (self.looks + 1) / _LOOKS
+        excursion = 2.0 * abs(self.to_v - self.from_v) / NOTHING_V
+        return self.start_s + self.tau_s * (-math.log(left) if left > 0 else max(_TO_1_PERCENT, math.log(excursion)))
 
-    def level_v(self) -> float:
-        """Return the level of the next step."""
-        return self.from_v + (self.to_v - self.from_v) * self.step / _RAMP_STEPS
+    def when_s(self, level_v: float) -> float:
+        """Return when it has a level between its ends."""
+        return self.start_s + self.tau_s * math.log((self.from_v - self.to_v) / (level_v - self.to_v))
+
+
+class _Regulated(NamedTuple):
+    """A working point: voltage with the present load, and whether the current is at its limit."""
+
+    voltage_v: float
+    current_a: float
+    limited: bool
 
 
 class Output:
     """One output: its settings, and the voltage and current really there."""
 
     __slots__ = (
+        "_followed",
+        "_level_v",
+        "_recovery",
+        "_recovery_s",
         "_world",
         "amps",
         "current_a",
         "errors",
         "kind",
-        "level_v",
         "limited",
         "quantised",
         "rail",
         "ramp",
         "register",
         "rippling",
+        "terminal",
         "triggered_amps",
         "triggered_volts",
-        "voltage_v",
+        "turns_s",
         "volts",
     )
 
@@ -75,8 +99,13 @@ class Output:
         self.errors = errors.of(kind.name)
         self.quantised = errors.quantised
         self._world = world
-        self.level_v = 0.0
-        self.voltage_v = 0.0
+        self._level_v = 0.0
+        self._recovery, self._recovery_s = Approach(0.0), _TRANSIENT_S
+        self._followed: _Ramp | None = None
+        self.terminal = Approach(0.0)
+        """The voltage at its terminals."""
+        self.turns_s = math.inf
+        """When it will have come to its current limit, or off it, by its own movement."""
         self.current_a = 0.0
         self.limited = False
         self.rippling = False
@@ -93,21 +122,37 @@ class Output:
 
     def head_for(self, level_v: float) -> None:
         """Start towards the open-circuit level `level_v` from now on."""
-        if level_v == (self.level_v if self.ramp is None else self.ramp.to_v):
+        if level_v == (self._level_v if self.ramp is None else self.ramp.to_v):
             return
-        rising = abs(level_v) > abs(self.level_v)
+        now = self._world.clock.now()
+        here = self.level_v(now)
+        self.ramp = _Ramp(now, here, level_v, self._settling_s(rising=abs(level_v) > abs(here)))
+
+    def _settling_s(self, *, rising: bool) -> float:
+        """Return the time constant of a change of level with the present load."""
         idle, full = self.kind.rise_s if rising else self.kind.fall_s
         share = min(1.0, self.current_a / self.kind.amps.maximum)
-        tau = (idle + (full - idle) * share) / _SETTLED
-        self.ramp = _Ramp(self._world.clock.now(), self.level_v, level_v, tau)
+        return (idle + (full - idle) * share) / _TO_1_PERCENT
+
+    def level_v(self, now_s: float) -> float:
+        """Return what there would be without load."""
+        return self._level_v if self.ramp is None else self.ramp.level_v(now_s)
+
+    @property
+    def voltage_v(self) -> float:
+        """The voltage at its terminals now."""
+        return self.terminal.at(self._world.clock.now())
 
     def advance(self, now_s: float) -> None:
-        """Take the steps of the ramp that are due; regulation is found afterwards."""
+        """Count the looks at the ramp that are due; regulation is found afterwards."""
         while self.ramp is not None and self.ramp.instant_s() <= now_s:
-            self.level_v = self.ramp.level_v()
-            self.ramp.step += 1
-            if self.ramp.step > _RAMP_STEPS:
-                self.level_v, self.ramp = self.ramp.to_v, None
+            self.ramp.looks += 1
+            if self.ramp.looks == _LOOKS:
+                self._level_v, self.ramp = self.ramp.to_v, None
+
+    def next_s(self) -> float:
+        """Return when something next happens to it by itself; inf if nothing does."""
+        return min(self.turns_s, math.inf if self.ramp is None else self.ramp.instant_s())
 
     def limit_a(self) -> float:
         """Return the current at which the output really goes to constant current."""
@@ -116,17 +161,64 @@ class Output:
         return max(0.0, amps * (1.0 + errors.current_programming_gain) + errors.current_programming_offset_a)
 
     def regulate(self) -> None:
-        """Find voltage and current with the present load, constant voltage or constant current."""
-        limit = self.limit_a()
-        voltage, current = self.level_v, self._load_a(self.level_v)
-        self.limited = current > limit
-        if self.limited:
-            voltage, current = self._at_limit(limit)
-        voltage -= self._sagged(voltage, current)
-        self._ripple(on=bool(voltage))
-        if self.rail is not None and voltage != self.voltage_v:
-            self._world.set_rail(self.rail, voltage)
-        self.voltage_v, self.current_a = voltage, current
+        """Find voltage and current with the present load, constant voltage or constant current, and go there.
+
+        The voltage never jumps: what it is off its working point goes with the time constant of what changed.
+        """
+        now, limit = self._world.clock.now(), self.limit_a()
+        here = self._working_point(self.level_v(now), limit)
+        goal_v = here.voltage_v if self.ramp is None or here.limited else self._constant_voltage(self.ramp.to_v)[0]
+        self._go(now, here, goal_v)
+        self.limited, self.current_a = here.limited, here.current_a
+        self.turns_s = self._turn_s(now, limit)
+        self._ripple(on=bool(goal_v or self.terminal.terms))
+
+    def _working_point(self, level_v: float, limit: float) -> _Regulated:
+        """Return where an open-circuit level comes to rest with the present load."""
+        if self._load_a(level_v) <= limit:
+            return _Regulated(*self._constant_voltage(level_v), limited=False)
+        voltage, current = self._at_limit(level_v, limit)
+        return _Regulated(voltage - self._sagged(voltage, current), current, limited=True)
+
+    def _constant_voltage(self, level_v: float) -> tuple[float, float]:
+        current = self._load_a(level_v)
+        return level_v - self._sagged(level_v, current), current
+
+    def _go(self, now_s: float, here: _Regulated, goal_v: float) -> None:
+        """Set out for a goal from where the voltage is, unless it is on its way there."""
+        gap_v, left_v = self.terminal.at(now_s) - here.voltage_v, self._recovery.at(now_s)
+        strayed_v = abs(gap_v - left_v)
+        on_way = self.ramp is self._followed
+        tolerance_v = 0.0 if self.ramp is None else _OFF_COURSE_V
+        on_way &= abs(goal_v - self.terminal.goal_v) <= tolerance_v and strayed_v <= max(tolerance_v, NOTHING_V)
+        if on_way:
+            return
+        if here.limited != self.limited or strayed_v > abs(left_v):
+            self._recovery_s = self._recovers_in_s(limited=here.limited)
+        gap = ((gap_v, self._recovery_s),) if abs(gap_v) > NOTHING_V else ()
+        way_v = here.voltage_v - goal_v
+        way = ((way_v, self.ramp.tau_s),) if self.ramp is not None and way_v else ()
+        self._recovery = Approach(0.0, now_s, gap)
+        self._followed, self.terminal = self.ramp, Approach(goal_v, now_s, (*way, *gap))
+        if self.rail is not None:
+            self._world.move_rail(self.rail, self.terminal)
+
+    def _recovers_in_s(self, *, limited: bool) -> float:
+        """Return the time constant with which the voltage goes where regulation now wants it."""
+        if limited:  # the load discharges the capacitor, which the limited current would keep where it is wanted
+            level_v = self.level_v(self._world.clock.now())
+            return self.kind.capacitance_f * abs(level_v) / self._load_a(level_v)
+        return self._settling_s(rising=True) if self.limited else _TRANSIENT_S
+
+    def _turn_s(self, now_s: float, limit: float) -> float:
+        """Return when the ramp will have come to the current limit, or off it, with the present load."""
+        if self.ramp is None or (self._load_a(self.ramp.to_v) > limit) == self.limited:
+            return math.inf
+        near, far = self.level_v(now_s), self.ramp.to_v
+        for _ in range(_HALVINGS):
+            middle = (near + far) / 2
+            near, far = (middle, far) if (self._load_a(middle) > limit) == self.limited else (near, middle)
+        return math.inf if far == self.ramp.to_v else max(self.ramp.when_s(far), now_s) + _BEYOND_S
 
     def _sagged(self, voltage_v: float, current_a: float) -> float:
         """Return what the current takes off the voltage."""
@@ -150,10 +242,10 @@ class Output:
     def _load_a(self, voltage_v: float) -> float:
         return 0.0 if self.rail is None else self._world.rail_current_a(self.rail, voltage_v)
 
-    def _at_limit(self, limit: float) -> tuple[float, float]:
+    def _at_limit(self, level_v: float, limit: float) -> tuple[float, float]:
         """Return the voltage at which the load draws the limit, by bisection, and that current."""
-        low, high = 0.0, self.level_v
-        for _ in range(40):
+        low, high = 0.0, level_v
+        for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (low, middle) if self._load_a(middle) > limit else (middle, high)
         return low, min(limit, self._load_a(low))
