@@ -29,8 +29,9 @@ from vcfbench.errors import MeasurementError
 if TYPE_CHECKING:
     from vcfbench.interfaces import SafeReport
 
-ENDINGS = {"done": 0, "usage": 2, "instrument": 3, "aborted": 4, "unsafe": 5, "aborted unsafe": 5}
+ENDINGS = {"done": 0, "limit": 1, "usage": 2, "instrument": 3, "aborted": 4, "unsafe": 5, "aborted unsafe": 5}
 STREAMS = ("open", "closed", "full", "broken")
+LIMIT = "\n[acceptance]\nbias_v = [1.0, 2.0]\n"
 QUICK = "\n[procedure]\nrates_deg_s = [20, 0, -20]\nsamples = 2\nmatch_rate_deg_s = 20\n[procedure.drive]"
 
 
@@ -61,6 +62,8 @@ FEW = (
     ("done", "closed", "closed"),
     ("done", "full", "open"),
     ("done", "broken", "full"),
+    ("limit", "full", "closed"),
+    ("limit", "broken", "open"),
     ("usage", "full", "full"),
     ("instrument", "broken", "broken"),
     ("aborted", "full", "closed"),
@@ -101,7 +104,9 @@ def streams_as_started() -> None:
 
 def load(folder: Path) -> None:
     """Do here once what loads modules."""
-    (folder / "quick.toml").write_text(embedded_text("paper").replace("\n[procedure.drive]", QUICK), encoding="utf-8")
+    quick = embedded_text("paper").replace("\n[procedure.drive]", QUICK)
+    (folder / "quick.toml").write_text(quick, encoding="utf-8")
+    (folder / "limit.toml").write_text(quick + LIMIT, encoding="utf-8")
     CliRunner().invoke(main.app, ["run", "turntable", "--bench", str(folder / "quick.toml"), "--runs", str(folder)])
 
 
@@ -120,7 +125,7 @@ def child(ending: str, out: str, err: str, pipes: dict[str, int], folder: Path) 
         "run",
         "sing" if ending == "usage" else "turntable",
         "--bench",
-        str(folder.parent / "quick.toml"),
+        str(folder.parent / ("limit.toml" if ending == "limit" else "quick.toml")),
     ]
     main.main()
 

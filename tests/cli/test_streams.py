@@ -54,8 +54,10 @@ def test_code_journal_and_words_are_right_whatever_the_streams_are(ended: list[M
         assert last["type"] == "footer", case
         assert last["files"] == ["journal.jsonl", "points.csv", "result.json"], case
         assert [report["safe"] for report in last["safe"]].count(False) == ("unsafe" in case["ending"]), case
-        assert last["status"] == ("complete" if case["ending"] in {"done", "unsafe"} else "aborted"), case
-        kind = {"done": None, "instrument": "MeasurementError", "aborted": "Aborted"}.get(case["ending"], "NotSafe")
+        assert last["status"] == ("complete" if case["ending"] in {"done", "limit", "unsafe"} else "aborted"), case
+        kind = {"done": None, "limit": None, "instrument": "MeasurementError", "aborted": "Aborted"}.get(
+            case["ending"], "NotSafe"
+        )
         assert (last["error"] or {}).get("kind") == kind, case
 
 

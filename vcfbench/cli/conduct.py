@@ -69,11 +69,11 @@ def conduct(name: str, options: RunOptions, ending: EarlyAndLate | None = None) 
             ending.answered()
     if report.error is not None:
         raise report.error
+    if report.acceptance is not None and not report.acceptance.passed:
+        raise typer.Exit(1)  # no error: a limit of the results failed, whether or not anybody could read it
     if unwritten is not None:
         unwritten.hint = None if report.directory is None else f"it is in the record {report.directory.path}"
         raise unwritten
-    if report.acceptance is not None and not report.acceptance.passed:
-        raise typer.Exit(1)  # no error: a limit of the results failed
 
 
 @dataclass(slots=True)
