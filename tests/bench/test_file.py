@@ -272,7 +272,7 @@ def test_a_missing_key_is_one_line_with_its_path(path: tuple[str, ...]) -> None:
         (("name",), "lab 1", "expected a text of letters, digits, '_', '-' and '.', came 'lab 1'"),
         (("power", "serial", "parity"), "mark", "expected 'even' or 'none' or 'odd', came 'mark'"),
         (("procedure", "drive", "amplitude_v"), [1], "expected a list of 2 numbers, came [1]"),
-        (("procedure", "samples"), 2.5, "expected a whole number at least 2 and at most 100000, came 2.5"),
+        (("procedure", "samples"), 2.5, "expected a whole number at least 2 and at most 1000000, came 2.5"),
         (("wiring", "oscilloscope", "channel_1"), "driv", "expected 'carrier' or 'drive' or"),
     ],
 )

@@ -275,5 +275,8 @@ class MemoryJournal:
     def step(self, values: Any) -> None:
         self.lines.append({"type": "step", **values})
 
+    def readings(self, values: Any) -> None:
+        self.lines.append({"type": "readings", **values})
+
     def error(self, values: Any) -> None:
         self.lines.append({"type": "error", **values})

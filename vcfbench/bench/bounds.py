@@ -95,8 +95,8 @@ Settling = Annotated[float, Meta(ge=0.01, le=3_600.0)]
 """s: no gyroscope's loop has settled sooner; without, the ramp is in the first reading."""
 Interval = Annotated[float, Meta(ge=0.01, le=3_600.0)]
 """s, from reading to reading: the multimeter's shortest integration with what it takes to tell it."""
-Samples = Annotated[int, Meta(ge=2, le=100_000)]
-"""A scatter needs two; more make a line of the journal too long."""
+Samples = Annotated[int, Meta(ge=2, le=1_000_000)]
+"""A scatter needs two; ten hours at the fastest interval are fewer than the most."""
 Slope = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """(deg/s)/V: the fastest table by a few millivolts."""
 

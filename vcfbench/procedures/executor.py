@@ -85,7 +85,11 @@ class Observer(Protocol):
 
 
 class StepJournal(Protocol):
-    """Where steps are written before the next one begins."""
+    """Where steps are written before the next one begins, and the readings of a long one as they come."""
+
+    def readings(self, values: Mapping[str, Any]) -> None:
+        """Write a chunk of the readings of the step under way."""
+        ...
 
     def step(self, values: Mapping[str, Any]) -> None:
         """Write one performed step."""
@@ -182,23 +186,36 @@ class Executor:
     def _act(self, step: Step) -> StepResult:
         start_s = self._now()
         self._tell(StepStarted(self._number, start_s, step))
-        self._context.begin()
+        self._context.begin(partial(self._write_chunk, step, start_s))
         result = step.perform(self._context)
         self._physical_s += step.physical_s
         self._write(step, result, start_s)
         self._tell(StepFinished(self._number, self._now(), step, result))
         return result
 
+    def _write_chunk(self, step: Step, start_s: float, readings: Sequence[Reading]) -> None:
+        """Write readings of the step under way; the step stands with them, for its own line may never come."""
+        chunk = {
+            **self._line(step),
+            "t_s": start_s,
+            "end_s": self._now(),
+            "chunk": self._context.chunks + 1,
+            "readings": readings,
+        }
+        self.journal.readings(chunk)
+
     def _write(self, step: Step, result: StepResult, start_s: float) -> None:
+        if self._context.chunks:
+            self._context.rest()
         line = {
             **self._line(step),
             "t_s": start_s,
             "end_s": self._now(),
             "result_kind": type(result).__name__,
             "result": result.as_json(),
+            **self._seen(),
         }
         if self._context.asked_again:
-            line["asked_again"] = list(self._context.asked_again)
             self._asked_again += (f"step {self._number}: {said}" for said in self._context.asked_again)
         point = result.recorded_point
         if point is not None:
@@ -209,6 +226,12 @@ class Executor:
     def _line(self, step: Step) -> dict[str, Any]:
         return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": asdict(step)}
 
+    def _seen(self) -> dict[str, Any]:
+        """Return what a line says only where there is something to say: chunks before it, answers not believed."""
+        context = self._context
+        chunks = {"chunks": context.chunks} if context.chunks else {}
+        return {**chunks, "asked_again": list(context.asked_again)} if context.asked_again else chunks
+
     def _failed(self, step: Step, problem: BaseException) -> BenchError:
         """Put the step into the error and both into the journal."""
         error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
@@ -216,9 +239,7 @@ class Executor:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
         partial_readings = [asdict(reading) for reading in self._context.readings]
-        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": partial_readings}
-        if self._context.asked_again:
-            line["asked_again"] = list(self._context.asked_again)
+        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": partial_readings, **self._seen()}
         with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
             self.journal.error(line)
         self._tell(StepFailed(self._number, self._now(), step, error))

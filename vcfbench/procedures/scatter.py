@@ -4,6 +4,9 @@ Nothing is known of a gyroscope's noise beforehand, so the run itself is the mea
 others. Within a window the readings stand about a straight line, because a gyroscope that warms up drifts; how far the
 farthest of them stands from it, against the scatter of all the others of the run, is Student's t, and the scatter of
 the window against that of the run is Fisher's F. A window is refused when chance would do so once in `FALSE_ALARM`.
+
+A window too long for one chunk of the journal is held against the run chunk by chunk, as soon as each is closed: over
+hours nothing drifts along a straight line, over a minute it does.
 """
 
 from __future__ import annotations
@@ -84,7 +87,8 @@ class NoiseSeen:
     """The scatter of the windows of a run so far; `resolution_v` is the step of the meter's last digit, V."""
 
     resolution_v: float
-    _windows: list[Scatter] = field(default_factory=list)
+    _seen: int = 0
+    _extremes: dict[str, tuple[int, Scatter]] = field(default_factory=dict)
     _squares_v2: float = 0.0
     _degrees: int = 0
 
@@ -102,31 +106,35 @@ class NoiseSeen:
         scatter = Scatter.of(readings_v)
         if scatter is None:
             return ""
-        earlier = self._extremes()
-        self._windows.append(scatter)
+        earlier = tuple(self._extremes.values())
+        self._remember(scatter)
         self._squares_v2 += scatter.squares_v2
         self._degrees += scatter.degrees
         if said := self._complaint(scatter):
             return said
-        for window in earlier:
+        for number, window in earlier:
             if said := self._complaint(window):
-                return f"window {self._windows.index(window) + 1} of the run: {said}"
+                return f"window {number} of the run: {said}"
         return ""
 
-    def _extremes(self) -> tuple[Scatter, ...]:
-        if not self._windows:
-            return ()
-        far = max(self._windows, key=lambda each: each.residual_v**2 / (1.0 - each.leverage))
-        wide = max(self._windows, key=lambda each: each.squares_v2 / each.degrees)
-        narrow = min(self._windows, key=lambda each: each.squares_v2 / each.degrees)
-        return far, wide, narrow
+    def _remember(self, window: Scatter) -> None:
+        """Keep the windows that are looked at again, and no others: a run may have any number of them."""
+        self._seen += 1
+        variance_v2 = window.squares_v2 / window.degrees
+        for name, is_beyond in (
+            ("far", lambda most: _off_v2(window) > _off_v2(most)),
+            ("wide", lambda most: variance_v2 > most.squares_v2 / most.degrees),
+            ("narrow", lambda least: variance_v2 < least.squares_v2 / least.degrees),
+        ):
+            if name not in self._extremes or is_beyond(self._extremes[name][1]):
+                self._extremes[name] = (self._seen, window)
 
     def _complaint(self, window: Scatter) -> str:
         return self._outlier(window) or self._wide_or_narrow(window)
 
     def _outlier(self, window: Scatter) -> str:
         """Hold the farthest reading against the scatter of all other readings of the run (Student's t)."""
-        off_v2 = window.residual_v**2 / (1.0 - window.leverage)
+        off_v2 = _off_v2(window)
         degrees = self._degrees - 1
         std_v = max(math.sqrt(max(0.0, self._squares_v2 - off_v2) / degrees), self.resolution_v)
         if abs(window.distance_v) <= _COUNTS * self.resolution_v or off_v2 < (_NEVER * std_v) ** 2:
@@ -154,3 +162,8 @@ class NoiseSeen:
                 "a lead is off, or the others were disturbed"
             )
         return ""
+
+
+def _off_v2(window: Scatter) -> float:
+    """Return by how much the sum of squares falls when the farthest reading is left out, V^2."""
+    return window.residual_v**2 / (1.0 - window.leverage)

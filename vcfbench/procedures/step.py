@@ -14,9 +14,10 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from vcfbench.errors import BenchError, FramingError, MeasurementError
+from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.clock import Clock
@@ -72,13 +73,18 @@ class OpenBench(Protocol):
         ...
 
 
+def _nowhere(readings: Sequence[Reading]) -> None:
+    """Keep readings nowhere: nobody writes a journal."""
+
+
 @dataclass(slots=True)
 class Context:
     """What a step works with while it is performed: the bench, and where readings and doubts are written down.
 
-    `hear` is called with every reading as it comes. `readings` holds those of the window under way, so that a window
-    that fails leaves them behind. `asked_again` says what was answered, in the step under way, that could not be
-    believed, so that it was asked once more. `noise` is the scatter that the run has seen so far.
+    `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
+    written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
+    has written. `asked_again` says what was answered, in the step under way, that could not be believed, so that it was
+    asked once more. `noise` is the scatter that the run has seen so far.
     """
 
     bench: OpenBench
@@ -86,16 +92,37 @@ class Context:
     readings: list[Reading] = field(default_factory=list)
     asked_again: list[str] = field(default_factory=list)
     noise: NoiseSeen | None = None
+    keep: Callable[[Sequence[Reading]], None] = _nowhere
+    chunks: int = 0
 
-    def begin(self) -> None:
-        """Forget what the step before left."""
+    def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
+        """Forget what the step before left; `keep` writes down each chunk of readings of the step that begins."""
         self.readings.clear()
         self.asked_again.clear()
+        self.keep, self.chunks = keep, 0
 
-    def take(self, reading: Reading) -> None:
-        """Keep a reading and pass it on."""
-        self.readings.append(reading)
+    def take(self, reading: Reading) -> tuple[Reading, ...]:
+        """Keep a reading and pass it on; return the chunk before it, if one had to be closed to make room.
+
+        A chunk has at most `CHUNK_READINGS`, over at most `CHUNK_S`. Closed, it is on the disk and no longer in memory.
+        """
+        readings = self.readings
+        full = len(readings) >= CHUNK_READINGS or (readings and reading.t_s - readings[0].t_s >= CHUNK_S)
+        closed = self._close() if full else ()
+        readings.append(reading)
         self.hear(reading)
+        return closed
+
+    def rest(self) -> tuple[Reading, ...]:
+        """Return the readings that are in no chunk yet: all of a short window; of a long one the last chunk, closed."""
+        return self._close() if self.chunks and self.readings else tuple(self.readings)
+
+    def _close(self) -> tuple[Reading, ...]:
+        closed = tuple(self.readings)
+        self.keep(closed)
+        self.chunks += 1
+        self.readings.clear()
+        return closed
 
     def believable(self, ask: Callable[[], _T], doubt: Callable[[_T], str] = lambda _: "") -> _T:
         """Ask, and once more where the answer is none or `doubt` says something against it; that is written down.

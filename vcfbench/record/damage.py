@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-__all__ = ["first_damage"]
+__all__ = ["first_damage", "own_readings"]
 
 
 def first_damage(lines: Sequence[Mapping[str, Any]]) -> str | None:
     """Return in words the first thing that is wrong with the whole lines of a journal, None when nothing is."""
-    return next(chain(_ends(lines), _order(lines), _times(lines), _means(lines), _count(lines)), None)
+    return next(chain(_ends(lines), _order(lines), _times(lines), _chunks(lines), _means(lines), _count(lines)), None)
 
 
 def _ends(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -57,16 +57,55 @@ def _times(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             before_s = now_s
 
 
+def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Check that the chunks of readings before a step are its own, numbered 1, 2, 3 ..., as many as it tells of."""
+    step, chunk, before_s = 0, 0, -math.inf
+    for place, line in enumerate(lines, start=1):
+        kind, number = line.get("type"), line.get("n")
+        if kind == "readings":
+            if number != step + 1 or line.get("chunk") != chunk + 1:
+                yield f"line {place} is chunk {line.get('chunk')!r} of step {number!r}, {_after(step, chunk)}"
+            for reading in line["readings"]:
+                if reading["t_s"] < before_s:
+                    yield f"line {place}: a reading of {reading['t_s']:.6g} s comes after one of {before_s:.6g} s"
+                before_s = reading["t_s"]
+            chunk += 1
+        elif kind in ("step", "error"):
+            if line.get("chunks", 0) != chunk:
+                yield f"line {place}: step {number!r} has {chunk} chunks of readings, not {line.get('chunks', 0)!r}"
+            step, chunk, before_s = number if type(number) is int else step, 0, -math.inf
+
+
+def _after(step: int, chunk: int) -> str:
+    """Say in words what came before a chunk."""
+    if chunk:
+        return f"after chunk {chunk} of step {step + 1}"
+    return f"after step {step}" if step else "the first"
+
+
 def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Check that the point of a window is the mean of the readings beside it."""
-    for place, line in _performed(lines):
+    """Check that the point of a window is the mean of its readings, in chunks before it or in its own line."""
+    chunked: list[float] = []
+    for place, line in enumerate(lines, start=1):
+        if line.get("type") == "readings":
+            chunked += (reading["voltage_v"] for reading in line["readings"])
+        if line.get("type") not in ("step", "error"):
+            continue
+        volts, chunked = chunked, []
         if line.get("step_kind") != "Acquire" or "point" not in line or "result" not in line:
             continue
-        point, volts = line["point"], [reading["voltage_v"] for reading in line["result"].get("readings", ())]
+        point = line["point"]
+        volts += (reading["voltage_v"] for reading in own_readings(line))
         if len(volts) != point["n"]:
             yield f"line {place}: a point of {point['n']} readings has {len(volts)}"
         elif not math.isclose(point["output_v"], math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12):
             yield f"line {place}: the point's {point['output_v']!r} V is not the mean of its readings"
+
+
+def own_readings(line: Mapping[str, Any]) -> Sequence[Mapping[str, float]]:
+    """Return the readings that stand in the line of a step itself, or of one that failed."""
+    readings: Sequence[Mapping[str, float]] = line.get("readings") or line.get("result", {}).get("readings", ())
+    return readings
 
 
 def _count(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:

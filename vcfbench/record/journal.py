@@ -2,7 +2,9 @@
 
 The first line (`header`) says who ran what on which bench; each further one (`step`) holds one step with its result,
 every raw reading included, or (`error`) the step that failed; the last (`footer`) says how the run ended. A run that
-was cut has no footer. Bench time is in `t_s` and `end_s`, the time of day in `utc`.
+was cut has no footer. Readings of a long step come before it, chunk by chunk (`readings`), so that a run that is cut in
+the middle of it loses the last chunk at most. Bench time is in `t_s` and `end_s`, the time of day in `utc`. Every line
+and field is in docs/records.md.
 
 A reader ignores keys and types of lines that it does not know, so that a later version can add some.
 """
@@ -19,8 +21,8 @@ import msgspec
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import opened, shown
-from vcfbench.record.damage import first_damage
-from vcfbench.record.schema import FORMAT, Point, Status
+from vcfbench.record.damage import first_damage, own_readings
+from vcfbench.record.schema import FORMAT, READABLE, Point, Status
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +32,7 @@ __all__ = ["Journal", "JournalRecord", "read_header", "read_journal"]
 
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
-"""Bytes: a window of 100 000 readings, the most that a bench file can ask for, has some 5 MB."""
+"""Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""
 
 _sync = os.fsync if sys.platform in {"darwin", "win32"} else os.fdatasync
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
@@ -56,6 +58,10 @@ class Journal:
     def step(self, values: Mapping[str, Any]) -> None:
         """Write one performed step."""
         self._append({"type": "step", "utc": _stamp(), **values})
+
+    def readings(self, values: Mapping[str, Any]) -> None:
+        """Write a chunk of the readings of a step that is not yet done."""
+        self._append({"type": "readings", "utc": _stamp(), **values})
 
     def error(self, values: Mapping[str, Any]) -> None:
         """Write one failed step, with what it measured before it failed."""
@@ -99,6 +105,7 @@ class JournalRecord:
     footer: Mapping[str, Any] | None
     torn: bool
     damage: str | None = None
+    chunks: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def status(self) -> Status:
@@ -113,6 +120,19 @@ class JournalRecord:
     def points(self) -> tuple[Point, ...]:
         """Every averaged point that is on the disk."""
         return tuple(Point.from_json(step["point"]) for step in self.steps if "point" in step)
+
+    def readings_of(self, line: Mapping[str, Any]) -> tuple[Mapping[str, float], ...]:
+        """Return the readings, `t_s` (s) and `voltage_v` (V), of the step that a line is of: chunks and its own."""
+        number = line.get("n")
+        chunked = [reading for chunk in self.chunks if chunk.get("n") == number for reading in chunk["readings"]]
+        return (*chunked, *(own_readings(line) if line.get("type") != "readings" else ()))
+
+    @property
+    def unfinished(self) -> Mapping[str, Any] | None:
+        """The last chunk of readings, if the record ends before the step that they belong to; None if it does not."""
+        last = self.chunks[-1] if self.chunks else None
+        done = {line.get("n") for line in (*self.steps, *self.errors)}
+        return last if last is not None and last.get("n") not in done else None
 
 
 def read_journal(path: Path) -> JournalRecord:
@@ -141,13 +161,18 @@ def read_header(path: Path) -> Mapping[str, Any]:
 
 def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> JournalRecord:
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
-    if header.get("format", FORMAT) != FORMAT:
-        raise ConfigError(
-            f"{shown(path)}: a record of format {header.get('format')!r}; this version reads format {FORMAT}"
-        )
+    told = header.get("format", FORMAT)
+    if type(told) is not int or told not in READABLE:
+        known = " and ".join(map(str, sorted(READABLE)))
+        raise ConfigError(f"{shown(path)}: a record of format {told!r}; this version reads formats {known}")
     footers = _of_type(lines, "footer")
     return JournalRecord(
-        header, _of_type(lines, "step"), _of_type(lines, "error"), footers[-1] if footers else None, torn=torn
+        header,
+        _of_type(lines, "step"),
+        _of_type(lines, "error"),
+        footers[-1] if footers else None,
+        torn=torn,
+        chunks=_of_type(lines, "readings"),
     )
 
 

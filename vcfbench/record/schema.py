@@ -9,10 +9,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["FORMAT", "Point", "Status"]
+__all__ = ["CHUNK_READINGS", "CHUNK_S", "FORMAT", "READABLE", "Point", "Status", "fits_one_chunk"]
 
-FORMAT = 1
-"""Version of the journal's layout; raised when a reader of the old one would misread the new one."""
+FORMAT = 2
+"""Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
+
+READABLE = frozenset({1, FORMAT})
+"""Formats that are read: 1 has no `readings` lines, and a reader of 1 calls a record that has some damaged."""
+
+CHUNK_READINGS = 1000
+CHUNK_S = 60.0
+"""Readings of one step are written as soon as there are so many, or the first is so old (s of bench time)."""
+
+
+def fits_one_chunk(count: int, interval_s: float) -> bool:
+    """Tell whether `count` readings, one every `interval_s`, stay together in the line of their step."""
+    return count <= CHUNK_READINGS and (count - 1) * interval_s < CHUNK_S
 
 
 class Status(Enum):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -11,7 +10,8 @@ from vcfbench.procedures.step import Effect, Step, StepResult, problem
 from vcfbench.procedures.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.procedures.steps.table import read_rate
 from vcfbench.procedures.steps.wait import Done
-from vcfbench.record.schema import Point
+from vcfbench.procedures.tally import Tally
+from vcfbench.record.schema import Point, fits_one_chunk
 
 if TYPE_CHECKING:
     from vcfbench.procedures.linear_gyro import LinearGyro
@@ -28,8 +28,9 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Window(StepResult):
-    """One averaging window: every reading, and the state of the bench read back at its end.
+    """One averaging window: its readings, and the state of the bench read back at its end.
 
+    `readings` are all of a window that fits one chunk; those of a longer one are in the journal only, and it has none.
     `table_rate_deg_s` is the read-back of the table, `rails` that of the supply, `point` what the readings come to.
     """
 
@@ -54,9 +55,10 @@ class Window(StepResult):
         return self.point
 
     def as_json(self) -> dict[str, Any]:
-        """Return readings and read-backs; the point has a place of its own in the journal."""
+        """Return readings and read-backs; the point too, where it cannot be made from the readings beside it."""
         values = asdict(self)
-        del values["point"]
+        if self.readings:
+            del values["point"]
         return values
 
     def describe(self) -> str:
@@ -146,32 +148,38 @@ class Acquire(Step):
         """
         clock = context.bench.clock
         start_s = clock.now()
+        tally = Tally()
         for number in range(self.samples):
-            self._read_at(start_s + number * self.interval_s, number, context)
+            if closed := self._read_at(start_s + number * self.interval_s, number, context):
+                self._take_in(closed, tally, context)
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
         table_deg_s = read_rate(context, self.table_deg_s, self.tolerance_deg_s)
-        window = self._window(tuple(context.readings), table_deg_s, rails)
-        self._require_plausible(window, context)
+        last = context.rest()
+        tally.add(_volts(last))
+        self._require_expected_noise(tally, context)
+        self._require_like_the_run(last, tally, context)
+        window = self._window(last if tally.chunks == 1 else (), tally, table_deg_s, rails)
         clock.sleep_until(start_s + self.samples * self.interval_s)
         return window
 
     def predict(self, gyro: LinearGyro) -> Window:
         """Predict a window without noise."""
         output_v = gyro.output_v(self.table_deg_s)
+        rails = tuple(map(predicted_rail, self.rails))
+        if not fits_one_chunk(self.samples, self.interval_s):
+            return self._window((), Tally(count=self.samples, mean_v=output_v), self.table_deg_s, rails)
         readings = tuple(Reading(number * self.interval_s, output_v) for number in range(self.samples))
-        return self._window(readings, self.table_deg_s, tuple(map(predicted_rail, self.rails)))
+        return self._window(readings, _tally(readings), self.table_deg_s, rails)
 
-    def _window(self, readings: tuple[Reading, ...], table_deg_s: float, rails: tuple[RailReading, ...]) -> Window:
-        return Window(readings, table_deg_s, rails, self._point(readings))
+    def _window(
+        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float, rails: tuple[RailReading, ...]
+    ) -> Window:
+        return Window(readings, table_deg_s, rails, self._point(tally))
 
-    def _point(self, readings: tuple[Reading, ...]) -> Point:
-        count = len(readings)
-        mean_v = math.fsum(reading.voltage_v for reading in readings) / count
-        squares_v2 = math.fsum((reading.voltage_v - mean_v) ** 2 for reading in readings)
-        std_v = math.sqrt(squares_v2 / max(1, count - 1))
-        return Point(self.step, self.rate_deg_s, self.v_vc_v, mean_v, std_v, count)
+    def _point(self, tally: Tally) -> Point:
+        return Point(self.step, self.rate_deg_s, self.v_vc_v, tally.mean_v, tally.std_v, tally.count)
 
-    def _read_at(self, instant_s: float, number: int, context: Context) -> None:
+    def _read_at(self, instant_s: float, number: int, context: Context) -> tuple[Reading, ...]:
         clock, meter = context.bench.clock, context.bench.multimeter
         clock.sleep_until(instant_s)
         t_s = clock.now()
@@ -181,22 +189,41 @@ class Acquire(Step):
                 f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
                 f"the meter cannot follow one reading every {self.interval_s:g} s",
             )
-        context.take(Reading(t_s, context.believable(meter.read_voltage_v)))
+        return context.take(Reading(t_s, context.believable(meter.read_voltage_v)))
 
-    def _require_plausible(self, window: Window, context: Context) -> None:
-        """See that the readings scatter as expected, and as those of the run do."""
-        meter = context.bench.multimeter
-        if self.noise_v is not None and not self.noise_v[0] <= window.std_v <= self.noise_v[1]:
-            low_v, high_v = self.noise_v
-            raise problem(
-                meter,
-                f"the readings scatter by {window.std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
-                "(expected.reading_noise_v)",
-            )
+    def _take_in(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
+        """Add a chunk of a long window, and do not wait for the window's end to doubt it."""
+        tally.add(_volts(chunk))
+        self._require_like_the_run(chunk, tally, context)
+
+    def _require_like_the_run(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
+        """See that the latest chunk, which may be the whole window, scatters as those of the run do."""
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
-        if said := context.noise.doubt([reading.voltage_v for reading in window.readings]):
-            raise problem(meter, f"{said}; a mean of them is no measurement")
+        if said := context.noise.doubt(_volts(chunk)):
+            first = tally.count - len(chunk) + 1
+            among = "" if len(chunk) == self.samples else f" (readings {first} to {tally.count} of {self.samples})"
+            raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
+
+    def _require_expected_noise(self, tally: Tally, context: Context) -> None:
+        """See that the readings scatter as the bench file expects; a long window is not asked what it drifted."""
+        if self.noise_v is not None and not self.noise_v[0] <= tally.within_std_v <= self.noise_v[1]:
+            low_v, high_v = self.noise_v
+            raise problem(
+                context.bench.multimeter,
+                f"the readings scatter by {tally.within_std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
+                "(expected.reading_noise_v)",
+            )
+
+
+def _tally(readings: tuple[Reading, ...]) -> Tally:
+    tally = Tally()
+    tally.add(_volts(readings))
+    return tally
+
+
+def _volts(readings: tuple[Reading, ...]) -> list[float]:
+    return [reading.voltage_v for reading in readings]
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,5 +234,7 @@ class VerifyZero(Acquire):
         """Say what the window is for."""
         return f"the zero again, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 
-    def _window(self, readings: tuple[Reading, ...], table_deg_s: float, rails: tuple[RailReading, ...]) -> Window:
-        return ZeroWindow(readings, table_deg_s, rails, self._point(readings))
+    def _window(
+        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float, rails: tuple[RailReading, ...]
+    ) -> Window:
+        return ZeroWindow(readings, table_deg_s, rails, self._point(tally))
