@@ -17,7 +17,7 @@ from vcfbench.errors import BenchError, FramingError, MeasurementError
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.clock import Clock
@@ -208,6 +208,10 @@ class Step:
 
     def within(self, limits: LimitChecks) -> None:
         """Raise LimitError when the step would leave the limits of the bench. One that sets nothing cannot."""
+
+    def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the fields of the step's result, from what :meth:`StepResult.as_json` wrote of them."""
+        return result
 
     @property
     def key(self) -> str:

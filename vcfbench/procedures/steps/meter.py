@@ -14,6 +14,8 @@ from vcfbench.procedures.tally import Tally
 from vcfbench.record.schema import Point, fits_one_chunk
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from vcfbench.procedures.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
 
@@ -170,6 +172,14 @@ class Acquire(Step):
             return self._window((), Tally(count=self.samples, mean_v=output_v), self.table_deg_s, rails)
         readings = tuple(Reading(number * self.interval_s, output_v) for number in range(self.samples))
         return self._window(readings, _tally(readings), self.table_deg_s, rails)
+
+    def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the fields of a window, with the point that its readings come to."""
+        if "point" in result or not result.get("readings"):
+            return result
+        tally = Tally()
+        tally.add([reading["voltage_v"] for reading in result["readings"]])
+        return {**result, "point": self._point(tally).as_json()}
 
     def _window(
         self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float, rails: tuple[RailReading, ...]
