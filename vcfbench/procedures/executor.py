@@ -8,9 +8,11 @@ the bench's safety stack makes all safe once more, and proves it.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
+
+from msgspec import to_builtins
 
 from vcfbench.errors import Aborted, BenchError
 from vcfbench.procedures.step import Context, abandon
@@ -224,7 +226,7 @@ class Executor:
         self.journal.step(line)
 
     def _line(self, step: Step) -> dict[str, Any]:
-        return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": asdict(step)}
+        return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
 
     def _seen(self) -> dict[str, Any]:
         """Return what a line says only where there is something to say: chunks before it, answers not believed."""
@@ -238,8 +240,8 @@ class Executor:
         if error.step is None:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
-        partial_readings = [asdict(reading) for reading in self._context.readings]
-        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": partial_readings, **self._seen()}
+        readings = to_builtins(self._context.readings)
+        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": readings, **self._seen()}
         with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
             self.journal.error(line)
         self._tell(StepFailed(self._number, self._now(), step, error))

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+
+from msgspec import to_builtins
 
 from vcfbench.errors import BenchError, FramingError, MeasurementError
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
@@ -164,7 +166,7 @@ class StepResult:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields as they stand in the journal."""
-        return asdict(self)
+        return dict(to_builtins(self))
 
     def describe(self) -> str:
         """Say in a few words what the step gave; empty when there is nothing to say."""

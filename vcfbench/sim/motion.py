@@ -12,6 +12,7 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ __all__ = ["MEMORY_S", "RateSegment", "Ripple", "Swing", "TableMotion"]
 
 ARCSEC = math.pi / 648000.0
 _GAUSS = ((0.0469100770306680, 0.1184634425280945), (0.2307653449471585, 0.2393143352496832), (0.5, 0.2844444444444444))
+_NODES = (*_GAUSS, *((1.0 - place, weight) for place, weight in _GAUSS[:2]))
 """Places and weights of five Gauss-Legendre nodes on 0...1; the last two mirror the first two."""
 _SLIGHT = 1e-4
 MEMORY_S = 1.0
@@ -44,21 +46,20 @@ class RateSegment:
     def rate_at(self, instant_s: float) -> float:
         """Return the true rate at bench time `instant_s`, deg/s."""
         t = instant_s - self.start_s
-        return self.rate_deg_s + self.slope_deg_s2 * t + sum((a * cmath.exp(s * t)).real for a, s in self.terms)
+        return self.rate_deg_s + self.slope_deg_s2 * t + sum([(a * cmath.exp(s * t)).real for a, s in self.terms])
 
     def angle_at(self, instant_s: float) -> float:
         """Return the true angle at bench time `instant_s`, deg, unwrapped."""
         t = instant_s - self.start_s
         turned = self.rate_deg_s * t + 0.5 * self.slope_deg_s2 * t * t
-        return self.angle_deg + turned + sum((a * (cmath.exp(s * t) - 1) / s).real for a, s in self.terms)
+        return self.angle_deg + turned + sum([(a * (cmath.exp(s * t) - 1) / s).real for a, s in self.terms])
 
     def rms_deg_s(self, start_s: float, stop_s: float) -> float:
         """Return the root of the mean square of the rate between two instants, deg/s, by five nodes."""
         if not self.slope_deg_s2 and all(abs(a) < abs(_SLIGHT * self.rate_deg_s) for a, _ in self.terms):
             return abs(self.rate_deg_s)
-        nodes = (*_GAUSS, *((1.0 - place, weight) for place, weight in _GAUSS[:2]))
         return math.sqrt(
-            sum(weight * self.rate_at(start_s + place * (stop_s - start_s)) ** 2 for place, weight in nodes)
+            sum([weight * self.rate_at(start_s + place * (stop_s - start_s)) ** 2 for place, weight in _NODES])
         )
 
 
@@ -232,7 +233,7 @@ class TableMotion:
     def past_angle_deg(self, ago_s: float) -> float:
         """Return the true angle `ago_s` ago, at most `MEMORY_S`, deg; before there was a table it stood at 0."""
         instant = self._clock.now() - ago_s
-        for each in (*reversed(self._segments), *reversed(self._past)):
+        for each in chain(reversed(self._segments), reversed(self._past)):
             if each.start_s <= instant:
                 return each.angle_at(instant)
         return 0.0

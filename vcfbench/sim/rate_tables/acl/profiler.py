@@ -139,20 +139,20 @@ class Profiler:
 
     def _stop_at_end(self) -> None:
         """Stop a run at the end of travel: the command processor does not go beyond a position limit."""
-        rate = self._motion.profile_rate_deg_s()
         if not self._motion.servo_closed or self._moves.active or not self.regulates_rate:
             return
+        rate = self._motion.profile_rate_deg_s()
         if rate * self._motion.goal_deg_s() > 0.0 and self._left_deg(rate) <= 0.0:
             self.at_end = 1 if rate > 0.0 else -1
             self._motion.demand_rate(0.0, self.limits.acceleration_deg_s2)
 
     def _end_due_s(self) -> float | None:
         """Return when a rate run must begin to brake before an end of travel, if there is one."""
-        rate = self._motion.profile_rate_deg_s()
-        if not self._motion.servo_closed or not rate or math.isinf(self._left_deg(rate)):
+        rate = self._motion.profile_rate_deg_s() if self._motion.servo_closed else 0.0
+        if not rate or math.isinf(left_deg := self._left_deg(rate)):
             return None
         fastest = max(abs(rate), abs(self.goal_deg_s()))
-        return self._clock.now() + max(self._left_deg(rate) / fastest / 2.0, POLL_S)
+        return self._clock.now() + max(left_deg / fastest / 2.0, POLL_S)
 
     def _left_deg(self, rate_deg_s: float) -> float:
         """Return the way left until the axis must brake for the end that it turns to, deg; inf where there is none."""
