@@ -52,6 +52,7 @@ class Child:
     wall_s: float
     peak_mb: float | None
     out: str
+    cpu_s: float | None = None
 
 
 def child(command: Sequence[str]) -> Child:
@@ -59,22 +60,23 @@ def child(command: Sequence[str]) -> Child:
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as errors:
         started = time.perf_counter()
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=errors, cwd=folder)
-        peak_mb = _wait(process)
+        peak_mb, cpu_s = _wait(process)
         wall_s = time.perf_counter() - started
         if process.returncode:
             errors.seek(0)
             raise SystemExit(f"{' '.join(command)}: exit {process.returncode}\n{errors.read().decode()}")
         out.seek(0)
-        return Child(wall_s, peak_mb, out.read().decode())
+        return Child(wall_s, peak_mb, out.read().decode(), cpu_s)
 
 
-def _wait(process: subprocess.Popen[bytes]) -> float | None:
+def _wait(process: subprocess.Popen[bytes]) -> tuple[float | None, float | None]:
+    """Wait; return peak memory, MB, and CPU time, s, where the system tells."""
     if not hasattr(os, "wait4"):
         process.wait()
-        return None
+        return None, None
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    return usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    return usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10), usage.ru_utime + usage.ru_stime
 
 
 def median_child(command: Sequence[str], runs: int) -> Child:
