@@ -449,3 +449,12 @@ def test_the_documented_bounds_are_those_of_the_types() -> None:
     types = bounds(inspect.type_info(BenchDescription))
     known = {path: limits for path, limits in types.items() if not path.startswith(others)}
     assert told == known
+
+
+@pytest.mark.parametrize("value", ["1e308", "1e31"])
+def test_physical_parameters_are_numbers_whose_squares_are_numbers(value: str) -> None:
+    text = f"{embedded_text('ideal')}\n[simulation.override.sense_anti_phase]\nquality = {value}\n"
+    with pytest.raises(
+        ConfigError, match=r"simulation\.override\.sense_anti_phase\.quality: expected 0, or a number from"
+    ):
+        parse_bench(text, "lab.toml")

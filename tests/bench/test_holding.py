@@ -113,6 +113,17 @@ def test_a_bench_without_with_is_closed_once_and_has_a_short_name() -> None:
     assert bench.safe_reports == reports
 
 
+def test_a_bench_that_nothing_refers_to_is_made_safe_also_where_warnings_are_errors(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bench = open_bench(load_bench(None))
+    holding = bench.holding
+    with pytest.raises(ResourceWarning, match="<Bench paper, open> was never closed"):
+        bench.__del__()
+    assert holding.closed
+    assert "still open when nothing referred to it any more; it was made safe" in capsys.readouterr().err
+
+
 def test_closing_raises_what_is_not_safe_and_does_so_once() -> None:
     with pytest.raises(NotSafe, match="rate_table") as caught, open_simulated() as lab:  # noqa: PT012
         lab.bench.rate_table.enable()

@@ -13,6 +13,7 @@ from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.sources import Drive, Ripple, Sine
 from vcfbench.sim.world import NODES, World
 
@@ -505,3 +506,49 @@ def test_a_part_of_the_rails_ripple_comes_through_to_the_output() -> None:
     fine = start + (np.arange(3000) + 0.5) * 1e-6
     assert means[0][0] - means[1][0] == pytest.approx(ripple_v(fine).mean(), rel=1e-6)
     assert means[0][1] == pytest.approx(means[1][1], abs=1e-12)
+
+
+def test_looks_from_outside_change_no_reading_that_comes_later() -> None:
+    """Through start-up, a turning table, V_Vc: nodes, currents and temperature as the control port reads them."""
+
+    def means(*, looking: bool) -> list[float]:
+        clock = VirtualClock()
+        world = World(clock, PAPER, 7)
+        looks = adjustments_of(world, {})
+        world.set_rail("positive", 10.0)
+        world.set_rail("negative", -10.0)
+        world.table.close_servo()
+        seen = []
+        for index in range(40):
+            if index == 10:
+                world.table.demand_rate(50.0, 60.0)
+            if index == 20:
+                world.drive_v_vc(Drive(0.3, 0.1, 7.0))
+            window = world.window("output", clock.now() + 0.05, clock.now() + 0.25)
+            for _ in range(3):
+                clock.sleep_until(clock.now() + 0.11)
+                if looking:
+                    assert all(math.isfinite(looks[f"node.{node}"].read()) for node in NODES)
+                    assert math.isfinite(looks["rail.positive.current_a"].read() + looks["temperature_c"].read())
+            seen.append(window.mean_v())
+        return seen
+
+    assert means(looking=True) == means(looking=False)
+
+
+def test_looks_from_outside_see_noise_that_goes_on() -> None:
+    """Each 50 ms for 100 s, no instrument asking: as scattered as looks of an instrument, and no two alike."""
+    (clock, world), (other_clock, other) = powered(PAPER, 5), powered(PAPER, 6)
+    looks, readings = [], []
+    for _ in range(2000):
+        clock.sleep_until(clock.now() + 0.05)
+        other_clock.sleep_until(clock.now())
+        looks.append(world.glance_v("output"))
+        readings.append(other.value_v("output"))
+    assert len(set(looks)) == 2000
+    assert np.std(looks) == pytest.approx(np.std(readings), rel=0.2)
+    first = world.glance_v("output")
+    assert world.glance_v("output") == first
+    world.advance()
+    clock.sleep_until(clock.now() + 1e-6)
+    assert world.glance_v("output") == pytest.approx(world.value_v("output"), abs=1e-5)

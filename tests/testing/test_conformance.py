@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
+from typing import Any
 
 import pytest
 
 from vcfbench.drivers.session import Session
-from vcfbench.interfaces import SafeReport
+from vcfbench.errors import BenchError
+from vcfbench.interfaces import SafeReport, Told
 from vcfbench.models import MODELS
 from vcfbench.testing import ConformanceCase, conformance_cases, conformance_problems
 
@@ -63,6 +66,19 @@ def test_a_safe_action_that_only_says_so_is_noticed() -> None:
         return SafeReport("under test", "SCRIPT", safe=True, detail="trust me")
 
     assert any("silent, make_safe()" in problem for problem in problems_of(make_safe=make_safe))
+
+
+def test_one_that_cannot_be_told_blind_to_switch_off_is_noticed() -> None:
+    def asking(self: Any) -> Told:
+        """Ask instead of telling."""
+        with suppress(BenchError):
+            self.session.query("OUTP?")
+        return Told("to switch off", sent=True)
+
+    problems = problems_of(command_safe=asking)
+    assert any("well, command_safe() asked" in problem for problem in problems)
+    assert any("silent, command_safe() asked" in problem for problem in problems)
+    assert any("command_safe() sent nothing" in problem for problem in problems_of(safe_words=()))
 
 
 def test_missing_words_are_noticed() -> None:

@@ -95,8 +95,11 @@ class Bench:
     def __del__(self) -> None:
         """Make safe what nobody can command any more."""
         if not self.holding.closed:
-            warnings.warn(f"{self!r} was never closed; it is made safe now", ResourceWarning, stacklevel=2, source=self)
-            self.holding.abandon("nothing referred to it any more")
+            try:
+                words = f"{self!r} was never closed; it is made safe now"
+                warnings.warn(words, ResourceWarning, stacklevel=2, source=self)
+            finally:  # a warning may be an error
+                self.holding.abandon("nothing referred to it any more")
 
 
 def open_bench(

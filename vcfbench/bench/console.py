@@ -222,6 +222,7 @@ def _leave(safety: SafetyStack, signals: StopSignals, under_way: BaseException |
     try:
         error = not_safe(safety.make_safe())
     except LeaveNow:
+        safety.command_safe()  # it came just before or after: nothing may have been told yet
         error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at the instrument")
     signals.close()
     safety.close()

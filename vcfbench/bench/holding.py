@@ -122,6 +122,7 @@ class Holding:
             self._signals.close()
         except LeaveNow:
             self._signals.close()
+            self.safety.command_safe()  # it came just before or after: nothing may have been told yet
             error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at every instrument")
         self.safety.close()
         if error is not None:

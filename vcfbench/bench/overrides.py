@@ -17,6 +17,9 @@ __all__ = ["overridden", "override_misfits"]
 
 T = TypeVar("T")
 
+_LEAST, _MOST = 1e-30, 1e30
+"""Of anything physical, in SI units: beyond, squares and products are numbers no more."""
+
 _KINDS = {"float": "a number", "int": "a whole number", "array": "a list", "str": "a text", "object": "a table"}
 
 
@@ -46,6 +49,9 @@ def _value_misfits(base: Any, name: str, value: object, path: str) -> Iterator[M
         overridden(base, {name: value})
     except (msgspec.ValidationError, ValueError) as error:
         yield Misfit(path, _expected(str(error)), value)
+        return
+    if type(value) in (int, float) and not (value == 0 or _LEAST <= abs(value) <= _MOST):  # type: ignore[arg-type]
+        yield Misfit(path, f"0, or a number from {_LEAST:g} to {_MOST:g} either sign", value)
 
 
 def _expected(message: str) -> str:

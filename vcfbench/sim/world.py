@@ -154,6 +154,7 @@ class World:
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._node_loads = NodeLoads(parameters.source)
         self._v_vc_source: Drive | Played | None = None
+        self._imagined: Gyro | None = None
         self._on_load: list[Callable[[], None]] = []
         self._edges_s: list[float] = []
         self._observers: list[Window | Capture | Trace] = []
@@ -165,6 +166,7 @@ class World:
 
     def advance(self) -> None:
         """Take the world to `clock.now()`."""
+        self._imagined = None
         target = self.clock.now()
         while self._gyro.now_s < target:
             self._step(target)
@@ -342,6 +344,39 @@ class World:
         now = self._gyro.now_s
         look = self._loaded(self._gyro.look(self.table.segment(now), now))
         return float(look.at(node, np.array([now]))[0])
+
+    def glance_v(self, node: str) -> float:
+        """Return what a node's voltage may be now, for who looks from outside the bench; it leaves no mark.
+
+        An instrument that asks takes the world to now, and ends a step of the noise. A glance goes on from the last
+        such step with noise of its own, glance after glance, until an instrument asks: what readings see later stays.
+        """
+        self._require(node, NODES)
+        now, gyro = self.clock.now(), self._glanced_at()
+        look = self._loaded(gyro.look(self.table.segment(now), now))
+        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
+
+        return float(look.at(node, np.array([now]))[0])
+
+    def glance_current_a(self, rail: str) -> float:
+        """Return the magnitude of the current that PCB and load draw from `rail` now, A; it leaves no mark."""
+        self._require(rail, RAILS)
+        voltage_v = self.glance_v(f"rail_{rail}")
+        beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
+        return self._glanced_at().rail_current_a(RAILS.index(rail), voltage_v) + abs(voltage_v) * beside
+
+    def glance_temperature_c(self) -> float:
+        """Return the temperature of the gyroscope now, degC; it leaves no mark."""
+        return self._glanced_at().temperature_c()
+
+    def _glanced_at(self) -> Gyro:
+        """Return the gyro at now as it may be."""
+        gyro, now = self._imagined or self._gyro.imagined(), self.clock.now()
+        while gyro.now_s < now:
+            rate = self.table.segment(gyro.now_s)
+            gyro.propagate(rate, min(now, rate.stop_s, gyro.next_event_s()))
+        self._imagined = gyro
+        return gyro
 
     def _coming(self, start_s: float, stop_s: float) -> float:
         """Return the start of an observation; a start in the past by less than 1 ns is round-off and becomes now."""

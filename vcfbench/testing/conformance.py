@@ -22,6 +22,7 @@ from vcfbench.interfaces import (
     PowerSupply,
     RateTable,
     SafeReport,
+    Told,
 )
 from vcfbench.models import MODELS, resolve
 
@@ -130,6 +131,7 @@ class _AnsweringWire:
         self.interface: Interface = "gpib"
         self.state = "well"
         self.queue: list[str] = []
+        self.sent = b""
         self._case = case
         self._clock = clock
         self._answers = b""
@@ -138,6 +140,7 @@ class _AnsweringWire:
         del deadline
         if self.state == "broken":
             raise LinkLost("the connection broke")
+        self.sent += data
         message = data.decode("ascii").strip()
         if "?" in message and self.state != "silent":
             self._answers += self._answer(message).encode("ascii") + b"\n"
@@ -177,6 +180,7 @@ def conformance_problems(case: ConformanceCase) -> list[str]:
         *_error_queue_problems(case),
         *_wire_problems(case),
         *_safety_problems(case),
+        *_telling_problems(case),
     ]
 
 
@@ -255,6 +259,23 @@ def _wire_problems(case: ConformanceCase) -> Iterator[str]:
             yield f"a {state} wire gave {error!r}, not a {kind.__name__}"
         elif error is None or "under test" not in str(error):
             yield f"the error of a {state} wire does not name the instrument"
+
+
+def _telling_problems(case: ConformanceCase) -> Iterator[str]:
+    drives = any(hasattr(case.driver_class, switch) for switch in ("enable_outputs", "enable_output", "set_rate"))
+    for state in ("well", "silent", "broken"):
+        driver, wire, _ = _opened(case)
+        wire.state, wire.sent = state, b""
+        try:
+            told = driver.command_safe()
+        except Exception as error:  # noqa: BLE001  # the driver under test is anyone's code
+            told = error
+        if not isinstance(told, Told):
+            yield f"on a wire that is {state}, command_safe() told {told!r}"
+        elif drives and state != "broken" and not (told.sent and wire.sent):
+            yield f"on a wire that is {state}, command_safe() sent nothing"
+        elif b"?" in wire.sent:
+            yield f"on a wire that is {state}, command_safe() asked {wire.sent!r}"
 
 
 def _safety_problems(case: ConformanceCase) -> Iterator[str]:

@@ -15,6 +15,8 @@ from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import noise_matrices
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.instruments.hp34401a.ac import Response, detect
+from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.parameters import BenchParameters
 
 if TYPE_CHECKING:
@@ -275,3 +277,19 @@ def turned(bench: BenchParameters, rate_deg_s: float) -> tuple[VirtualClock, Wor
     world.table.demand_rate(rate_deg_s, 1000.0)
     clock.sleep_until(8.0)
     return clock, world
+
+
+def test_ac_volts_of_the_output_are_those_of_the_closed_form() -> None:
+    """20 readings with the 20 Hz filter: the root of the density times the response squared, within five errors."""
+    frequencies = np.arange(0.05, 400.0, 0.05)
+    response = Response(20.0, MeterErrors.none().ac)
+    wanted = math.sqrt((density(white_only(), frequencies) * np.abs(response.at(frequencies)) ** 2).sum() * 0.05)
+    clock, world = powered(white_only(), 9)
+    trace = world.trace(2.0)
+    readings = []
+    for _ in range(20):
+        clock.sleep_until(clock.now() + 1.5)
+        readings.append(detect(trace.pieces("output"), clock.now() - 1.0, clock.now(), response).rms_v)
+    seen = math.sqrt(np.mean(np.square(readings)))
+    assert seen == pytest.approx(wanted, abs=5 * np.std(readings) / math.sqrt(20))
+    assert np.std(readings) < 0.3 * wanted

@@ -11,6 +11,7 @@ chain depends on, follows it in steps.
 from __future__ import annotations
 
 import cmath
+import copy
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -46,7 +47,7 @@ AMPLITUDE_STEP = 1e-4
 """Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""
 FORCED_STEP_V = 10e-3
 """The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
-_SHAKES, _LOOKS, _BEHIND = 1, 2, 4
+_SHAKES, _LOOKS, _BEHIND, _IMAGINED = 1, 2, 4, 5
 """Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
 
 
@@ -93,6 +94,18 @@ class Gyro:
         self._chain, self._noisy_chain, self._flutter = self._new_chain()
         self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
         self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.drawn(self._random))
+
+    def imagined(self) -> Gyro:
+        """Return a gyro that goes on from here by itself, with random numbers of its own: this one learns nothing."""
+        other = copy.copy(self)
+        other.part()
+        return other
+
+    def part(self) -> None:
+        """Have nothing in common any more with what this was copied from that would change there."""
+        self._drive, self._bands, self._ripples = list(self._drive), list(self._bands), list(self._ripples)
+        key = (self._seed, _IMAGINED, round(self.now_s * 1e9))
+        self._random, self._shaking = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
 
     # -- commands, all at `now_s` --
 

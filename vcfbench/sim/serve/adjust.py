@@ -62,7 +62,7 @@ def _warmth(world: World) -> Iterator[Adjustment]:
         world.set_ambient_c(_number(value))
 
     yield Adjustment("ambient_c", "degC", "temperature around the gyroscope", world.ambient_c, warm)
-    yield Adjustment("temperature_c", "degC", "temperature of the gyroscope", world.temperature_c)
+    yield Adjustment("temperature_c", "degC", "temperature of the gyroscope", world.glance_temperature_c)
 
 
 def _leads(world: World) -> Iterator[Adjustment]:
@@ -123,7 +123,7 @@ def _nodes(world: World) -> Iterator[Adjustment]:
 
     for node in NODES:
         write = partial(_drive, world) if node == "v_vc" else None
-        yield Adjustment(f"node.{node}", "V", "voltage of the node now", partial(world.value_v, node), write)
+        yield Adjustment(f"node.{node}", "V", "voltage of the node now", partial(world.glance_v, node), write)
 
 
 def _drive(world: World, volts: Any) -> None:
@@ -137,16 +137,12 @@ def _rails(world: World) -> Iterator[Adjustment]:
     from vcfbench.sim.world import RAILS  # noqa: PLC0415  (as above)
 
     for rail in RAILS:
-        read = partial(_rail_current, world, rail)
+        read = partial(world.glance_current_a, rail)
         yield Adjustment(f"rail.{rail}.current_a", "A", "current that the PCB draws from the rail", read)
         write = partial(_set_rail, world, rail)
         yield Adjustment(
-            f"rail.{rail}.voltage_v", "V", "voltage at the pin", partial(world.value_v, f"rail_{rail}"), write
+            f"rail.{rail}.voltage_v", "V", "voltage at the pin", partial(world.glance_v, f"rail_{rail}"), write
         )
-
-
-def _rail_current(world: World, rail: str) -> float:
-    return world.rail_current_a(rail, world.value_v(f"rail_{rail}"))
 
 
 def _set_rail(world: World, rail: str, volts: Any) -> None:

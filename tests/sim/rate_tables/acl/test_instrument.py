@@ -91,3 +91,23 @@ def test_noise_on_the_line_never_moves_a_table_that_is_not_servoed(noise: bytes)
     assert host.world.table.rate_deg_s() == 0.0
     host.table.clear()
     assert host.ask("*IDN?").startswith("Acutronic")
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        [":utility:lockout on", ":interlock:open 1", ":interlock:reset 1", ":interlock:close 1", ":mode:off 1"],
+        [":Interlock:Reset", ":int:close 1", ":mode 1,rate", ":dem:rate 1,5", ":mode 1,pos", ":dem:delta 1,5"],
+        [":lim:acc synt,1,4200", ":lim:rate rate,1,1000", ":con:osc 1,Enable,2.0000,0.1000,Pos,Lin", ":int:open 1"],
+        [":M:P 1 ", ":M:R 1 ", ":M:A 1 ", ":D:P 1, 5 ", ":D:R 1, 5 ", ":D:A 1, 5 "],
+    ],
+    ids=["AcutronicRobotics", "IEAv-EFO", "IEAv-EFO's settings", "williamsea"],
+)
+def test_what_public_clients_of_real_tables_send_is_taken(commands: list[str], host: Host) -> None:
+    assert [host.ask(command) for command in commands] == ["OK"] * len(commands)
+
+
+@pytest.mark.parametrize("axis", ["2", "x", "1,1"])
+def test_an_axis_that_is_not_there_is_not_reset(axis: str, host: Host) -> None:
+    assert host.ask(f":Interlock:Reset {axis}") == ""
+    assert host.ask(":Status:MSG? QERROR").startswith("2,")
