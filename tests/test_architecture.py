@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 FLOORS = [
     {"cli", "testing", "__main__"},
+    {"runs"},
     {"report", "procedures", "bench"},
     {"drivers", "record", "analysis", "sim"},
     {"interfaces", "models", "specifications", "files", "errors", "clock"},

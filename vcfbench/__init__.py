@@ -1,5 +1,252 @@
-"""vcfbench: calibrates MEMS vibratory gyroscopes on a rate table and by a virtual Coriolis force."""
+"""vcfbench: calibrates MEMS vibratory gyroscopes on a rate table and by a virtual Coriolis force.
+
+``vcfbench.run("virtual-coriolis", "station.toml")`` is ``vcfbench run virtual-coriolis --bench station.toml``. What is
+public is in ``__all__``; each name is imported when it is first used, so that ``import vcfbench`` costs nothing.
+"""
+
+TYPE_CHECKING = False  # type checkers take it for True; importing it costs as much as all the rest
+if TYPE_CHECKING:
+    from vcfbench.analysis.allan import AllanPoint, allan_deviation
+    from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
+    from vcfbench.bench.bench import Bench, open_bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.file import load_bench
+    from vcfbench.bench.safing import MadeSafe, safe_bench
+    from vcfbench.clock import Clock, Deadline, PacedClock, ScaledClock, VirtualClock, WallClock, sleep
+    from vcfbench.errors import (
+        Aborted,
+        BenchError,
+        ConfigError,
+        ConnectFailed,
+        DeadlineExceeded,
+        FramingError,
+        InstrumentError,
+        InterlockError,
+        LimitError,
+        LinkLost,
+        MeasurementError,
+        NotSafe,
+        OutOfSync,
+        PlanError,
+        SelfTestFailed,
+        TransportError,
+        WrongInstrument,
+    )
+    from vcfbench.interfaces import (
+        FunctionGenerator,
+        Identity,
+        Instrument,
+        Multimeter,
+        Oscilloscope,
+        PowerSupply,
+        RateTable,
+        Regulation,
+        SafeReport,
+        Waveform,
+    )
+    from vcfbench.procedures.acceptance import Acceptance, Verdict
+    from vcfbench.procedures.catalogue import PROCEDURES, Procedure
+    from vcfbench.procedures.dry_run import PlannedStep
+    from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
+    from vcfbench.procedures.step import Outcome, Plan, Step, StepResult
+    from vcfbench.record.schema import Point, Status
+    from vcfbench.runs.asked import DryRun, dry_run
+    from vcfbench.runs.conduct import run
+    from vcfbench.runs.recorded import list_runs, load_run
+    from vcfbench.runs.run import RawReading, Run
 
 __version__ = "0.1.0"
 
-__all__ = ["__version__"]
+__all__ = [
+    "PROCEDURES",
+    "Aborted",
+    "Acceptance",
+    "AllanPoint",
+    "Bench",
+    "BenchDescription",
+    "BenchError",
+    "Clock",
+    "Comparison",
+    "ConfigError",
+    "ConnectFailed",
+    "Deadline",
+    "DeadlineExceeded",
+    "DryRun",
+    "FramingError",
+    "FunctionGenerator",
+    "Identity",
+    "Instrument",
+    "InstrumentError",
+    "InterlockError",
+    "LimitError",
+    "LinkLost",
+    "MadeSafe",
+    "MeasurementError",
+    "Multimeter",
+    "NotSafe",
+    "Observer",
+    "Oscilloscope",
+    "OutOfSync",
+    "Outcome",
+    "PacedClock",
+    "Plan",
+    "PlanError",
+    "PlannedStep",
+    "Point",
+    "PowerSupply",
+    "Procedure",
+    "RateTable",
+    "RawReading",
+    "ReadingTaken",
+    "Regulation",
+    "Run",
+    "SafeReport",
+    "ScaleFactorResult",
+    "ScaledClock",
+    "SelfTestFailed",
+    "Status",
+    "Step",
+    "StepFailed",
+    "StepFinished",
+    "StepResult",
+    "StepStarted",
+    "TransportError",
+    "Verdict",
+    "VirtualClock",
+    "WallClock",
+    "Waveform",
+    "WrongInstrument",
+    "__version__",
+    "allan_deviation",
+    "characterise",
+    "compare",
+    "dry_run",
+    "list_runs",
+    "load_bench",
+    "load_run",
+    "open_bench",
+    "run",
+    "safe_bench",
+    "sleep",
+]
+
+_HOMES = {
+    "analysis.allan": (
+        "AllanPoint",
+        "allan_deviation",
+    ),
+    "analysis.scale_factor": (
+        "Comparison",
+        "ScaleFactorResult",
+        "characterise",
+        "compare",
+    ),
+    "bench.bench": (
+        "Bench",
+        "open_bench",
+    ),
+    "bench.description": ("BenchDescription",),
+    "bench.file": ("load_bench",),
+    "bench.safing": (
+        "MadeSafe",
+        "safe_bench",
+    ),
+    "clock": (
+        "Clock",
+        "Deadline",
+        "PacedClock",
+        "ScaledClock",
+        "VirtualClock",
+        "WallClock",
+        "sleep",
+    ),
+    "errors": (
+        "Aborted",
+        "BenchError",
+        "ConfigError",
+        "ConnectFailed",
+        "DeadlineExceeded",
+        "FramingError",
+        "InstrumentError",
+        "InterlockError",
+        "LimitError",
+        "LinkLost",
+        "MeasurementError",
+        "NotSafe",
+        "OutOfSync",
+        "PlanError",
+        "SelfTestFailed",
+        "TransportError",
+        "WrongInstrument",
+    ),
+    "interfaces": (
+        "FunctionGenerator",
+        "Identity",
+        "Instrument",
+        "Multimeter",
+        "Oscilloscope",
+        "PowerSupply",
+        "RateTable",
+        "Regulation",
+        "SafeReport",
+        "Waveform",
+    ),
+    "procedures.acceptance": (
+        "Acceptance",
+        "Verdict",
+    ),
+    "procedures.catalogue": (
+        "PROCEDURES",
+        "Procedure",
+    ),
+    "procedures.dry_run": ("PlannedStep",),
+    "procedures.executor": (
+        "Observer",
+        "ReadingTaken",
+        "StepFailed",
+        "StepFinished",
+        "StepStarted",
+    ),
+    "procedures.step": (
+        "Outcome",
+        "Plan",
+        "Step",
+        "StepResult",
+    ),
+    "record.schema": (
+        "Point",
+        "Status",
+    ),
+    "runs.asked": (
+        "DryRun",
+        "dry_run",
+    ),
+    "runs.conduct": ("run",),
+    "runs.recorded": (
+        "list_runs",
+        "load_run",
+    ),
+    "runs.run": (
+        "RawReading",
+        "Run",
+    ),
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used (PEP 562)."""
+    from importlib import import_module  # noqa: PLC0415  # a public name of its own at the top
+
+    for home, names in _HOMES.items():
+        if name in names:
+            value: object = getattr(import_module(f"vcfbench.{home}"), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module 'vcfbench' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+del TYPE_CHECKING

@@ -61,9 +61,13 @@ class Where(TypedDict, total=False):
 
 
 class BenchError(Exception):
-    """Anything the bench can tell its user; the attributes say where and when it happened."""
+    """Anything the bench can tell its user; the attributes say where and when it happened.
+
+    `run` is the run that it ended, with the points that were kept (:class:`vcfbench.Run`); None outside of one.
+    """
 
     exit_code: ClassVar[int] = 3
+    run: Any = None
 
     def __init__(
         self,

@@ -129,13 +129,18 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         reason = "nested too deeply" if isinstance(error, RecursionError) else _one_line(str(error))
         raise ConfigError(f"{source}: expected TOML: {reason}") from None
+    require_numbers(table, source)
+    return table
+
+
+def require_numbers(table: dict[str, Any], source: str) -> None:
+    """Raise ConfigError if a number of `table` cannot be a setting, or if it is nested too deeply; see `parse_toml`."""
     for keys, value in _values(table):
         if len(keys) > DEEPEST:
             raise ConfigError(f"{source}: {dotted(keys[:3])}: expected TOML: nested too deeply, {DEEPEST} at most")
         if (expected := _number_expected(value)) is not None:
             came = repr(value) if isinstance(value, float) else "a longer one"
             raise ConfigError(f"{source}: {dotted(keys)}: expected {expected}, came {came}")
-    return table
 
 
 def _values(table: dict[str, Any]) -> Iterator[tuple[Keys, Any]]:

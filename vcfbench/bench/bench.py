@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.bench.file import described
 from vcfbench.bench.holding import Holding, Watch
 from vcfbench.bench.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
@@ -17,6 +18,7 @@ from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
     from types import TracebackType
     from typing import Self
 
@@ -103,7 +105,7 @@ class Bench:
 
 
 def open_bench(
-    description: BenchDescription,
+    bench: BenchDescription | Path | str | None = None,
     *,
     seed: int | None = None,
     speed: str | float | None = None,
@@ -114,6 +116,7 @@ def open_bench(
 
     To be used in a ``with``, or left by its `close`; what is still open when Python ends is made safe then.
 
+    `bench` is a description, a bench file, or the name of an embedded bench; None is the simulated paper bench.
     `seed` and `speed` are for simulated benches: by default the seed of the bench file, and as fast as it goes.
     While it opens, and inside of a ``with``, SIGINT and SIGTERM raise Aborted at the next safe point, a second one at
     once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe. Who
@@ -122,11 +125,12 @@ def open_bench(
     behind them.
 
     Raises:
-        ConfigError: a real bench was asked for a speed.
+        ConfigError: the bench file cannot be used, or a real bench was asked for a speed.
         BenchError: the bench is in use, or instruments did not open; the message names them all.
         InterlockError: the table was found turning.
         NotSafe: something was found on, or turning, and could not be made safe.
     """
+    description = described(bench)
     stops = signals or StopSignals()
     holding: Holding | None = None
     with ExitStack() as stack:
@@ -138,12 +142,12 @@ def open_bench(
     try:
         opened = _open_all(description, stand, holding.safety, stops)
         require_still(opened.instruments["rate_table"])
-        bench = _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, holding)
+        opened_bench = _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, holding)
         watch.end()
     except BaseException as error:
         holding.leave(error)
         raise
-    return bench
+    return opened_bench
 
 
 @dataclass(frozen=True, slots=True)

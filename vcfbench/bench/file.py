@@ -14,12 +14,12 @@ from msgspec import inspect
 from vcfbench.bench.consistency import misfits
 from vcfbench.bench.description import ADDRESS_PATTERN, NAME_PATTERN, BenchDescription
 from vcfbench.errors import ConfigError
-from vcfbench.files import dotted, parse_toml, read_text, shown
+from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-__all__ = ["EMBEDDED", "embedded_text", "load_bench", "parse_bench", "template"]
+__all__ = ["EMBEDDED", "described", "embedded_text", "load_bench", "parse_bench", "template", "with_settings"]
 
 EMBEDDED = ("paper", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
@@ -40,6 +40,38 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
     if str(path) in EMBEDDED and not Path(path).exists():
         return _embedded(str(path))
     return _beside(parse_bench(read_text(path, "a bench file"), shown(path)), Path(path))
+
+
+def described(bench: BenchDescription | Path | str | None) -> BenchDescription:
+    """Return the bench that is meant: a description, or what :func:`load_bench` takes."""
+    return bench if isinstance(bench, BenchDescription) else load_bench(bench)
+
+
+def with_settings(description: BenchDescription, settings: Mapping[str, Any]) -> BenchDescription:
+    """Return the bench with `settings`, nested as in the bench file, in place of those of its ``[procedure]``.
+
+    Raises:
+        ConfigError: a key is unknown or a value cannot be, as in a bench file.
+    """
+    raw: dict[str, Any] = msgspec.to_builtins(description)
+    told: dict[str, Any] = msgspec.to_builtins(dict(settings), enc_hook=_plain_number)
+    require_numbers({"procedure": told}, "settings")
+    raw["procedure"] = _merged(raw["procedure"], told)
+    return _checked(_converted(raw, "settings"), "settings")
+
+
+def _plain_number(value: object) -> object:
+    """Return numpy's numbers and arrays as Python's."""
+    tolist = getattr(value, "tolist", None)
+    return str(value) if tolist is None else tolist()
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for name, value in changes.items():
+        below = merged.get(name)
+        merged[name] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
 
 
 def _beside(description: BenchDescription, path: Path) -> BenchDescription:
@@ -65,14 +97,20 @@ def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
 
 def parse_bench(text: str, source: str) -> BenchDescription:
     """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
-    description = _described(text, source)
+    return _checked(_described(text, source), source)
+
+
+def _checked(description: BenchDescription, source: str) -> BenchDescription:
     for misfit in misfits(description):
         raise _error(source, misfit.path, misfit.expected, _words(misfit.came))
     return description
 
 
 def _described(text: str, source: str) -> BenchDescription:
-    raw = parse_toml(text, source)
+    return _converted(parse_toml(text, source), source)
+
+
+def _converted(raw: dict[str, Any], source: str) -> BenchDescription:
     try:
         return msgspec.convert(raw, BenchDescription)
     except msgspec.ValidationError as error:

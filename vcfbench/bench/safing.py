@@ -10,6 +10,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from vcfbench.bench.file import described
 from vcfbench.bench.lock import InUse
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
@@ -22,6 +23,7 @@ from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.roles import Role
@@ -65,7 +67,7 @@ class MadeSafe:
         return error
 
 
-def safe_bench(description: BenchDescription, *, force: bool = False) -> MadeSafe:
+def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: bool = False) -> MadeSafe:
     """Make everything on the bench that drives something safe, whatever it is doing, and say what it was found doing.
 
     With `force` also when another process has the bench, which may switch things on again.
@@ -75,6 +77,7 @@ def safe_bench(description: BenchDescription, *, force: bool = False) -> MadeSaf
         ConnectFailed: a served bench is not served, or its time is led by another connection.
         NotSafe: it was broken off by a third signal.
     """
+    description = described(bench)
     with StopSignals() as signals, ExitStack() as stack:
         stand = _station(description, stack, force=force)
         signals.unwind()  # nothing here can be stopped half-way and be called safe

@@ -12,7 +12,6 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
 
@@ -83,16 +82,17 @@ def _line_or_why_not(directory: RunDirectory) -> dict[str, Any]:
 
 def _print_list(known: list[dict[str, Any]]) -> None:
     from vcfbench.report.table import columns  # noqa: PLC0415
+    from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
     cells = [{**line, "status": _status(line)} for line in known]
     head = [name for name in cells[0] if name != "damage"]
-    table = columns(head, ([_plain(line[name]) for name in head] for line in cells))
+    table = columns(head, ([printable(line[name]) for name in head] for line in cells))
     if _fits(table):
         typer.echo(table)
         return
     for line in cells:
-        typer.echo(_plain(line["run"]))
-        typer.echo("".join(f"  {name}: {_plain(line[name])}\n" for name in head[1:]), nl=False)
+        typer.echo(printable(line["run"]))
+        typer.echo("".join(f"  {name}: {printable(line[name])}\n" for name in head[1:]), nl=False)
 
 
 def _status(line: dict[str, Any]) -> str:
@@ -107,15 +107,11 @@ def _fits(table: str) -> bool:
     return not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns
 
 
-def _plain(value: object) -> str:
-    """Return what a record says as it can be printed: a file must not write on the terminal by itself."""
-    text = str(value)
-    return text if text.isprintable() else ascii(text)
-
-
 def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
+    from vcfbench.runs.recorded import recorded_results, recorded_verdict  # noqa: PLC0415
+
     footer = record.footer or {}
-    results, why_none = _results(record)
+    results, why_none = recorded_results(record)
     return {
         **_line(directory),
         "simulated": record.header.get("simulated"),
@@ -125,7 +121,7 @@ def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
         "points": [point.as_json() for point in record.points],
         "results": results,
         "no_results": why_none,
-        "acceptance": None if (acceptance := _acceptance(record, results)) is None else acceptance.as_json(),
+        "acceptance": None if (acceptance := recorded_verdict(record, results)) is None else acceptance.as_json(),
         "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
@@ -133,54 +129,24 @@ def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     }
 
 
-def _results(record: JournalRecord) -> tuple[dict[str, Any], str | None]:
-    """Compute the results again from the points; where there are none, say why in words."""
-    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
-    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
-    from vcfbench.record.schema import Status  # noqa: PLC0415
-
-    if record.status is not Status.COMPLETE:
-        return {}, f"the record is {record.status.value}"
-    name = record.header.get("procedure")
-    if not isinstance(name, str) or name not in PROCEDURES:
-        return {}, f"the procedure {name!r} is not known here"
-    try:
-        settings = CalibrationSettings.from_json(record.header["settings"])
-    except (KeyError, ValueError) as error:  # msgspec.ValidationError is a ValueError
-        return {}, f"its settings are not those of this version: {_plain(repr(error))}"
-    try:
-        return PROCEDURES[name].results(settings, record.points), None
-    except (ConfigError, ArithmeticError, ValueError) as error:
-        return {}, f"the points give no result: {_plain(error)}"
-
-
-def _acceptance(record: JournalRecord, results: dict[str, Any]) -> Acceptance | None:
-    """Judge the results by the limits that the bench file had when they were measured."""
-    from vcfbench.procedures.acceptance import judged  # noqa: PLC0415
-    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
-
-    if not results:
-        return None
-    return judged(CalibrationSettings.from_json(record.header["settings"]).acceptance, results, record.points)
-
-
 def _print_record(directory: RunDirectory, record: JournalRecord) -> None:
     from vcfbench.report.table import summary, verdicts  # noqa: PLC0415
+    from vcfbench.runs.recorded import printable, recorded_results, recorded_verdict  # noqa: PLC0415
 
     line = _line(directory)
-    results, why_none = _results(record)
+    results, why_none = recorded_results(record)
     typer.echo(
-        f"{_plain(line['run'])}: {_status(line)}, {_plain(line['procedure'])}, bench {_plain(line['bench'])}, "
-        f"seed {_plain(line['seed'])}, {line['points']} points, began {_plain(record.header.get('utc'))}\n"
+        f"{printable(line['run'])}: {_status(line)}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
+        f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
     )
     typer.echo(summary(str(line["procedure"]), record.points, results))
-    if (acceptance := _acceptance(record, results)) is not None:
+    if (acceptance := recorded_verdict(record, results)) is not None:
         typer.echo(f"\n{verdicts(acceptance)}")
     for step in record.steps:
         for said in step.get("asked_again", ()):
-            typer.echo(f"\nasked again: step {_plain(step.get('n'))}: {_plain(said)}")
+            typer.echo(f"\nasked again: step {printable(step.get('n'))}: {printable(said)}")
     if why_none is not None:
         typer.echo(f"\nno results: {why_none}")
     for error in record.errors:
-        typer.echo(f"\nerror: {_plain(error.get('error'))}")
+        typer.echo(f"\nerror: {printable(error.get('error'))}")
     typer.echo(f"\nrecord: {shown(directory.path)}")

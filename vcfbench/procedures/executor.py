@@ -129,6 +129,7 @@ class Executor:
     _context: Context = field(init=False)
     _started_s: float = field(init=False)
     _number: int = field(init=False, default=0)
+    _written: int = field(init=False, default=0)
     _points: list[Point] = field(init=False, default_factory=list)
     _asked_again: list[str] = field(init=False, default_factory=list)
     _physical_s: float = field(init=False, default=0.0)
@@ -224,6 +225,7 @@ class Executor:
             line["point"] = point.as_json()
             self._points.append(point)
         self.journal.step(line)
+        self._written = self._number
 
     def _line(self, step: Step) -> dict[str, Any]:
         return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
@@ -242,8 +244,9 @@ class Executor:
         self._keep(error)
         readings = to_builtins(self._context.readings)
         line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": readings, **self._seen()}
-        with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
-            self.journal.error(line)
+        if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
+            with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
+                self.journal.error(line)
         self._tell(StepFailed(self._number, self._now(), step, error))
         return error
 

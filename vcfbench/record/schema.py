@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -27,13 +27,18 @@ def fits_one_chunk(count: int, interval_s: float) -> bool:
     return count <= CHUNK_READINGS and (count - 1) * interval_s < CHUNK_S
 
 
-class Status(Enum):
-    """How a run ended. A journal without its last line is `INCOMPLETE`, one that was changed since `DAMAGED`."""
+class Status(StrEnum):
+    """How a run ended.
+
+    A journal without its last line is `INCOMPLETE`, one that was changed since `DAMAGED`, one that is no journal
+    `UNREADABLE`.
+    """
 
     COMPLETE = "complete"
     ABORTED = "aborted"
     INCOMPLETE = "incomplete"
     DAMAGED = "damaged"
+    UNREADABLE = "unreadable"
 
 
 @dataclass(frozen=True, slots=True)

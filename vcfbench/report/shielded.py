@@ -8,10 +8,10 @@ from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from contextlib import AbstractContextManager
     from types import TracebackType
 
-    from vcfbench.procedures.executor import Event
-    from vcfbench.report.progress import NoProgress
+    from vcfbench.procedures.executor import Event, Observer
 
 __all__ = ["Shielded"]
 
@@ -22,12 +22,13 @@ class Shielded:
     `lost` says what went wrong with the display, None when nothing did; it goes into the record.
 
     Args:
-        make: makes the display. That it cannot be made is no reason not to run either.
+        make: makes the display, in a context of its own. That it cannot be made is no reason not to run either.
     """
 
-    def __init__(self, make: Callable[[], NoProgress]) -> None:
+    def __init__(self, make: Callable[[], AbstractContextManager[Observer]]) -> None:
         self._make = make
-        self._display: NoProgress | None = None
+        self._context: AbstractContextManager[Observer] | None = None
+        self._display: Observer | None = None
         self.lost: str | None = None
 
     def __enter__(self) -> Self:
@@ -38,8 +39,8 @@ class Shielded:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """End the display, if there is one still."""
-        if (display := self._display) is not None:
-            self._guarded(lambda: display.__exit__(kind, error, traceback))
+        if self._display is not None and (context := self._context) is not None:
+            self._guarded(lambda: context.__exit__(kind, error, traceback))
 
     def handle(self, event: Event) -> None:
         """Pass on what happens."""
@@ -47,7 +48,8 @@ class Shielded:
             self._guarded(lambda: display.handle(event))
 
     def _begin(self) -> None:
-        self._display = self._make().__enter__()
+        self._context = self._make()
+        self._display = self._context.__enter__()
 
     def _guarded(self, act: Callable[[], object]) -> None:
         try:

@@ -1,0 +1,84 @@
+"""The public face: what ``import vcfbench`` offers, and that it costs nothing and leaks nothing."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import vcfbench
+
+ROOT = Path(__file__).parents[1]
+NO_DOCSTRING = {"PROCEDURES", "Plan", "__version__"}
+"""Values and an alias of a type: what they are is said beside them, and in the table of docs/python.md."""
+
+
+def in_a_fresh_interpreter(code: str) -> str:
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout  # noqa: S603
+
+
+def test_dir_shows_what_is_public() -> None:
+    assert dir(vcfbench) == sorted(set(vcfbench.__all__))
+    assert len(vcfbench.__all__) == len(dir(vcfbench))
+
+
+@pytest.mark.parametrize("name", vcfbench.__all__)
+def test_every_name_is_there_and_explains_itself(name: str) -> None:
+    value: Any = getattr(vcfbench, name)
+    assert not isinstance(value, ModuleType)
+    assert name in NO_DOCSTRING or inspect.getdoc(value)
+
+
+def test_nothing_else_is_public() -> None:
+    """Modules apart, which importing puts there: also when every name has been used."""
+    code = (
+        "import types, vcfbench; [getattr(vcfbench, name) for name in vcfbench.__all__]; "
+        "print(*(name for name, value in vars(vcfbench).items() if not name.startswith('_') "
+        "and name not in vcfbench.__all__ and not isinstance(value, types.ModuleType)))"
+    )
+    assert in_a_fresh_interpreter(code).split() == []
+
+
+def test_no_module_hides_a_name() -> None:
+    modules = {path.stem for path in (ROOT / "vcfbench").iterdir()}
+    assert modules & set(vcfbench.__all__) == set()
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    name = "measure"
+    with pytest.raises(AttributeError, match="module 'vcfbench' has no attribute 'measure'"):
+        getattr(vcfbench, name)
+
+
+def test_type_checkers_see_what_is_imported_at_run_time() -> None:
+    tree = ast.parse((ROOT / "vcfbench" / "__init__.py").read_text(encoding="utf-8"))
+    branch = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        str(node.module).removeprefix("vcfbench."): tuple(alias.name for alias in node.names)
+        for node in branch.body
+        if isinstance(node, ast.ImportFrom)
+    }
+    assert seen == vcfbench._HOMES
+    assert sorted([*(name for names in seen.values() for name in names), "__version__"]) == dir(vcfbench)
+
+
+def test_importing_it_imports_nothing_else() -> None:
+    """So it takes some milliseconds; how many exactly depends on what else the machine does."""
+    code = "import sys; before = set(sys.modules); import vcfbench; print(*sorted(set(sys.modules) - before))"
+    assert in_a_fresh_interpreter(code).split() == ["vcfbench"]
+
+
+def test_the_documentation_has_every_name_and_no_other() -> None:
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    reference = text.partition("## Every name")[2]
+    rows = [line for line in reference.splitlines() if line.startswith("| `")]
+    names = [name for row in rows for name in re.findall(r"`(\w+)", row.split("|")[1])]
+    assert sorted(names) == dir(vcfbench)
