@@ -1,0 +1,173 @@
+"""What a run is asked to be, checked against its bench before anything is opened."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from operator import index
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from contextlib import AbstractContextManager
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.procedures.catalogue import Procedure
+    from vcfbench.procedures.dry_run import PlannedStep
+    from vcfbench.procedures.executor import Event, Observer
+    from vcfbench.procedures.settings import CalibrationSettings, Match
+
+    Display = Callable[[float], AbstractContextManager[Observer]]
+    """Makes a display, told the estimate of the bench time, s."""
+
+_LARGEST_SEED: Final = 2**63 - 1
+
+
+class _Nothing:
+    """Takes no notice."""
+
+    def handle(self, event: Event) -> None:
+        """Take no notice."""
+
+
+def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
+    """Make a display that shows nothing."""
+    return nullcontext(_Nothing())
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What was asked for; `options` are the words of it that the record keeps."""
+
+    procedure: str | Procedure
+    bench: BenchDescription | Path | str | None = None
+    seed: int | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    runs: Path = Path("runs")
+    speed: str | float | None = None
+    observers: Sequence[Observer] = ()
+    display: Display = no_display
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the procedure."""
+        return self.procedure if isinstance(self.procedure, str) else self.procedure.name
+
+
+@dataclass(slots=True)
+class Checked:
+    """What was asked, as far as it has been checked: bench and seed are told also where the rest cannot be."""
+
+    description: BenchDescription | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """All that a run needs to begin: the bench, the procedure, its settings."""
+
+    description: BenchDescription
+    procedure: Procedure
+    settings: CalibrationSettings
+
+    def planned(self) -> tuple[PlannedStep, ...]:
+        """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
+        from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
+        from vcfbench.procedures.dry_run import dry_run as walked  # noqa: PLC0415
+
+        plan, gyro = self.procedure.plan(self.settings), self.settings.expected_gyro()
+        return tuple(walked(plan, gyro, LimitChecks.of(self.description)))
+
+
+@dataclass(frozen=True, slots=True)
+class DryRun:
+    """A plan that was walked without a bench: each step with its number, its time and what it does."""
+
+    procedure: str
+    steps: tuple[PlannedStep, ...]
+
+    @property
+    def bench_seconds(self) -> float:
+        """Estimate of the bench time, s."""
+        return self.steps[-1].t_s + self.steps[-1].step.duration_s if self.steps else 0.0
+
+    @property
+    def physical_minimum_s(self) -> float:
+        """How much of it is windows, ramps and settling, s."""
+        return sum(each.step.physical_s for each in self.steps)
+
+    def __repr__(self) -> str:
+        return f"<DryRun {self.procedure}: {len(self.steps)} steps, {self.bench_seconds:.0f} s of bench time>"
+
+
+def dry_run(
+    procedure: str | Procedure,
+    bench: BenchDescription | Path | str | None = None,
+    *,
+    seed: int | None = None,
+    settings: Mapping[str, Any] | None = None,
+    speed: str | float | None = None,
+) -> DryRun:
+    """Walk the plan of `procedure` with answers predicted, each step held against the limits of the bench.
+
+    Nothing is opened or sent. The arguments are those of :func:`vcfbench.run`.
+
+    Raises:
+        ConfigError: the bench file, a setting, seed or speed cannot be used.
+        PlanError: there is no such procedure.
+        LimitError: a step would leave a limit of the bench; it names step, limit and the time in the plan.
+    """
+    asked = Asked(procedure, bench, seed, settings or {}, speed=speed)
+    return DryRun(asked.name, prepare(asked, Checked()).planned())
+
+
+def prepare(asked: Asked, checked: Checked) -> Prepared:
+    """Read the bench file and check what was asked against it; nothing is opened.
+
+    What was found out is put into `checked` as it comes to be known.
+    """
+    from vcfbench.bench.file import described, with_settings  # noqa: PLC0415
+    from vcfbench.bench.station import checked_pace  # noqa: PLC0415
+    from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
+    from vcfbench.procedures.settings import settings_of  # noqa: PLC0415
+
+    told = dict(asked.settings)
+    match = told.pop("match", "zero")
+    description = checked.description = described(asked.bench)
+    if told:
+        description = checked.description = with_settings(description, told)
+    checked.seed = _seed(description, asked.seed)
+    checked_pace(description, asked.speed)
+    chosen = procedure(asked.procedure) if isinstance(asked.procedure, str) else asked.procedure
+    return Prepared(description, chosen, settings_of(description, _match(match)))
+
+
+def _seed(description: BenchDescription, seed: int | None) -> int | None:
+    """Return the seed that the run will have, as far as it is known before the bench is opened."""
+    if seed is None:
+        return None if description.simulation is None else description.simulation.seed
+    if description.served is not None:
+        raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
+    if description.simulation is None:
+        raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
+    try:
+        whole = index(seed)
+    except TypeError:
+        whole = -1
+    if not 0 <= whole <= _LARGEST_SEED:
+        raise ConfigError(f"--seed {seed!r}: expected a whole number from 0 to {_LARGEST_SEED}")
+    return whole
+
+
+def _match(name: str | Match) -> Match:
+    from vcfbench.procedures.settings import Match  # noqa: PLC0415
+
+    try:
+        return Match(name)
+    except ValueError:
+        known = " or ".join(match.value for match in Match)
+        raise ConfigError(f"--match {name}: expected {known}") from None

@@ -1,0 +1,360 @@
+"""Conducts a run: from the bench file through the open bench to the record, which is closed however the run ends."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, nullcontext
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
+from vcfbench.runs.asked import Asked, Checked, DryRun, prepare
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from contextlib import AbstractContextManager
+
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.signals import StopSignals
+    from vcfbench.interfaces import Identity, SafeReport
+    from vcfbench.procedures.acceptance import Acceptance
+    from vcfbench.procedures.catalogue import Procedure
+    from vcfbench.procedures.executor import Execution, Observer
+    from vcfbench.record.directory import RunDirectory
+    from vcfbench.record.journal import Journal
+    from vcfbench.report.shielded import Shielded
+    from vcfbench.runs.asked import Prepared
+    from vcfbench.runs.run import Run
+
+
+_PREPARING: Final = Lock()
+"""What is loaded and worked out once in a process (numpy, msgspec's types) fails where two threads do it at once."""
+
+
+def run(
+    procedure: str | Procedure,
+    bench: BenchDescription | Path | str | None = None,
+    *,
+    seed: int | None = None,
+    settings: Mapping[str, Any] | None = None,
+    observers: Sequence[Observer] = (),
+    runs: str | Path = "runs",
+    speed: str | float | None = None,
+) -> Run:
+    """Run `procedure` on `bench`, record it, make the bench safe, and return what it came to.
+
+    SIGINT and SIGTERM stop the run as they do the command: the first at its next wait, the second at once.
+
+    Args:
+        procedure: its name, as on the command line, or the procedure itself.
+        bench: a bench file, the name of an embedded bench, or a description; None is the simulated paper bench.
+        seed: of a simulated bench; None is that of the bench file. The same seed gives the same results.
+        settings: keys of the bench file's ``[procedure]``, checked as they are there, and ``match``:
+            ``{"samples": 20, "drive": {"start_up_s": 8.0}}``.
+        observers: are told what happens (``handle(event)``). One that raises is left out from then on; the run goes
+            on, and :attr:`Run.observers_lost` says so.
+        runs: directory of the records; this run gets one of its own in it.
+        speed: of a simulated bench, times real time, or ``"max"``, the default.
+
+    Raises:
+        BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
+        NotSafe: something could not be made safe; whatever else went wrong is in its words.
+    """
+    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+
+    if not str(runs).strip():
+        raise ConfigError("runs: expected a directory, came an empty name")
+    options = {
+        "bench": _words_for(bench),
+        "seed": seed,
+        "runs": str(runs),
+        "speed": speed,
+        "settings": dict(settings or {}),
+    }
+    asked = Asked(procedure, bench, seed, settings or {}, Path(runs), speed, observers, options=options)
+    with StopSignals() as signals:
+        return conduct(asked, signals)
+
+
+def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
+    return None if bench is None else str(getattr(bench, "name", bench) if not isinstance(bench, Path) else bench)
+
+
+def conduct(asked: Asked, signals: StopSignals) -> Run:
+    """Do what was `asked` while `signals` are watched; as :func:`run`, which see."""
+    course = _Course(asked)
+    try:
+        _perform(course, signals)
+    except BenchError as error:
+        course.take_error(error)
+    done = course.as_run()
+    if course.error is not None:
+        course.error.run = done
+        raise course.error
+    return done
+
+
+@dataclass(slots=True)
+class _Course:
+    """All that is known of a run under way, filled in as it comes to be known; what is not, stays empty."""
+
+    asked: Asked
+    checked: Checked = field(default_factory=Checked)
+    directory: RunDirectory | None = None
+    execution: Execution | None = None
+    results: dict[str, Any] | None = None
+    verdict: Acceptance | None = None
+    error: BenchError | None = None
+    observers: Mapping[str, Shielded] = field(default_factory=dict)
+
+    def take_error(self, error: BenchError) -> None:
+        """Keep the first error, unless something is not safe: that comes before everything."""
+        if self.error is error or isinstance(self.error, NotSafe):
+            return
+        if isinstance(error, NotSafe) and self.error is not None:
+            error.hint = "; ".join(filter(None, [error.hint, f"before that: {self.error}"]))
+        if isinstance(error, NotSafe) or self.error is None:
+            self.error = error
+
+    def observers_lost(self) -> list[str]:
+        """Say which observers failed, and how."""
+        return [f"{name}: {each.lost}" for name, each in self.observers.items() if each.lost is not None]
+
+    def as_run(self) -> Run:
+        """Return what is known by now; complete when every step was performed and the results could be computed."""
+        from vcfbench.record.schema import Status  # noqa: PLC0415
+        from vcfbench.runs.run import Run  # noqa: PLC0415
+
+        description, execution = self.checked.description, self.execution
+        status = Status.ABORTED if self.results is None else Status.COMPLETE
+        return Run(
+            procedure=self.asked.name,
+            status=status,
+            points=() if execution is None else execution.points,
+            results=self.results,
+            no_results=None if self.results is not None else f"the record is {status.value}",
+            error=self.error,
+            verdict=self.verdict,
+            directory=None if self.directory is None else self.directory.path,
+            bench=None if description is None else description.name,
+            simulated=None if description is None else description.simulated,
+            seed=self.checked.seed,
+            bench_seconds=None if execution is None else execution.bench_seconds,
+            physical_minimum_s=None if execution is None else execution.physical_minimum_s,
+            asked_again=() if execution is None else execution.asked_again,
+            observers_lost=tuple(self.observers_lost()),
+        )
+
+
+def _perform(course: _Course, signals: StopSignals) -> None:
+    """Open the bench, perform the plan, make all safe, and only then close the record."""
+    from vcfbench.bench.bench import open_bench  # noqa: PLC0415
+    from vcfbench.report.shielded import Shielded  # noqa: PLC0415
+
+    asked = course.asked
+    with _PREPARING:
+        prepared = prepare(asked, course.checked)
+        planned = DryRun(asked.name, prepared.planned())
+        if prepared.description.simulated:
+            _load_numpy()
+    record = _Record(course, prepared)
+    display = Shielded(partial(asked.display, planned.bench_seconds))
+    course.observers = _shielded(asked.observers)
+    record.prepare()
+    try:
+        with ExitStack() as watching:
+            watchers = [watching.enter_context(each) for each in (display, *course.observers.values())]
+            seed, speed = course.checked.seed, asked.speed
+            bench = watching.enter_context(open_bench(prepared.description, seed=seed, speed=speed, signals=signals))
+            record.perform(bench, watchers)
+    except BaseException as error:
+        course.take_error(_as_bench_error(error))
+        if not isinstance(error, BenchError | KeyboardInterrupt):
+            raise  # a mistake of ours; the record is closed all the same
+    finally:
+        signals.close()
+        record.close(display.lost)
+
+
+def _load_numpy() -> None:
+    """Load what numpy would load when it is first used, which fails where two threads use it at once."""
+    import numpy.fft  # noqa: PLC0415
+    import numpy.ma  # noqa: PLC0415
+    import numpy.polynomial  # noqa: PLC0415
+    import numpy.random  # noqa: F401, PLC0415
+
+
+def _shielded(observers: Sequence[Observer]) -> dict[str, Shielded]:
+    """Return each observer such that it can harm nobody, by a name for the record."""
+    from vcfbench.report.shielded import Shielded  # noqa: PLC0415
+
+    return {
+        f"{number} ({type(each).__name__})": Shielded(partial(_as_context, each))
+        for number, each in enumerate(observers, start=1)
+    }
+
+
+def _as_context(observer: Observer) -> AbstractContextManager[Observer]:
+    return nullcontext(observer)
+
+
+def _as_bench_error(error: BaseException) -> BenchError:
+    """Return what `error` means for the record."""
+    match error:
+        case BenchError():
+            return error
+        case KeyboardInterrupt():
+            return Aborted("stopped by the operator")
+    return BenchError(f"the program has a mistake: {type(error).__name__}: {error}")
+
+
+@dataclass(slots=True)
+class _Record:
+    """The record of one run: journal while it goes, results and points when it is over."""
+
+    course: _Course
+    prepared: Prepared
+    journal: Journal | None = None
+    safe_reports: Sequence[SafeReport] = ()
+
+    def prepare(self) -> None:
+        """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin."""
+        from vcfbench.record.directory import create_run  # noqa: PLC0415
+
+        self.course.directory = create_run(self.course.asked.runs, self.prepared.procedure.name)
+
+    def perform(self, bench: Bench, watchers: Sequence[Observer]) -> None:
+        """Open the journal, perform the plan on `bench`, and keep what came of it."""
+        from vcfbench.procedures.executor import Executor  # noqa: PLC0415
+
+        course, prepared = self.course, self.prepared
+        course.checked.seed = bench.seed
+        self.safe_reports = bench.safe_reports  # filled when the bench is left
+        journal = self._open_journal(bench.identities)
+        executor = Executor(bench, journal, watchers)
+        try:
+            execution = executor.execute(prepared.procedure.plan(prepared.settings))
+        finally:
+            course.execution = executor.so_far()
+        if execution.error is not None:
+            course.take_error(execution.error)
+
+    def _open_journal(self, identities: Mapping[str, Identity]) -> Journal:
+        from vcfbench.record.journal import Journal  # noqa: PLC0415
+
+        assert self.course.directory is not None  # noqa: S101  # prepared
+        self.journal = Journal(self.course.directory.journal)
+        self.journal.header(self._header(self.course.directory.run, identities))
+        return self.journal
+
+    def _header(self, name: str, identities: Mapping[str, Identity]) -> dict[str, Any]:
+        import msgspec  # noqa: PLC0415
+
+        course, description = self.course, self.prepared.description
+        return {
+            "run": name,
+            "procedure": self.prepared.procedure.name,
+            "simulated": description.simulated,
+            "seed": course.checked.seed,
+            "versions": _versions(),
+            "identities": msgspec.to_builtins(identities),
+            "options": msgspec.to_builtins(course.asked.options, enc_hook=str),
+            "settings": asdict(self.prepared.settings),
+            "bench": msgspec.to_builtins(description),
+            **_profile_of(description.rate_table.dialect),
+        }
+
+    def close(self, display_lost: str | None) -> None:
+        """Compute the results, end the journal, and write what is derived from it."""
+        from vcfbench.record.schema import Status  # noqa: PLC0415
+
+        course = self.course
+        if course.execution is not None and course.execution.status is Status.COMPLETE:
+            self._compute()
+        if self.journal is None:
+            self._without_journal()
+        if self.journal is not None:
+            try:
+                self._end(self.journal, display_lost)
+            except BenchError as error:
+                course.take_error(error)
+
+    def _end(self, journal: Journal, display_lost: str | None) -> None:
+        """Write the footer and all that is derived, each whatever becomes of the others."""
+        try:
+            journal.footer(self._footer(display_lost))
+        finally:
+            try:
+                self._derive()
+            finally:
+                journal.close()
+
+    def _without_journal(self) -> None:
+        """Keep no record of a bench that did not open, unless something was left unsafe by that."""
+        course = self.course
+        if isinstance(course.error, NotSafe):
+            self.safe_reports = course.error.reports
+            try:
+                self._open_journal({})
+            except BenchError as error:
+                course.take_error(error)
+        elif course.directory is not None:
+            course.directory.discard()
+            course.directory = None
+
+    def _compute(self) -> None:
+        from vcfbench.procedures.acceptance import judged  # noqa: PLC0415
+
+        course, settings = self.course, self.prepared.settings
+        points = course.as_run().points
+        try:
+            course.results = self.prepared.procedure.results(settings, points)
+            course.verdict = judged(settings.acceptance, course.results, points)
+        except ConfigError as error:
+            course.take_error(MeasurementError(f"the points give no result: {error.what}"))
+
+    def _footer(self, display_lost: str | None) -> dict[str, Any]:
+        done, lost = self.course.as_run(), self.course.observers_lost()
+        error = None if done.error is None else {"kind": type(done.error).__name__, "what": str(done.error)}
+        return {
+            "status": done.status.value,
+            "error": error,
+            "points": len(done.points),
+            "bench_seconds": done.bench_seconds,
+            "physical_minimum_s": done.physical_minimum_s,
+            "safe": [asdict(safe) for safe in self.safe_reports],
+            **({} if display_lost is None else {"display_lost": display_lost}),
+            **({"observers_lost": lost} if lost else {}),
+        }
+
+    def _derive(self) -> None:
+        from vcfbench.record.export import points_csv, write_result, write_text  # noqa: PLC0415
+
+        done = self.course.as_run()
+        if done.directory is None or done.physical_minimum_s is None:
+            return
+        answer = done.as_json()
+        del answer["run"]  # it holds the time of day; the same seed shall give the same bytes
+        answer["physical_minimum_s"] = done.physical_minimum_s
+        write_result(done.directory / "result.json", answer)
+        write_text(done.directory / "points.csv", points_csv(done.points))
+
+
+def _profile_of(dialect: str) -> dict[str, str]:
+    """Return the text of the table's profile, if it is a file of one's own: its path alone says little later on."""
+    if not dialect.endswith(".toml"):
+        return {}
+    from vcfbench.drivers.rate_table.profile import profile_text  # noqa: PLC0415
+
+    return {"table_profile": profile_text(dialect)}
+
+
+def _versions() -> Mapping[str, str]:
+    import platform  # noqa: PLC0415
+    from importlib.metadata import version  # noqa: PLC0415
+
+    packages = ("vcfbench", "numpy", "pyvisa", "pyvisa-py", "pyserial")
+    return {"python": platform.python_version(), **{package: version(package) for package in packages}}

@@ -1,0 +1,155 @@
+"""A run as scripts and notebooks see it."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+from vcfbench.record.damage import own_readings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from vcfbench.errors import BenchError
+    from vcfbench.procedures.acceptance import Acceptance
+    from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.schema import Point, Status
+
+
+@dataclass(frozen=True, slots=True)
+class RawReading:
+    """One reading of the multimeter as it stands in the record.
+
+    `number` is that of the step that was performed, from 1; `step` the procedure's step (1 to 4), as in a point.
+    `t_s` is bench time, s; `voltage_v` the reading, V; `table_rate_deg_s` what the table read back at the end of the
+    reading's window, deg/s, None where the window failed before that.
+    """
+
+    number: int
+    step: int
+    t_s: float
+    voltage_v: float
+    table_rate_deg_s: float | None
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Run:
+    """What a run came to: its points, results, verdict and record.
+
+    `procedure` is its name; `status` says how it ended (``run.status == "complete"``); `points` are the averaged
+    points that were measured. `results` are those of ``result.json``, nested by name, empty where there are none, and
+    `no_results` says why. `error` is what ended the run, None if nothing did; `verdict` is that on the limits of
+    ``[acceptance]``, None if there are none. `directory` is where the record is, None if nothing was recorded.
+    `bench` is its name; `seed` that of a simulated bench. `bench_seconds` is how long it took in bench time,
+    `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
+    `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
+    """
+
+    procedure: str
+    status: Status
+    points: tuple[Point, ...] = ()
+    results: Mapping[str, Any] | None = None
+    no_results: str | None = None
+    error: BenchError | None = None
+    verdict: Acceptance | None = None
+    directory: Path | None = None
+    bench: str | None = None
+    simulated: bool | None = None
+    seed: int | None = None
+    bench_seconds: float | None = None
+    physical_minimum_s: float | None = None
+    asked_again: tuple[str, ...] = ()
+    observers_lost: tuple[str, ...] = ()
+    damage: str | None = None
+
+    @property
+    def name(self) -> str | None:
+        """Name of the record, None if there is none."""
+        return None if self.directory is None else self.directory.name
+
+    @property
+    def header(self) -> Mapping[str, Any]:
+        """Who ran what on which bench, as the record says: identities, settings, versions; read when asked for.
+
+        Raises:
+            ConfigError: the record cannot be read any more.
+        """
+        from vcfbench.record.journal import read_header  # noqa: PLC0415
+
+        return {} if self.directory is None else read_header(self.directory / "journal.jsonl")
+
+    @property
+    def readings(self) -> tuple[RawReading, ...]:
+        """Every raw reading, in the order of time; read from the record when asked for.
+
+        ``pandas.DataFrame(run.readings)`` makes a table of them.
+
+        Raises:
+            ConfigError: the record cannot be read any more.
+        """
+        from vcfbench.record.journal import read_journal  # noqa: PLC0415
+
+        if self.directory is None:
+            return ()
+        return tuple(sorted(_readings(read_journal(self.directory / "journal.jsonl")), key=lambda each: each.t_s))
+
+    def table(self) -> Any:
+        """Return the points as a pandas DataFrame, a row each, with the columns of ``points.csv``.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        try:
+            import pandas as pd  # type: ignore[import-untyped, import-not-found, unused-ignore] # noqa: PLC0415
+        except ImportError as error:
+            raise ImportError("Run.table needs pandas, which is not installed: pip install pandas") from error
+        from vcfbench.record.export import POINT_COLUMNS  # noqa: PLC0415
+
+        return pd.DataFrame([point.as_json() for point in self.points], columns=list(POINT_COLUMNS))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the answer of ``vcfbench run --json``; a run that failed has the error beside the points it kept."""
+        answer: dict[str, Any] = {
+            "run": self.name,
+            "procedure": self.procedure,
+            "status": self.status.value,
+            "bench": self.bench,
+            "simulated": self.simulated,
+            "seed": self.seed,
+            "bench_seconds": self.bench_seconds or 0.0,
+            "points": [point.as_json() for point in self.points],
+            "results": self.results or {},
+            "acceptance": None if self.verdict is None else self.verdict.as_json(),
+            "asked_again": list(self.asked_again),
+        }
+        return answer if self.error is None else {**answer, "error": str(self.error)}
+
+    def __repr__(self) -> str:
+        return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"
+
+    def _repr_html_(self) -> str:
+        """Show the run in a notebook: how it ended, its points, its results in words."""
+        from vcfbench.report.table import summary  # noqa: PLC0415
+
+        said = [f"{self.name or self.procedure}: {self.status.value}"]
+        if self.error is not None:
+            said.append(str(self.error))
+        if self.verdict is not None:
+            said.append("passed" if self.verdict.passed else "FAILED")
+        heads = "".join(f"<p>{html.escape(each)}</p>" for each in said)
+        return f"{heads}<pre>{html.escape(summary(self.procedure, self.points, self.results or {}))}</pre>"
+
+
+def _readings(record: JournalRecord) -> Iterator[RawReading]:
+    """Yield the readings of all steps: chunks of long windows, whole windows, and those that failed."""
+    try:
+        tables = {line["n"]: line["result"].get("table_rate_deg_s") for line in record.steps}
+        for line in (*record.chunks, *record.steps, *record.errors):
+            number, table_deg_s = line["n"], tables.get(line["n"])
+            for reading in own_readings(line):
+                yield RawReading(number, line["step"]["step"], reading["t_s"], reading["voltage_v"], table_deg_s)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ConfigError(f"the readings are not those of this program: {error!r}") from error
