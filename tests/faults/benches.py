@@ -26,10 +26,11 @@ SPEED = dict.fromkeys(("acl", "zaber", "atl", "esp", "dd16", "mn_as"), 8.0) | {"
 RATE_DEG_S = dict.fromkeys(("acl", "zaber", "atl", "esp", "dd16", "mn_as", "ruya"), 200.0) | {"aaaa": 20.0}
 """The rate at which faults strike; the table of `aaaa` turns to and fro only."""
 
+# 12 deg/s are 0.08 V of V_Vc: at 0.1 V the simulated generator changes its range, with another error in each
 _PROCEDURE = """
 [procedure]
 rates_deg_s = [{rate}, 0, -10]
-match_rate_deg_s = 15
+match_rate_deg_s = 12
 acceleration_deg_s2 = 1000
 settle_s = {settle_s}
 sample_interval_s = 0.1

@@ -15,7 +15,7 @@ __all__ = ["REST_S", "Facts", "mistakes"]
 REST_S = 5.0
 """How long a table may turn after a step has failed, and anything be live after the end of the run, s."""
 
-VOLTS = 0.02
+VOLTS, SHARE = 0.02, 0.02
 """More than the noise and the unfinished settling of points that were hurried; a wrong digit is more."""
 
 
@@ -115,7 +115,7 @@ def _complete_is_right(facts: Facts) -> str | None:
         return None
     came = [point["output_v"] for point in facts.answer["points"]]
     same = len(came) == len(facts.clean_v) and all(
-        abs(one - other) <= VOLTS for one, other in zip(came, facts.clean_v, strict=True)
+        abs(one - other) <= VOLTS + SHARE * abs(other) for one, other in zip(came, facts.clean_v, strict=True)
     )
     return None if same else f"complete with wrong numbers: {came}, without a fault {list(facts.clean_v)}"
 
