@@ -17,7 +17,7 @@ from tests.third_party.test_driver_methods import CLIENTS
 from vcfbench.clock import WallClock
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.registry import open_instrument
-from vcfbench.errors import InstrumentError, WrongInstrument
+from vcfbench.errors import DeadlineExceeded, InstrumentError, WrongInstrument
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,5 +58,7 @@ def test_what_it_has_not_is_an_error_and_what_it_has_is_read(instro: Path) -> No
         meter = opened(resource)
         with pytest.raises(InstrumentError, match="-113"):
             meter.configure_dc_voltage(10.0, 10.0)
-        assert meter.read_voltage_v() == pytest.approx(1.25, rel=0.01)
+        assert meter.session.query_reading("READ?") == pytest.approx(1.25, rel=0.01)
+        with pytest.raises(DeadlineExceeded, match=r"command 'FETC\?'"):  # it keeps no reading to be fetched twice
+            meter.read_voltage_v()
         meter.close()
