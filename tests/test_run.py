@@ -16,6 +16,7 @@ import pytest
 import vcfbench
 from tests import warm
 from vcfbench.bench.file import embedded_text, template
+from vcfbench.procedures.settings import CalibrationSettings
 from vcfbench.procedures.steps import SetRate, Settle
 
 if TYPE_CHECKING:
@@ -358,7 +359,13 @@ def too_fast(settings: Any) -> vcfbench.Plan:
 
 
 def test_what_a_bench_cannot_bear_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
-    spin = vcfbench.Procedure("spin", "turn too fast after an hour", too_fast, lambda _settings, _points: {})
+    spin = vcfbench.Procedure(
+        name="spin",
+        title="Turn too fast after an hour.",
+        settings=CalibrationSettings,
+        plan=too_fast,
+        results=lambda _settings, _points: {},
+    )
     with pytest.raises(vcfbench.LimitError, match=r"step 2 .*1:00:00 into the plan.*nothing was opened"):
         vcfbench.run(spin, runs=tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -45,9 +45,10 @@ if TYPE_CHECKING:
         Waveform,
     )
     from vcfbench.procedures.acceptance import Acceptance, Verdict
-    from vcfbench.procedures.catalogue import PROCEDURES, Procedure
+    from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
+    from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.step import Outcome, Plan, Step, StepResult
     from vcfbench.record.schema import Point, Status
     from vcfbench.runs.asked import DryRun, dry_run
@@ -195,10 +196,7 @@ _HOMES = {
         "Acceptance",
         "Verdict",
     ),
-    "procedures.catalogue": (
-        "PROCEDURES",
-        "Procedure",
-    ),
+    "procedures.catalogue": ("PROCEDURES",),
     "procedures.dry_run": ("PlannedStep",),
     "procedures.executor": (
         "Observer",
@@ -207,6 +205,7 @@ _HOMES = {
         "StepFinished",
         "StepStarted",
     ),
+    "procedures.procedure": ("Procedure",),
     "procedures.step": (
         "Outcome",
         "Plan",

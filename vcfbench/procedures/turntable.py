@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vcfbench.procedures.agreement import (
     SWEEP_DRIFT,
@@ -10,17 +10,19 @@ from vcfbench.procedures.agreement import (
     require_expected_column,
     require_steady_slope,
 )
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.results import turntable_results
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
+from vcfbench.procedures.settings import CalibrationSettings
 from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["STEP", "table_sweep", "turntable"]
+__all__ = ["STEP", "TURNTABLE", "table_sweep", "turntable"]
 
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""
@@ -59,3 +61,17 @@ def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Poin
     require_steady_slope(points, reference)
     yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
     return points
+
+
+def _results(settings: CalibrationSettings, points: Sequence[Point]) -> dict[str, Any]:
+    return turntable_results(points, settings.meter_resolution_v)
+
+
+TURNTABLE = Procedure(
+    name="turntable",
+    title="Calibrate on the rate table: 17 rates, generator off.",
+    settings=CalibrationSettings,
+    plan=turntable,
+    results=_results,
+)
+"""The turntable calibration."""

@@ -7,7 +7,7 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.agreement import (
@@ -20,6 +20,8 @@ from vcfbench.procedures.agreement import (
     require_steady_slope,
 )
 from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.results import virtual_coriolis_results
 from vcfbench.procedures.routines import (
     go_to_rate,
     powered,
@@ -29,17 +31,17 @@ from vcfbench.procedures.routines import (
     take_zero_again,
     v_vc_on,
 )
+from vcfbench.procedures.settings import CalibrationSettings
 from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from vcfbench.procedures.settings import CalibrationSettings
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["virtual_coriolis"]
+__all__ = ["VIRTUAL_CORIOLIS", "virtual_coriolis"]
 
 
 def virtual_coriolis(settings: CalibrationSettings) -> Plan:
@@ -158,3 +160,17 @@ def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Poin
     yield from set_v_vc(settings, 0.0)
     points.append((yield from take_zero_again(settings, 4)))
     require_agreement([*driven, *points], settings, SWEEP_DRIFT)
+
+
+def _results(settings: CalibrationSettings, points: Sequence[Point]) -> dict[str, Any]:
+    return virtual_coriolis_results(points, settings.match, settings.match_rate_deg_s, settings.meter_resolution_v)
+
+
+VIRTUAL_CORIOLIS = Procedure(
+    name="virtual-coriolis",
+    title="Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
+    settings=CalibrationSettings,
+    plan=virtual_coriolis,
+    results=_results,
+)
+"""The virtual Coriolis calibration."""

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.procedures.catalogue import Procedure
     from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Event, Observer
+    from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.procedures.settings import CalibrationSettings, Match
 
     Display = Callable[[float], AbstractContextManager[Observer]]
@@ -42,7 +42,7 @@ def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
 class Asked:
     """What was asked for; `options` are the words of it that the record keeps."""
 
-    procedure: str | Procedure
+    procedure: str | AnyProcedure
     bench: BenchDescription | Path | str | None = None
     seed: int | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -71,7 +71,7 @@ class Prepared:
     """All that a run needs to begin: the bench, the procedure, its settings."""
 
     description: BenchDescription
-    procedure: Procedure
+    procedure: AnyProcedure
     settings: CalibrationSettings
 
     def planned(self) -> tuple[PlannedStep, ...]:
@@ -105,7 +105,7 @@ class DryRun:
 
 
 def dry_run(
-    procedure: str | Procedure,
+    procedure: str | AnyProcedure,
     bench: BenchDescription | Path | str | None = None,
     *,
     seed: int | None = None,

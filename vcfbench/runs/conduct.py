@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.acceptance import Acceptance
-    from vcfbench.procedures.catalogue import Procedure
     from vcfbench.procedures.executor import Execution, Observer
+    from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
@@ -35,7 +35,7 @@ _PREPARING: Final = Lock()
 
 
 def run(
-    procedure: str | Procedure,
+    procedure: str | AnyProcedure,
     bench: BenchDescription | Path | str | None = None,
     *,
     seed: int | None = None,

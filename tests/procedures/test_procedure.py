@@ -1,0 +1,26 @@
+"""A procedure is one object."""
+
+from __future__ import annotations
+
+import pytest
+
+from vcfbench.errors import PlanError
+from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.procedures.turntable import TURNTABLE
+from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+
+
+def test_the_catalogue_finds_procedures_by_their_names() -> None:
+    assert procedure("turntable") is TURNTABLE
+    assert procedure("virtual-coriolis") is VIRTUAL_CORIOLIS
+    with pytest.raises(PlanError, match="there is no procedure 'spin'; known are turntable, virtual-coriolis"):
+        procedure("spin")
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_the_papers_procedures_need_the_papers_five_instruments(name: str) -> None:
+    assert [*PROCEDURES[name].needs] == ["power", "rate_source", "multimeter", "oscilloscope", "rate_table"]
+
+
+def test_a_procedure_is_shown_by_its_name() -> None:
+    assert repr(TURNTABLE) == "<Procedure turntable>"
