@@ -1,4 +1,7 @@
-"""What the procedures need of the instruments: small protocols, SI floats, the unit in the name.
+"""What the procedures need of the instruments: small capabilities, SI floats, the unit in the name.
+
+A procedure asks for capabilities by role (``{"multimeter": ReadsVoltage}``); a driver class has one when it has its
+methods. The instruments of the paper's bench are compositions of them.
 
 Every setter raises :class:`~vcfbench.errors.LimitError` or :class:`~vcfbench.errors.InstrumentError` rather than
 clip, and returns only when the instrument's error queue has been read and was empty. Angles and rates
@@ -9,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,17 +21,26 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
 __all__ = [
+    "CapturesWaveforms",
     "FunctionGenerator",
     "Identity",
     "Instrument",
+    "MeasuresWaveforms",
     "Multimeter",
     "Oscilloscope",
     "PowerSupply",
+    "PowersRails",
     "RateTable",
+    "ReadsVoltage",
     "Regulation",
+    "Rotates",
     "SafeReport",
+    "SetsSine",
+    "SetsVoltage",
+    "SwitchesOutput",
     "Told",
     "Waveform",
+    "lacking",
 ]
 
 
@@ -132,8 +144,9 @@ class Instrument(Protocol):
         ...
 
 
-class PowerSupply(Instrument, Protocol):
-    """A supply with named outputs that share one output switch."""
+@runtime_checkable
+class PowersRails(Protocol):
+    """Feeds the rails: named outputs, each regulated and read back, that share one output switch."""
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
         """Set level and current limit of `output`; `voltage_v` carries the sign of the terminal."""
@@ -164,20 +177,9 @@ class PowerSupply(Instrument, Protocol):
         ...
 
 
-class FunctionGenerator(Instrument, Protocol):
-    """A generator whose load is a high impedance."""
-
-    def configure_dc(self, voltage_v: float) -> float:
-        """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
-        ...
-
-    def set_dc(self, voltage_v: float) -> float:
-        """Change the DC level; return the setting read back, V."""
-        ...
-
-    def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
-        """Select a sine into an open circuit, output switch unchanged."""
-        ...
+@runtime_checkable
+class SwitchesOutput(Protocol):
+    """Has an output with a relay; what drives something can be switched off."""
 
     def enable_output(self) -> None:
         """Close the output relay."""
@@ -192,8 +194,31 @@ class FunctionGenerator(Instrument, Protocol):
         ...
 
 
-class Multimeter(Instrument, Protocol):
-    """A voltmeter on one node."""
+@runtime_checkable
+class SetsVoltage(SwitchesOutput, Protocol):
+    """Puts out a DC voltage, into a high impedance."""
+
+    def configure_dc(self, voltage_v: float) -> float:
+        """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
+        ...
+
+    def set_dc(self, voltage_v: float) -> float:
+        """Change the DC level; return the setting read back, V."""
+        ...
+
+
+@runtime_checkable
+class SetsSine(SwitchesOutput, Protocol):
+    """Puts out a sine, into a high impedance."""
+
+    def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
+        """Select a sine into an open circuit, output switch unchanged."""
+        ...
+
+
+@runtime_checkable
+class ReadsVoltage(Protocol):
+    """Reads a DC voltage when it is asked, on one node."""
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
@@ -204,8 +229,9 @@ class Multimeter(Instrument, Protocol):
         ...
 
 
-class Oscilloscope(Instrument, Protocol):
-    """An oscilloscope whose channels see nodes of the PCB."""
+@runtime_checkable
+class CapturesWaveforms(Protocol):
+    """Takes records of channels that see nodes of the PCB."""
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
@@ -223,6 +249,15 @@ class Oscilloscope(Instrument, Protocol):
         """Take one record of `channels` and stop."""
         ...
 
+    def waveform(self, channel: int, points: int = 1000) -> Waveform:
+        """Download the record of `channel`."""
+        ...
+
+
+@runtime_checkable
+class MeasuresWaveforms(CapturesWaveforms, Protocol):
+    """Measures its records by itself."""
+
     def measure_frequency_hz(self, channel: int) -> float:
         """Measure the frequency of the record; raises MeasurementError when there is none."""
         ...
@@ -235,13 +270,10 @@ class Oscilloscope(Instrument, Protocol):
         """Measure the phase of `channel` against `reference`, deg in -180...180."""
         ...
 
-    def waveform(self, channel: int, points: int = 1000) -> Waveform:
-        """Download the record of `channel`."""
-        ...
 
-
-class RateTable(Instrument, Protocol):
-    """A single-axis rate table."""
+@runtime_checkable
+class Rotates(Protocol):
+    """Turns what is mounted on it about one axis."""
 
     def enable(self) -> None:
         """Zero the demand, then close the servo; raises InterlockError when a fault forbids it."""
@@ -274,3 +306,29 @@ class RateTable(Instrument, Protocol):
     def fault(self) -> str | None:
         """Return the latched fault or interlock in words, None when there is none."""
         ...
+
+
+class PowerSupply(Instrument, PowersRails, Protocol):
+    """A supply of the rails."""
+
+
+class FunctionGenerator(Instrument, SetsVoltage, SetsSine, Protocol):
+    """A generator whose load is a high impedance."""
+
+
+class Multimeter(Instrument, ReadsVoltage, Protocol):
+    """A voltmeter."""
+
+
+class Oscilloscope(Instrument, MeasuresWaveforms, Protocol):
+    """An oscilloscope."""
+
+
+class RateTable(Instrument, Rotates, Protocol):
+    """A single-axis rate table."""
+
+
+def lacking(kind: type, capability: type) -> tuple[str, ...]:
+    """Return the names that `capability`, a protocol of this module or of one's own, asks for and `kind` has not."""
+    asked = {name for base in capability.__mro__ for name in vars(base) if not name.startswith("_")}
+    return tuple(sorted(name for name in asked if not hasattr(kind, name)))

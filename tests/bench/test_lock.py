@@ -151,7 +151,7 @@ def test_a_station_locks_its_instruments_whatever_it_is_called_and_a_console_its
     other = structs.replace(real, name="another-name")
     with station(real, None, None), pytest.raises(InUse), station(other, None, None):
         pytest.fail("two have it")
-    with station(real, None, None, role="power"), station(other, None, None, role="multimeter"):
+    with station(real, None, None, roles=["power"]), station(other, None, None, roles=["multimeter"]):
         pass
-    with station(real, None, None, role="power"), pytest.raises(InUse, match="power at"), station(other, None, None):
+    with station(real, None, None, roles=["power"]), pytest.raises(InUse, match="power at"), station(other, None, None):
         pytest.fail("two have it")

@@ -5,24 +5,26 @@ from __future__ import annotations
 import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.file import described
 from vcfbench.bench.holding import Holding, Watch
 from vcfbench.bench.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
-from vcfbench.bench.roles import filled_roles, require_still, safe_action
+from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.bench.station import station
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
     from types import TracebackType
     from typing import Self
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.roles import Role
     from vcfbench.bench.safety import SafetyStack
     from vcfbench.bench.station import Builder, Station
     from vcfbench.clock import Clock
@@ -43,6 +45,7 @@ __all__ = ["Bench", "open_bench"]
 class Bench:
     """The instruments of an open bench by role, each within the bench's limits.
 
+    `instruments` has those that were opened; asking for another is a ConfigError that says what the bench file lacks.
     `clock` is bench time with a safe point at every wait; `identities` says by role who answered; `safe_reports`
     fills when the bench is left: at the end of a ``with``, by :meth:`close`, or when Python ends.
     """
@@ -51,13 +54,45 @@ class Bench:
     clock: Clock
     seed: int | None
     identities: Mapping[str, Identity]
-    power: PowerSupply
-    rate_source: FunctionGenerator
-    multimeter: Multimeter
-    oscilloscope: Oscilloscope
-    rate_table: RateTable
+    instruments: Mapping[str, Any]
     holding: Holding
-    vibration_source: FunctionGenerator | None = None
+
+    @property
+    def power(self) -> PowerSupply:
+        """The supply of the PCB's rails."""
+        return self._instrument("power")  # type: ignore[no-any-return]
+
+    @property
+    def rate_source(self) -> FunctionGenerator:
+        """The generator of V_Vc."""
+        return self._instrument("rate_source")  # type: ignore[no-any-return]
+
+    @property
+    def multimeter(self) -> Multimeter:
+        """The voltmeter of the output."""
+        return self._instrument("multimeter")  # type: ignore[no-any-return]
+
+    @property
+    def oscilloscope(self) -> Oscilloscope:
+        """The oscilloscope on drive and carrier."""
+        return self._instrument("oscilloscope")  # type: ignore[no-any-return]
+
+    @property
+    def rate_table(self) -> RateTable:
+        """The table."""
+        return self._instrument("rate_table")  # type: ignore[no-any-return]
+
+    @property
+    def vibration_source(self) -> FunctionGenerator:
+        """The generator of the virtual vibration."""
+        return self._instrument("vibration_source")  # type: ignore[no-any-return]
+
+    def _instrument(self, role: str) -> Any:
+        """Return the instrument of `role`; ConfigError when the bench has none, or it was not opened."""
+        try:
+            return self.instruments[role]
+        except KeyError:
+            raise absent(role, self.description) from None
 
     @property
     def simulated(self) -> bool:
@@ -111,8 +146,9 @@ def open_bench(
     speed: str | float | None = None,
     signals: StopSignals | None = None,
     build: Builder | None = None,
+    needs: Collection[str] | None = None,
 ) -> Bench:
-    """Open every instrument of the bench; everything is made safe when it is left, however it is left.
+    """Open the instruments of the bench; everything is made safe when it is left, however it is left.
 
     To be used in a ``with``, or left by its `close`; what is still open when Python ends is made safe then.
 
@@ -122,26 +158,30 @@ def open_bench(
     once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe. Who
     watches for them already, before and after, hands over his `signals`. `build` builds what a simulated bench stands
     on, in place of `SimulatedBench.build`: to put something between its instruments and their drivers, or to look
-    behind them.
+    behind them. `needs` are the roles that are needed, all by default: of those that drive nothing the others are left
+    closed, and to whoever else uses them.
 
     Raises:
-        ConfigError: the bench file cannot be used, or a real bench was asked for a speed.
+        ConfigError: the bench file cannot be used, or has no instrument for a role that is needed, or a real bench was
+            asked for a speed.
         BenchError: the bench is in use, or instruments did not open; the message names them all.
         InterlockError: the table was found turning.
         NotSafe: something was found on, or turning, and could not be made safe.
     """
     description = described(bench)
+    roles = needed_roles(description, needs)
     stops = signals or StopSignals()
     holding: Holding | None = None
     with ExitStack() as stack:
         watch = Watch(None if signals else stops)
         stack.callback(watch.end)
         watch.begin()
-        stand = stack.enter_context(station(description, seed, speed, build))
+        stand = stack.enter_context(station(description, seed, speed, build, roles=[each.name for each in roles]))
         holding = Holding(description.name, stand, stops, watch, stack.pop_all())
     try:
-        opened = _open_all(description, stand, holding.safety, stops)
-        require_still(opened.instruments["rate_table"])
+        opened = _open_all(roles, description, stand, holding.safety, stops)
+        if "rate_table" in opened.instruments:
+            require_still(opened.instruments["rate_table"])
         opened_bench = _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, holding)
         watch.end()
     except BaseException as error:
@@ -158,11 +198,13 @@ class _Opened:
     identities: dict[str, Identity] = field(default_factory=dict)
 
 
-def _open_all(description: BenchDescription, stand: Station, safety: SafetyStack, signals: StopSignals) -> _Opened:
-    """Open every role; try them all before giving up, so that all that is wrong is told at once."""
+def _open_all(
+    roles: Sequence[Role], description: BenchDescription, stand: Station, safety: SafetyStack, signals: StopSignals
+) -> _Opened:
+    """Open all of `roles`; try them all before giving up, so that all that is wrong is told at once."""
     opened = _Opened()
     failures: list[BenchError] = []
-    for role in filled_roles(description):
+    for role in roles:
         signals.safe_point()
         try:
             instrument, opened.identities[role.name] = open_role(role.name, description, stand)
@@ -186,18 +228,21 @@ def _all(failures: list[BenchError]) -> BenchError:
 
 
 def _bench(description: BenchDescription, clock: Clock, seed: int | None, opened: _Opened, holding: Holding) -> Bench:
-    checks, instruments = LimitChecks.of(description), opened.instruments
-    vibration = instruments.get("vibration_source")
-    return Bench(
-        description=description,
-        clock=clock,
-        seed=seed,
-        identities=opened.identities,
-        power=LimitedSupply(instruments["power"], checks),
-        rate_source=LimitedGenerator(instruments["rate_source"], checks),
-        multimeter=instruments["multimeter"],
-        oscilloscope=instruments["oscilloscope"],
-        rate_table=LimitedRateTable(instruments["rate_table"], checks),
-        holding=holding,
-        vibration_source=None if vibration is None else LimitedGenerator(vibration, checks),
-    )
+    checks = LimitChecks.of(description)
+    instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
+    return Bench(description, clock, seed, opened.identities, instruments, holding)
+
+
+_LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(
+    {
+        "power": LimitedSupply,
+        "rate_source": LimitedGenerator,
+        "vibration_source": LimitedGenerator,
+        "rate_table": LimitedRateTable,
+    }
+)
+"""What stands before an instrument that drives something, by its role."""
+
+
+def _limited(role: str, instrument: Any, checks: LimitChecks) -> Any:
+    return _LIMITED[role](instrument, checks) if role in _LIMITED else instrument

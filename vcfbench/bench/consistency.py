@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from itertools import chain
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
@@ -12,18 +14,29 @@ from vcfbench.bench.misfit import Misfit
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
-    from vcfbench.bench.description import BenchDescription, Node
+    from vcfbench.bench.description import BenchDescription, LimitKey, Node
 
 __all__ = ["misfits"]
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
+LIMITS_OF: Mapping[str, tuple[LimitKey, ...]] = MappingProxyType(
+    {
+        "rate_table": ("max_rate_deg_s", "max_acceleration_deg_s2"),
+        "rate_source": ("max_v_vc_v",),
+        "vibration_source": ("max_v_vc_v",),
+        "power": ("min_rail_v", "max_rail_v", "max_rail_current_a"),
+    }
+)
+"""The limits that an instrument must have before it may be on a bench, by its role."""
+
 
 def misfits(description: BenchDescription) -> Iterator[Misfit]:
     """Yield every contradiction within `description`."""
     return chain(
+        _roles(description),
         _models(description),
         _rates(description),
         _acceleration(description),
@@ -40,14 +53,25 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
     )
 
 
+def _roles(description: BenchDescription) -> Iterator[Misfit]:
+    """Check that there is an instrument, and that what drives something has its limits."""
+    filled = [role for role in (*ROLES, "rate_table") if getattr(description, role) is not None]
+    if not filled:
+        yield Misfit("power", f"at least one instrument: {', '.join((*ROLES, 'rate_table'))}", None)
+    for role in filled:
+        for key in LIMITS_OF.get(role, ()):
+            if getattr(description.limits, key) is None:
+                yield Misfit(f"limits.{key}", f"a limit for the {role} of this bench", None)
+
+
 def _models(description: BenchDescription) -> Iterator[Misfit]:
     """Check that each role has a model that can fill it, the table a language that somebody speaks."""
     for role in ROLES:
         part = getattr(description, role)
         if part is not None:
             yield from _unfit(role, "model" if part.like is None else "like", part.like or part.model)
-    dialect = description.rate_table.dialect
-    if not dialect.endswith(".toml") and find_language(dialect) is None:
+    dialect = "" if description.rate_table is None else description.rate_table.dialect
+    if dialect and not dialect.endswith(".toml") and find_language(dialect) is None:
         expected = f"a text: one of {', '.join(languages())}, or the name of a profile, FILE.toml"
         yield Misfit("rate_table.dialect", expected, dialect)
 
@@ -61,8 +85,10 @@ def _unfit(role: str, key: str, model: str) -> Iterator[Misfit]:
 
 
 def _rates(description: BenchDescription) -> Iterator[Misfit]:
-    limit = description.limits.max_rate_deg_s
-    allowed = f"a rate of at most {limit:g} deg/s either way (limits.max_rate_deg_s)"
+    limit, allowed = math.inf, "a rate"
+    if description.limits.max_rate_deg_s is not None:
+        limit = description.limits.max_rate_deg_s
+        allowed = f"a rate of at most {limit:g} deg/s either way (limits.max_rate_deg_s)"
     for index, rate in enumerate(description.procedure.rates_deg_s):
         if abs(rate) > limit:
             yield Misfit(f"procedure.rates_deg_s[{index}]", allowed, rate)
@@ -78,7 +104,7 @@ def _rates(description: BenchDescription) -> Iterator[Misfit]:
 def _acceleration(description: BenchDescription) -> Iterator[Misfit]:
     limit = description.limits.max_acceleration_deg_s2
     wanted = description.procedure.acceleration_deg_s2
-    if wanted > limit:
+    if limit is not None and wanted > limit:
         expected = f"at most {limit:g} deg/s^2 (limits.max_acceleration_deg_s2)"
         yield Misfit("procedure.acceleration_deg_s2", expected, wanted)
 
@@ -87,7 +113,7 @@ def _v_vc(description: BenchDescription) -> Iterator[Misfit]:
     """Check that every rate has a V_Vc within the limits: |rate| / |K_Vc| <= max V_Vc."""
     procedure, limit = description.procedure, description.limits.max_v_vc_v
     largest = max(map(abs, procedure.rates_deg_s))
-    if abs(procedure.k_vc_guess_deg_s_per_v) * limit < largest:
+    if limit is not None and abs(procedure.k_vc_guess_deg_s_per_v) * limit < largest:
         expected = f"at least {largest / limit:g}, so that {largest:g} deg/s needs at most {limit:g} V of V_Vc"
         yield Misfit(
             "procedure.k_vc_guess_deg_s_per_v",
@@ -104,19 +130,22 @@ def _v_vc(description: BenchDescription) -> Iterator[Misfit]:
 
 def _rails(description: BenchDescription) -> Iterator[Misfit]:
     limits, procedure = description.limits, description.procedure
-    if limits.min_rail_v >= limits.max_rail_v:
-        yield Misfit("limits.min_rail_v", f"less than limits.max_rail_v = {limits.max_rail_v:g} V", limits.min_rail_v)
+    if limits.max_rail_current_a is not None and procedure.rail_current_limit_a > limits.max_rail_current_a:
+        expected = f"at most {limits.max_rail_current_a:g} A (limits.max_rail_current_a)"
+        yield Misfit("procedure.rail_current_limit_a", expected, procedure.rail_current_limit_a)
+    if limits.min_rail_v is None or limits.max_rail_v is None:
         return
-    window = f"a rail of {limits.min_rail_v:g} to {limits.max_rail_v:g} V either sign (limits)"
+    low, high = limits.min_rail_v, limits.max_rail_v
+    if low >= high:
+        yield Misfit("limits.min_rail_v", f"less than limits.max_rail_v = {high:g} V", low)
+        return
+    window = f"a rail of {low:g} to {high:g} V either sign (limits)"
     for key, voltage in (
         ("positive_rail_v", procedure.positive_rail_v),
         ("negative_rail_v", procedure.negative_rail_v),
     ):
-        if not limits.min_rail_v <= abs(voltage) <= limits.max_rail_v:
+        if not low <= abs(voltage) <= high:
             yield Misfit(f"procedure.{key}", window, voltage)
-    if procedure.rail_current_limit_a > limits.max_rail_current_a:
-        expected = f"at most {limits.max_rail_current_a:g} A (limits.max_rail_current_a)"
-        yield Misfit("procedure.rail_current_limit_a", expected, procedure.rail_current_limit_a)
 
 
 def _wiring(description: BenchDescription) -> Iterator[Misfit]:
@@ -129,7 +158,7 @@ def _wiring(description: BenchDescription) -> Iterator[Misfit]:
         yield Misfit(
             "procedure.positive_rail_v", "at most 6.18 V from output P6V", description.procedure.positive_rail_v
         )
-    for node in DRIVE_CHECK_NODES:
+    for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if description.wiring.oscilloscope.channel_of(node) is None:
             yield Misfit("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)
 
@@ -223,7 +252,7 @@ def _is_this_host(host: str) -> bool:
 def _table(description: BenchDescription) -> Iterator[Misfit]:
     """Check what the table's dialect needs to be told."""
     table = description.rate_table
-    if table.dialect == "zaber" and table.steps_per_deg is None:
+    if table is not None and table.dialect == "zaber" and table.steps_per_deg is None:
         yield Misfit("rate_table.steps_per_deg", "the stage's microsteps per degree", None)
 
 

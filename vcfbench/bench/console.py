@@ -182,7 +182,7 @@ def open_console(
         NotSafe: on leaving, it could not be made safe.
     """
     place = _role(role, description)
-    with StopSignals() as signals, station(description, seed, None, role=role) as stand:
+    with StopSignals() as signals, station(description, seed, None, roles=[role]) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         under_way: BaseException | None = None
         try:

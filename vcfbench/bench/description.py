@@ -1,8 +1,8 @@
 """What a bench is: roles, wiring, limits, site, procedure settings, and what stands in for it when simulated.
 
 A bench file decodes into these frozen structs and nothing else; every range is in the type (`bounds`). What a station
-must decide itself (resources, limits, latitude) has no default. The defaults of the procedure are the paper's:
-+-10 V rails, 17 rates, 1 Hz samples, means of 10.
+must decide itself (resources, limits, latitude) has no default. Every role may be missing, and with it its limits. The
+defaults of the procedure are the paper's: +-10 V rails, 17 rates, 1 Hz samples, means of 10.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     VVcLimit,
     WarmUp,
 )
+from vcfbench.errors import LimitError
 
 __all__ = [
     "Acceptance",
@@ -75,6 +76,9 @@ __all__ = [
 Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
 Window = tuple[float, float]
+LimitKey = Literal[
+    "max_rate_deg_s", "max_acceleration_deg_s2", "max_v_vc_v", "min_rail_v", "max_rail_v", "max_rail_current_a"
+]
 
 NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
 ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
@@ -189,14 +193,24 @@ class Wiring(_Part, frozen=True, kw_only=True):
 
 
 class Limits(_Part, frozen=True, kw_only=True):
-    """What must never be exceeded on this station; checked before anything is sent."""
+    """What must never be exceeded on this station; checked before anything is sent.
 
-    max_rate_deg_s: RateLimit
-    max_acceleration_deg_s2: Acceleration
-    max_v_vc_v: VVcLimit
-    min_rail_v: LeastRail
-    max_rail_v: PositiveRail
-    max_rail_current_a: Current
+    Those of an instrument that the bench has are there; those of one that it has not may be None.
+    """
+
+    max_rate_deg_s: RateLimit | None = None
+    max_acceleration_deg_s2: Acceleration | None = None
+    max_v_vc_v: VVcLimit | None = None
+    min_rail_v: LeastRail | None = None
+    max_rail_v: PositiveRail | None = None
+    max_rail_current_a: Current | None = None
+
+    def of(self, key: LimitKey) -> float:
+        """Return the limit called `key`; LimitError where the station has none, for then nothing is allowed."""
+        limit: float | None = getattr(self, key)
+        if limit is None:
+            raise LimitError(f"the bench has no limit for this, so nothing is allowed (limits.{key})")
+        return limit
 
 
 class Site(_Part, frozen=True, kw_only=True):
@@ -297,19 +311,19 @@ class Served(_Part, frozen=True, kw_only=True):
 
 
 class BenchDescription(_Part, frozen=True, kw_only=True):
-    """One station, as its bench file describes it, defaults filled in."""
+    """One station, as its bench file describes it, defaults filled in; a role that the station has not is None."""
 
     name: Name
     title: Text = "a bench"
     visa_library: Text = "@py"
-    power: PowerRole
-    rate_source: FunctionGeneratorRole
-    multimeter: MultimeterRole
-    oscilloscope: OscilloscopeRole
-    rate_table: RateTableRole
+    power: PowerRole | None = None
+    rate_source: FunctionGeneratorRole | None = None
+    multimeter: MultimeterRole | None = None
+    oscilloscope: OscilloscopeRole | None = None
+    rate_table: RateTableRole | None = None
     vibration_source: FunctionGeneratorRole | None = None
     wiring: Wiring = field(default_factory=Wiring)
-    limits: Limits
+    limits: Limits = field(default_factory=Limits)
     site: Site
     procedure: ProcedureSettings = field(default_factory=ProcedureSettings)
     expected: Expected = field(default_factory=Expected)

@@ -77,7 +77,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 def _beside(description: BenchDescription, path: Path) -> BenchDescription:
     """Return the bench with the profile of its table found from where its bench file is, and read once."""
     table = description.rate_table
-    if not table.dialect.endswith(".toml"):
+    if table is None or not table.dialect.endswith(".toml"):
         return description
     found = msgspec.structs.replace(table, dialect=str(path.parent / table.dialect))
     _check_profile(found.dialect, found.axis, simulated=description.simulation is not None)

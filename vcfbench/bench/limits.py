@@ -47,17 +47,17 @@ class LimitChecks:
 
     def rate(self, rate_deg_s: float) -> None:
         """Check a rate of the table, either way."""
-        _at_most("rate", rate_deg_s, self.limits.max_rate_deg_s, "deg/s")
+        _at_most("rate", rate_deg_s, self.limits.of("max_rate_deg_s"), "deg/s")
 
     def acceleration(self, acceleration_deg_s2: float) -> None:
         """Check an acceleration of the table; a table whose acceleration is 0 could no longer be stopped (ACUTROL)."""
-        _at_most("acceleration", acceleration_deg_s2, self.limits.max_acceleration_deg_s2, "deg/s^2")
+        _at_most("acceleration", acceleration_deg_s2, self.limits.of("max_acceleration_deg_s2"), "deg/s^2")
         if acceleration_deg_s2 <= 0.0:
             raise LimitError(f"acceleration {acceleration_deg_s2:g} deg/s^2 is not above 0 deg/s^2")
 
     def v_vc(self, peak_v: float, what: str = "voltage") -> None:
         """Check a voltage of the generator, either sign, into an open circuit."""
-        _at_most(what, peak_v, self.limits.max_v_vc_v, "V")
+        _at_most(what, peak_v, self.limits.of("max_v_vc_v"), "V")
 
     def rail(self, output: str, voltage_v: float) -> None:
         """Check the level of a supply output: 0 V is always allowed, outputs that feed no rail only that."""
@@ -66,7 +66,7 @@ class LimitChecks:
         polarity = {self.rails.positive: 1.0, self.rails.negative: -1.0}
         if output not in polarity:
             raise LimitError(f"{output} {voltage_v:g} V: the output feeds no rail of the bench")
-        low, high = self.limits.min_rail_v, self.limits.max_rail_v
+        low, high = self.limits.of("min_rail_v"), self.limits.of("max_rail_v")
         if not low <= voltage_v * polarity[output] <= high:
             ends = sorted((low * polarity[output], high * polarity[output]))
             raise LimitError(
@@ -75,7 +75,7 @@ class LimitChecks:
 
     def rail_current(self, output: str, current_a: float) -> None:
         """Check the current limit of a supply output."""
-        _at_most(f"{output} current limit", current_a, self.limits.max_rail_current_a, "A")
+        _at_most(f"{output} current limit", current_a, self.limits.of("max_rail_current_a"), "A")
 
 
 def _at_most(what: str, value: float, limit: float, unit: str) -> None:

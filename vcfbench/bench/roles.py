@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.safety import SafeAction, Stage
-from vcfbench.errors import InterlockError
+from vcfbench.errors import ConfigError, InterlockError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable
 
-__all__ = ["ROLES", "STILL_DEG_S", "Role", "filled_roles", "require_still", "safe_action"]
+__all__ = ["ROLES", "STILL_DEG_S", "Role", "absent", "filled_roles", "needed_roles", "require_still", "safe_action"]
 
 STILL_DEG_S = 0.05
 """A read-back below this is a table at rest: above the flutter of any read-back, below any rate worth the name."""
@@ -34,12 +34,40 @@ def filled_roles(description: BenchDescription) -> list[Role]:
     return [role for role in ROLES if getattr(description, role.name) is not None]
 
 
+def needed_roles(description: BenchDescription, needs: Collection[str] | None) -> list[Role]:
+    """Return the roles to be opened, in that order, where the instruments of `needs` are needed; None is all.
+
+    What drives something is opened whether it is needed or not: it may be on, and must be made safe.
+
+    Raises:
+        ConfigError: the bench has no instrument for a role of `needs`.
+    """
+    filled = filled_roles(description)
+    if needs is None:
+        return filled
+    for name in needs:
+        if name not in {role.name for role in filled}:
+            raise absent(name, description)
+    return [role for role in filled if role.stage is not Stage.REST or role.name in needs]
+
+
+def absent(role: str, description: BenchDescription) -> ConfigError:
+    """Return the error that says that the bench has no instrument for `role`, or that it was not opened."""
+    if getattr(description, role, None) is None:
+        what = f"bench {description.name} has none"
+        return ConfigError(what, instrument=role, hint=f"its bench file needs a table [{role}]")
+    return ConfigError(
+        f"it was not opened, for nothing said that it is needed of bench {description.name}",
+        instrument=role,
+        hint="name it in the `needs` of the procedure, or of open_bench",
+    )
+
+
 def safe_action(role: Role, instrument: Instrument, description: BenchDescription) -> SafeAction:
     """Return how `instrument` is made safe; a table is given time to come down from the highest rate, and to say so."""
-    timeout_s = getattr(description, role.name).timeout_s
-    ramp_s = description.limits.max_rate_deg_s / description.procedure.acceleration_deg_s2
-    deadline_s = 4.0 * timeout_s
+    deadline_s = 4.0 * getattr(description, role.name).timeout_s
     if role.stage is Stage.MOTION:
+        ramp_s = description.limits.of("max_rate_deg_s") / description.procedure.acceleration_deg_s2
         deadline_s += 2.0 * (ramp_s + getattr(instrument, "own_time_s", 0.0))  # drivers of others need not know theirs
     return SafeAction(role.stage, instrument, deadline_s, lambda: role.wrong(instrument))
 

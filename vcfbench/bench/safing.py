@@ -16,7 +16,7 @@ from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
-from vcfbench.bench.station import Station, station
+from vcfbench.bench.station import Station, station, table_port
 from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
 from vcfbench.interfaces import SafeReport
@@ -99,7 +99,7 @@ def _station(description: BenchDescription, stack: ExitStack, *, force: bool) ->
             if isinstance(error, InUse):
                 error.hint = f"end that process, it makes its bench safe; or --force speaks beside it; {error.hint}"
             raise
-    return Station(WallClock(), description.visa_library, description.rate_table.resource)
+    return Station(WallClock(), description.visa_library, table_port(description))
 
 
 def _made_safe(description: BenchDescription, stand: Station) -> MadeSafe:

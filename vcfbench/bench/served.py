@@ -65,13 +65,13 @@ class Led:
     clock: LedClock
     seed: int | None
     """What it was built from."""
-    rate_table: str
-    """The port of its table, for pyserial."""
+    rate_table: str | None
+    """The port of its table, for pyserial; None when it has none."""
 
 
 @contextmanager
-def led_bench(served: Served, rate_table: str) -> Iterator[Led]:
-    """Lead the time of a served bench whose table is at the resource `rate_table`.
+def led_bench(served: Served, rate_table: str | None) -> Iterator[Led]:
+    """Lead the time of a served bench whose table is at the resource `rate_table`; None when it has none.
 
     Raises:
         ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
@@ -85,13 +85,14 @@ def led_bench(served: Served, rate_table: str) -> Iterator[Led]:
         raise ConnectFailed(str(error), hint="start it with vcfbench sim serve") from error
     with control:
         try:
-            wires = control.request("status")["instruments"]["rate_table"]
-            known = rate_table in {wires["tcp"], wires["pty"]}
-            remote, seed = RemoteClock(control, awaits=known), control.request("status")["seed"]
+            status = control.request("status")
+            wires = status["instruments"].get("rate_table", {})
+            known = rate_table if rate_table in {wires.get("tcp"), wires.get("pty")} else None
+            remote, seed = RemoteClock(control, awaits=known == rate_table), status["seed"]
         except ControlError as error:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
         clock = LedClock(remote, served.control)
-        with _led_port(control, clock, rate_table) if known else nullcontext(rate_table) as url:
+        with nullcontext(rate_table) if known is None else _led_port(control, clock, known) as url:
             yield Led(clock, seed, url)
 
 

@@ -68,7 +68,7 @@ def twins(description: BenchDescription) -> dict[str, Any]:
     for role in ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "vibration_source"):
         part = getattr(description, role)
         if part is not None:
-            found[role] = _table_twin(description) if role == "rate_table" else _twin(part.like or part.model)
+            found[role] = _table_twin(part.dialect) if role == "rate_table" else _twin(part.like or part.model)
     return found
 
 
@@ -89,18 +89,17 @@ def _resolved(name: str, reference: Any) -> Any:
         raise ConfigError(f"the simulated {name} ({reference}) cannot be loaded: {error}") from error
 
 
-def _table_twin(description: BenchDescription) -> Any:
+def _table_twin(dialect: str) -> Any:
     """Return the class of the simulated table, the language's or what its profile names; ConfigError if none."""
-    name = table_language(description)
+    name = table_language(dialect)
     row = find_language(name)
     if row is None or row.twin is None:
         raise ConfigError(f"there is no simulated table that speaks {name!r}")
     return _resolved(name, row.twin)
 
 
-def table_language(description: BenchDescription) -> str:
+def table_language(dialect: str) -> str:
     """Return the language that the simulated table speaks: the bench file's, or what its profile names."""
-    dialect = description.rate_table.dialect
     return profile_twin(dialect) if dialect.endswith(".toml") else dialect
 
 
@@ -209,7 +208,8 @@ class SimulatedBench:
             _visa_library().register(handle, self.visa_devices(), self.clock)
         except ValueError as error:
             raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
-        serial_backend.register(handle, self.devices["rate_table"], self.clock)
+        if "rate_table" in self.devices:
+            serial_backend.register(handle, self.devices["rate_table"], self.clock)
 
 
 def _simulation(description: BenchDescription) -> Simulation:

@@ -14,14 +14,14 @@ from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription, Served
     from vcfbench.bench.simulated import SimulatedBench
     from vcfbench.clock import Clock
 
-__all__ = ["Builder", "Station", "checked_pace", "station"]
+__all__ = ["Builder", "Station", "checked_pace", "station", "table_port"]
 
 FASTEST = "max"
 SLOWEST = 0.001
@@ -39,12 +39,13 @@ class Builder(Protocol):
 class Station:
     """A bench before its instruments are opened.
 
-    `patience` is how many seconds of wall time a second of bench time may take; `seed` is None on a real bench.
+    `rate_table` is the port of the table, None on a bench that has none. `patience` is how many seconds of wall time a
+    second of bench time may take; `seed` is None on a real bench.
     """
 
     clock: Clock
     visa_library: str
-    rate_table: str
+    rate_table: str | None
     seed: int | None = None
     patience: float = 1.0
 
@@ -55,11 +56,11 @@ def station(
     speed: str | float | None,
     build: Builder | None = None,
     *,
-    role: str | None = None,
+    roles: Collection[str] | None = None,
 ) -> AbstractContextManager[Station]:
     """Return the context in which the bench's instruments can be opened; `build` as of `open_bench`.
 
-    The instruments are locked for it, of a real bench and of a served one: all, or that of `role` alone.
+    The instruments are locked for it, of a real bench and of a served one: all, or those of `roles`.
 
     Raises:
         ConfigError: `speed` is no speed, or is asked of a bench that has its own.
@@ -67,24 +68,29 @@ def station(
     """
     pace = checked_pace(description, speed)
     if description.served is not None:
-        return _served(description, description.served, role)
-    return _real(description, role) if description.simulation is None else _simulated(description, seed, pace, build)
+        return _served(description, description.served, roles)
+    return _real(description, roles) if description.simulation is None else _simulated(description, seed, pace, build)
 
 
-def _locks(description: BenchDescription, role: str | None) -> AbstractContextManager[None]:
-    roles = [each.name for each in filled_roles(description)] if role is None else [role]
-    return instrument_locks(description.name, {each: getattr(description, each).resource for each in roles})
-
-
-@contextmanager
-def _real(description: BenchDescription, role: str | None) -> Iterator[Station]:
-    with _locks(description, role):
-        yield Station(WallClock(), description.visa_library, description.rate_table.resource)
+def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[None]:
+    locked = [each.name for each in filled_roles(description)] if roles is None else roles
+    return instrument_locks(description.name, {each: getattr(description, each).resource for each in locked})
 
 
 @contextmanager
-def _served(description: BenchDescription, served: Served, role: str | None) -> Iterator[Station]:
-    with _locks(description, role), led_bench(served, description.rate_table.resource) as led:
+def _real(description: BenchDescription, roles: Collection[str] | None) -> Iterator[Station]:
+    with _locks(description, roles):
+        yield Station(WallClock(), description.visa_library, table_port(description))
+
+
+def table_port(description: BenchDescription) -> str | None:
+    """Return where the bench file has the rate table, None when there is none."""
+    return None if description.rate_table is None else description.rate_table.resource
+
+
+@contextmanager
+def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[Station]:
+    with _locks(description, roles), led_bench(served, table_port(description)) as led:
         yield Station(led.clock, description.visa_library, led.rate_table, led.seed)
 
 
@@ -99,7 +105,8 @@ def _simulated(
     bench = (build or SimulatedBench.build)(description, used, clock)
     with bench.registered() as handle:
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
-        yield Station(bench.clock, f"{handle}@vcfbench", f"sim://{handle}", used, patience)
+        port = None if description.rate_table is None else f"sim://{handle}"
+        yield Station(bench.clock, f"{handle}@vcfbench", port, used, patience)
 
 
 def checked_pace(description: BenchDescription, speed: str | float | None) -> float | None:

@@ -197,6 +197,8 @@ def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> Cal
 def _meter_resolution_v(description: BenchDescription) -> float:
     """Return the resolution of one reading of the bench's meter, V, after its data sheet."""
     part, told = description.multimeter, description.procedure
+    if part is None:
+        raise ConfigError("the bench has no multimeter", instrument="multimeter")
     row = find_model(part.like or part.model)
     if row is None or row.specifications is None:
         raise ConfigError(

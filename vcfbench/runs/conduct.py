@@ -264,7 +264,7 @@ class _Record:
             "options": msgspec.to_builtins(course.asked.options, enc_hook=str),
             "settings": asdict(self.prepared.settings),
             "bench": msgspec.to_builtins(description),
-            **_profile_of(description.rate_table.dialect),
+            **_profile_of(description),
         }
 
     def close(self, display_lost: str | None) -> None:
@@ -343,8 +343,9 @@ class _Record:
         write_text(done.directory / "points.csv", points_csv(done.points))
 
 
-def _profile_of(dialect: str) -> dict[str, str]:
+def _profile_of(description: BenchDescription) -> dict[str, str]:
     """Return the text of the table's profile, if it is a file of one's own: its path alone says little later on."""
+    dialect = "" if description.rate_table is None else description.rate_table.dialect
     if not dialect.endswith(".toml"):
         return {}
     from vcfbench.drivers.rate_table.profile import profile_text  # noqa: PLC0415

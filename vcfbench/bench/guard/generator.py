@@ -101,7 +101,7 @@ class _State:
 
 def generator_rules(description: BenchDescription) -> GeneratorRules:
     """Return the rules of a generator of the bench."""
-    return GeneratorRules(description.limits.max_v_vc_v)
+    return GeneratorRules(description.limits.of("max_v_vc_v"))
 
 
 class GeneratorRules:

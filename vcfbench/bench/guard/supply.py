@@ -180,7 +180,7 @@ class SupplyRules:
             return
         if name not in self._polarity:
             raise Beyond(f"{name} {volts:g} V: the output feeds no rail of the bench")
-        low, high = self._limits.min_rail_v, self._limits.max_rail_v
+        low, high = self._limits.of("min_rail_v"), self._limits.of("max_rail_v")
         if not low <= volts * self._polarity[name] <= high:
             raise Beyond(f"{name} {volts:g} V is outside the bench's rail window of {low:g} to {high:g} V, either sign")
 
@@ -189,7 +189,7 @@ class SupplyRules:
         state.amps[name] = amps
 
     def _require_limit(self, name: str, amps: float) -> None:
-        at_most(f"{name} current limit", amps, self._limits.max_rail_current_a, "A")
+        at_most(f"{name} current limit", amps, self._limits.of("max_rail_current_a"), "A")
 
     def _require_ready(self, state: _State) -> None:
         """Check everything that is set: the outputs are on."""

@@ -120,7 +120,7 @@ class AclRules:
         self._require_ready(state)
 
     def _limit_rate(self, _state: _State, part: Part) -> None:
-        at_most("rate limit", self._limited(part), self._limits.max_rate_deg_s, "deg/s")
+        at_most("rate limit", self._limited(part), self._limits.of("max_rate_deg_s"), "deg/s")
 
     def _limit_acceleration(self, state: _State, part: Part) -> None:
         value = self._limited(part)
@@ -133,7 +133,7 @@ class AclRules:
             raise Beyond("a table whose jerk is 0 could not be stopped")
 
     def _limit_trip(self, _state: _State, part: Part) -> None:
-        at_most("over-rate trip", self._limited(part), _TRIP_MARGIN * self._limits.max_rate_deg_s, "deg/s")
+        at_most("over-rate trip", self._limited(part), _TRIP_MARGIN * self._limits.of("max_rate_deg_s"), "deg/s")
 
     def _limited(self, part: Part) -> float:
         """Return the value of ``mode,axis,value``."""
@@ -146,11 +146,11 @@ class AclRules:
             raise Beyond(f"axis {axis} is not the bench's, which is {self._axis}")
 
     def _require_ready(self, state: _State) -> None:
-        at_most("rate", state.rate_deg_s, self._limits.max_rate_deg_s, "deg/s")
+        at_most("rate", state.rate_deg_s, self._limits.of("max_rate_deg_s"), "deg/s")
         self._require_acceleration(state.acceleration_deg_s2)
 
     def _require_acceleration(self, value: float) -> None:
-        at_most("acceleration limit of the table", value, self._limits.max_acceleration_deg_s2, "deg/s^2")
+        at_most("acceleration limit of the table", value, self._limits.of("max_acceleration_deg_s2"), "deg/s^2")
         if not value > 0.0:  # ACL manual: it inhibits every change of rate, stopping included
             raise Beyond("a table whose acceleration is 0 could not be stopped")
 
