@@ -8,11 +8,13 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 from typer.testing import CliRunner
 
 from tests import warm
 from tests.ports import free_port
 from vcfbench.bench.file import embedded_text, load_bench
+from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.clock import WallClock, sleep
 from vcfbench.sim.serve import Control
@@ -60,6 +62,13 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
             yield Bench(written, control)
 
 
+def impatient(bench: Bench, role: str) -> None:
+    """Let the run wait shortly for the answers of an instrument."""
+    described = load_bench(bench.path)
+    described = structs.replace(described, **{role: structs.replace(getattr(described, role), timeout_s=0.5)})
+    bench.path.write_text(bench_text(described), encoding="utf-8")
+
+
 def on_its_own_clock(bench: Bench) -> None:
     """Let the run take the bench for a real one."""
     bench.path.write_text(bench.path.read_text(encoding="utf-8").split("\n[served]")[0], encoding="utf-8")
@@ -86,6 +95,7 @@ def test_three_signals_of_a_nervous_hand_leave_nothing_on(bench: Bench, tmp_path
 def test_an_instrument_that_hears_but_is_not_heard_is_at_rest_and_off(bench: Bench, tmp_path: Path, role: str) -> None:
     """Its answers are lost once the table turns; whatever is proved, nothing may go on."""
     at_s = 20.0
+    impatient(bench, role)
     bench.control.request("fault", instrument=role, kind="silent", at_s=at_s)
     done = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--runs", str(tmp_path), "--bench", str(bench.path)])
     assert done.exit_code == 5, done.output

@@ -32,7 +32,7 @@ rates_deg_s = [40, 20, -40]
 match_rate_deg_s = 20
 acceleration_deg_s2 = 200
 settle_s = 0.1
-sample_interval_s = 1.5
+sample_interval_s = 1
 samples = 2
 nplc = 1
 [procedure.drive]"""

@@ -173,14 +173,15 @@ def queued(bench: Bench, message: str) -> list[int]:
 
 
 @pytest.mark.parametrize("model", walk.MODELS)
-@pytest.mark.parametrize(("message", "number"), EVERYWHERE, ids=lambda each: repr(each)[:32])
-def test_every_error_at_its_occasion(model: str, message: str, number: int) -> None:
-    assert queued(walk.bench(model), message.format(**messages(model))) == [number]
+def test_every_error_at_its_occasion(model: str) -> None:
+    words = messages(model)
+    told = [(message, queued(walk.bench(model), message.format(**words)), [number]) for message, number in EVERYWHERE]
+    assert [case for case in told if case[1] != case[2]] == []
 
 
-@pytest.mark.parametrize(("model", "message", "number"), ONE_MODEL)
-def test_errors_that_one_model_has(model: str, message: str, number: int) -> None:
-    assert queued(walk.bench(model), message) == [number]
+def test_errors_that_one_model_has() -> None:
+    told = [(model, message, queued(walk.bench(model), message), [number]) for model, message, number in ONE_MODEL]
+    assert [case for case in told if case[2] != case[3]] == []
 
 
 @pytest.mark.parametrize("model", walk.MODELS)

@@ -11,7 +11,7 @@ from tests.conformance import walk
 from tests.conformance.walk import Bench, Command, matches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 HP_ERA = {"e3631a", "hp34401a"}
 """The pair whose manuals were read whole: what they say of every parameter is held to the number."""
@@ -22,15 +22,34 @@ def instrument(model: str) -> Bench:
     return walk.bench(model)
 
 
-def cases(wanted: Callable[[Command], Any]) -> pytest.MarkDecorator:
-    """Parametrize over the entries of every model for which `wanted` holds."""
-    found = [
-        pytest.param(model, command, id=f"{model}: {name}")
-        for model in walk.MODELS
-        for name, command in walk.commands(model)
-        if wanted(command)
-    ]
-    return pytest.mark.parametrize(("model", "command"), found)
+def cases(wanted: Callable[[Command], Any]) -> Callable[[Callable[[str, Command], None]], Callable[[str], None]]:
+    """Make a check of one entry a test of a model: it walks all entries that are `wanted` and names what is wrong."""
+
+    def walked(check: Callable[[str, Command], None]) -> Callable[[str], None]:
+        found = {model: [case for case in walk.commands(model) if wanted(case[1])] for model in walk.MODELS}
+
+        @pytest.mark.parametrize("model", [model for model, entries in found.items() if entries])
+        def test(model: str) -> None:
+            tell(wrong(name, check, model, command) for name, command in found[model])
+
+        return test
+
+    return walked
+
+
+def wrong(name: str, check: Callable[..., None], *arguments: Any) -> str | None:
+    """Return what is wrong with one case, None if nothing is."""
+    try:
+        check(*arguments)
+    except Exception as error:  # noqa: BLE001 - the other cases are looked at all the same
+        return f"{name}: {type(error).__name__}: {error}"
+    return None
+
+
+def tell(cases: Iterable[str | None]) -> None:
+    """Fail with everything that is wrong, one case a line."""
+    mistakes = [case for case in cases if case is not None]
+    assert not mistakes, "\n".join(mistakes)
 
 
 def begun(model: str, command: Command) -> Bench:
@@ -181,17 +200,16 @@ def test_queries_are_refused(model: str, command: Command) -> None:
         assert seen == number, f"{message}: {seen}, not {number}"
 
 
-def _absent() -> list[Any]:
-    return [
-        pytest.param(model, message, entry["number"], id=f"{model}: {message} [{entry['grade']}]")
-        for model in walk.MODELS
+@pytest.mark.parametrize("model", [model for model in walk.MODELS if walk.load(model)["absent"]])
+def test_what_a_model_has_not_is_refused(model: str) -> None:
+    tell(
+        wrong(f"{message} [{entry['grade']}]", refused, model, message, entry["number"])
         for entry in walk.load(model)["absent"]
         for message in entry["messages"]
-    ]
+    )
 
 
-@pytest.mark.parametrize(("model", "message", "numbers"), _absent())
-def test_what_a_model_has_not_is_refused(model: str, message: str, numbers: list[int]) -> None:
+def refused(model: str, message: str, numbers: list[int]) -> None:
     bench = begun(model, Command("", ""))
     bench.write(message)
     number = bench.error()
