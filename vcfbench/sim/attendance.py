@@ -61,8 +61,9 @@ class AttendedClock:
             return instant_s
         due = instant_s
         with self.held:
+            now = self.now()
             for device in self._devices:
                 wake = device.wake_at()
-                if wake is not None and self.now() < wake < due:
+                if wake is not None and now < wake < due:
                     due = wake
         return due

@@ -137,6 +137,8 @@ class TableMotion:
         self._clock = clock
         self._mechanics = mechanics
         self._before_change = before_change
+        self.commands = 0
+        """How many commands it has had: what follows from its profile holds until there is another."""
         self._servo_closed = False
         self._complete_s = -math.inf
         self._goal_deg_s = 0.0
@@ -266,6 +268,7 @@ class TableMotion:
 
     def _remember(self, now_s: float) -> None:
         """Keep what a new command is about to replace, for those who look back."""
+        self.commands += 1
         self._past = [each for each in (*self._past, *self._segments) if now_s - MEMORY_S < each.stop_s]
         self._past = [each for each in self._past if each.start_s < now_s]
 

@@ -19,10 +19,12 @@ class IdealMotion:
         self.clock = clock
         self.friction_deg_s2 = friction_deg_s2
         self.servo_closed = False
+        self.commands = 0
         self._t0 = self._angle0 = self._rate0 = self._target = 0.0
         self._acceleration = friction_deg_s2
 
     def _restart(self, target: float, acceleration: float) -> None:
+        self.commands += 1
         self._angle0, self._rate0, self._t0 = self.angle_deg(), self.rate_deg_s(), self.clock.now()
         self._target, self._acceleration = target, acceleration
 

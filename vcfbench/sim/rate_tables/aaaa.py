@@ -37,7 +37,7 @@ class AaaaTable(Interlocked, FrameDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
-        super().__init__(world.clock, _TIMING, header=_HEADER, length=21)
+        super().__init__(world, _TIMING, header=_HEADER, length=21)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, travel_deg=_TRAVEL_DEG)
         self._slot = axis - 1
         self._stream = StatusStream(world.clock, _PERIOD_S)

@@ -40,7 +40,7 @@ class AtlTable(Interlocked, LineDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, prompt_after_motion: bool = True) -> None:
-        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=80)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=80)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
         self._prompt_after_motion = prompt_after_motion
         self._commands: dict[str, Callable[[float | None], str]] = {

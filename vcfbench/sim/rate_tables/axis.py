@@ -42,6 +42,11 @@ class Motion(Protocol):
     """True motion of the table, as the World offers it."""
 
     @property
+    def commands(self) -> int:
+        """How many commands it has had: what follows from its profile holds until there is another."""
+        ...
+
+    @property
     def servo_closed(self) -> bool:
         """Tell whether the servo holds the table."""
         ...

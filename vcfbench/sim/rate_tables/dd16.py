@@ -35,7 +35,7 @@ class Dd16Table(Interlocked, FrameDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
-        super().__init__(world.clock, _TIMING, header=b"\xdd", length=16)
+        super().__init__(world, _TIMING, header=b"\xdd", length=16)
         self._world = world
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
         self._number = axis

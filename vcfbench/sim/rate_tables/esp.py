@@ -63,7 +63,7 @@ class EspTable(Interlocked, LineDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors) -> None:
-        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=80)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=80)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
         self._deceleration_deg_s2 = 100.0
         self._velocity_deg_s = 20.0

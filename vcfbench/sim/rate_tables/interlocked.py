@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -21,14 +22,17 @@ class Interlocked:
 
     _axis: ServoAxis
     _told: tuple[str, ...] = ()
+    _quiet_until_s: float
 
     def set_interlock(self, cause: str, *, faulty: bool) -> None:
         """Break or restore an interlock, one of `INTERLOCKS`; a broken one drops the drive at once."""
+        self._quiet_until_s = -math.inf
         self._axis.set_interlock(cause, faulty=faulty)
         self._watch()
 
     def jam(self, *, held: bool) -> None:
         """Hold the axis from outside, or let it go."""
+        self._quiet_until_s = -math.inf
         self._axis.jam(held=held)
         self._watch()
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vcfbench.clock import Clock
+    from vcfbench.sim.rate_tables.axis import TableWorld
 
 __all__ = ["LineDevice", "SerialTiming"]
 
@@ -35,8 +36,13 @@ class LineDevice:
     time of the exchange. Replies keep their order.
     """
 
-    def __init__(self, clock: Clock, timing: SerialTiming, *, terminators: bytes, longest: int) -> None:
-        self._clock = clock
+    _quiet_until_s = -math.inf
+    """Up to when nothing happens by itself, unless the device or its table is told something."""
+
+    def __init__(self, world: TableWorld, timing: SerialTiming, *, terminators: bytes, longest: int) -> None:
+        self._clock = world.clock
+        self._table = world.table
+        self._commands_known = 0
         self._timing = timing
         self._terminators = terminators
         self._longest = longest
@@ -51,6 +57,7 @@ class LineDevice:
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; `end` terminates a message like its terminator."""
+        self._quiet_until_s = -math.inf
         self._advance()
         for byte in data:
             if byte in self._terminators:
@@ -62,7 +69,8 @@ class LineDevice:
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return at most `limit` bytes of the replies that are complete by now, and whether a reply ends there."""
-        self._advance()
+        if not self._quiet:
+            self._advance()
         if not self._output or self._output[0][0] > self._clock.now():
             return b"", False
         reply = self._output[0][1]
@@ -77,12 +85,20 @@ class LineDevice:
 
         A reply that is complete and not read yet must not hide what happens later.
         """
-        self._advance()
-        now = self._clock.now()
-        coming = [*self._own_events_s(), *(ready for ready, _ in self._output if ready > now)]
-        if coming:
-            return min(coming)
+        if not self._quiet:
+            self._advance()
+            self._quiet_until_s = min(self._own_events_s(), default=math.inf)
+            self._commands_known = self._table.commands
+        now, own_s = self._clock.now(), self._quiet_until_s
+        coming_s = min((ready for ready, _ in self._output if ready > now), default=math.inf)
+        if (next_s := min(own_s, coming_s)) < math.inf:
+            return next_s
         return self._output[0][0] if self._output else None
+
+    @property
+    def _quiet(self) -> bool:
+        """Whether nothing can have happened since it was last looked at."""
+        return self._clock.now() < self._quiet_until_s and self._table.commands == self._commands_known
 
     @property
     def answering(self) -> bool:
@@ -125,7 +141,7 @@ class LineDevice:
         self._output.append((max(now, started) + self._timing.exchange_s(received + 1, len(reply)), bytearray(reply)))
 
     def _advance(self) -> None:
-        """Bring what happens by itself up to now."""
+        """Bring what happens by itself up to now; whoever changes something from outside forgets the quiet first."""
 
     def _own_events_s(self) -> tuple[float, ...]:
         """Return the future instants at which :meth:`_advance` will have something to do, as far as known."""

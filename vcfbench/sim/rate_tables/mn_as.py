@@ -41,7 +41,7 @@ class MnAsTable(Interlocked, LineDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
-        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=160)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=160)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
         self._slot = axis - 1
         self._remote = False

@@ -56,7 +56,7 @@ class RuyaTable(Interlocked, LineDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
-        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=64)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=64)
         self._world = world
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=10.0)
         self._start = f"${axis}"

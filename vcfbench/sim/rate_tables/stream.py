@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.rate_tables.axis import TableWorld
 
 __all__ = ["FrameDevice", "StatusStream"]
 
@@ -21,8 +22,8 @@ class FrameDevice(LineDevice):
     A damaged frame costs one byte: the search for a header goes on behind it.
     """
 
-    def __init__(self, clock: Clock, timing: SerialTiming, *, header: bytes, length: int) -> None:
-        super().__init__(clock, timing, terminators=b"", longest=length)
+    def __init__(self, world: TableWorld, timing: SerialTiming, *, header: bytes, length: int) -> None:
+        super().__init__(world, timing, terminators=b"", longest=length)
         self._header = header
         self._length = length
 

@@ -84,7 +84,7 @@ class ZaberTable(Interlocked, LineDevice):
     errors_class: ClassVar = StepperErrors
 
     def __init__(self, world: TableWorld, errors: StepperErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
-        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=256)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=256)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, pull_out_deg_s=errors.pull_out_deg_s)
         if errors.step_error_arcsec:
             steps_per_turn = round(microsteps_per_deg * 360.0 / _MICROSTEPS)

@@ -252,6 +252,8 @@ class ScpiEngine:
         if self._pending is not None or self._queue or self._announce_completion or self.status.sre:
             self._advance()
         own = self.model.next_event_s()
+        if self._pending is None and not self._announce_completion:
+            return own
         ready = None if self._pending is None else self._pending.ready_at()
         if self._announce_completion and (end := self._operations_end()) is not None:
             ready = end if ready is None else min(ready, end)

@@ -175,8 +175,9 @@ class Output:
 
     def _working_point(self, level_v: float, limit: float) -> _Regulated:
         """Return where an open-circuit level comes to rest with the present load."""
-        if self._load_a(level_v) <= limit:
-            return _Regulated(*self._constant_voltage(level_v), limited=False)
+        current = self._load_a(level_v)
+        if current <= limit:
+            return _Regulated(level_v - self._sagged(level_v, current), current, limited=False)
         voltage, current = self._at_limit(level_v, limit)
         return _Regulated(voltage - self._sagged(voltage, current), current, limited=True)
 

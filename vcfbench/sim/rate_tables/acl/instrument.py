@@ -8,6 +8,7 @@ coding of the mode bits, and what a faulty command answers.
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -58,7 +59,7 @@ class AclTable(LineDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, header: Header = "none") -> None:
-        super().__init__(world.clock, _TIMING, terminators=b"\r\n", longest=MAX_MESSAGE_CHARS)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=MAX_MESSAGE_CHARS)
         self._header = header
         self._panel, self._status = FrontPanel(), Status()
         self._demand, self._limits = Demand(), Limits()
@@ -105,11 +106,13 @@ class AclTable(LineDevice):
         Raises:
             ValueError: there is none of that name.
         """
+        self._quiet_until_s = -math.inf
         self._protection.set_interlock(cause, faulty=faulty)
         self._advance()
 
     def jam(self, *, held: bool) -> None:
         """Hold the axis from outside, or let it go: the tracking error trips while it should turn."""
+        self._quiet_until_s = -math.inf
         self._protection.jammed = held
         self._advance()
 

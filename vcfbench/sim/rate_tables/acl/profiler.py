@@ -148,7 +148,7 @@ class Profiler:
 
     def _end_due_s(self) -> float | None:
         """Return when a rate run must begin to brake before an end of travel, if there is one."""
-        rate = self._motion.profile_rate_deg_s() if self._motion.servo_closed else 0.0
+        rate = self._motion.profile_rate_deg_s() or self._motion.goal_deg_s() if self._motion.servo_closed else 0.0
         if not rate or math.isinf(left_deg := self._left_deg(rate)):
             return None
         fastest = max(abs(rate), abs(self.goal_deg_s()))

@@ -1,0 +1,85 @@
+"""What a table that nobody speaks to is asked: when it next does something by itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.sim.rate_tables.real import RealWorld
+from vcfbench.clock import sleep
+from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
+from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TURN = {
+    "acl": (b":Demand:Rate 1,50;:Mode:Rate 1\n", b":Interlock:Close 1\n"),
+    "zaber": (b"/1 driver enable\n", b"/1 move vel 50000\n"),
+}
+
+
+def _acl(world: RealWorld) -> AclTable:
+    return AclTable(world, TableErrors.none())
+
+
+def _zaber(world: RealWorld) -> ZaberTable:
+    return ZaberTable(world, StepperErrors.none())
+
+
+@pytest.fixture(params=[_acl, _zaber])
+def turning(request: pytest.FixtureRequest) -> tuple[RealWorld, Any, list[float]]:
+    """Return a world, its table under way, and the instants at which that has been worked out since."""
+    make: Callable[[RealWorld], Any] = request.param
+    world = RealWorld()
+    table = make(world)
+    for message in TURN[make.__name__.removeprefix("_")]:
+        table.write(message)
+        sleep(world.clock, 0.5)
+        table.read(1000)
+    sleep(world.clock, 30.0)
+    worked_out = list[float]()
+    advance = table._advance
+    table._advance = lambda: (worked_out.append(world.clock.now()), advance())
+    table.wake_at()
+    worked_out.clear()
+    return world, table, worked_out
+
+
+def test_a_table_that_is_left_alone_is_not_worked_out_again(turning: tuple[RealWorld, Any, list[float]]) -> None:
+    world, table, worked_out = turning
+    assert abs(world.table.rate_deg_s()) > 1.0
+    before = table.wake_at()
+    for _ in range(100):
+        sleep(world.clock, 0.1)
+        assert table.wake_at() == before
+    assert worked_out == []
+
+
+def test_a_command_from_elsewhere_is_noticed(turning: tuple[RealWorld, Any, list[float]]) -> None:
+    world, table, worked_out = turning
+    world.table.demand_rate(1e5, 1e6)
+    sleep(world.clock, 0.2)
+    table.wake_at()
+    assert worked_out, "beyond its over-rate trip it must shut down"
+    sleep(world.clock, 1.0)
+    table.wake_at()
+    assert not world.table.servo_closed or world.table.goal_deg_s() == 0.0
+
+
+def test_a_hand_on_the_table_is_noticed(turning: tuple[RealWorld, Any, list[float]]) -> None:
+    world, table, worked_out = turning
+    table.jam(held=True)
+    table.wake_at()
+    assert worked_out
+    sleep(world.clock, 5.0)
+    assert world.table.goal_deg_s() == 0.0
+
+
+def test_an_interlock_is_noticed(turning: tuple[RealWorld, Any, list[float]]) -> None:
+    world, table, worked_out = turning
+    table.set_interlock("door", faulty=True)
+    table.wake_at()
+    assert worked_out
+    assert not world.table.servo_closed
