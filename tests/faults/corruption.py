@@ -15,12 +15,14 @@ from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.executor import Executor
+from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
 from vcfbench.procedures.settings import settings_of
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
+    from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
     from vcfbench.sim.world import World
@@ -81,7 +83,7 @@ class Came:
     """How a run ended: its error, or its results; what the instruments had said; what was not safe."""
 
     error: str | None
-    results: dict[str, Any] | None
+    results: TurntableResult | VirtualCoriolisResult | None
     replies: Mapping[str, list[bytes]]
 
     def readings(self) -> list[bytes]:
@@ -92,14 +94,18 @@ class Came:
     def numbers(self) -> dict[str, tuple[float, float]]:
         """Return each result that counts with its standard uncertainty, none of a run that did not end well."""
         found: dict[str, tuple[float, float]] = {}
-        if self.results is None:
-            return found
-        if "k_vc" in self.results:
-            found["k_vc"] = (self.results["k_vc"]["value"], self.results["k_vc"]["u"])
-        columns = {name: self.results[name] for name in ("turntable", "virtual") if name in self.results}
-        for name, column in (columns or {"column": self.results}).items():
-            for key in ("scale_factor", "bias"):
-                found[f"{name} {key}"] = (column[key]["value"], column[key]["u"])
+        columns: dict[str, CalibrationColumn] = {}
+        match self.results:
+            case VirtualCoriolisResult() as four_steps:
+                found["k_vc"] = (four_steps.k_vc.value, four_steps.k_vc.u)
+                columns = {"turntable": four_steps.turntable, "virtual": four_steps.virtual}
+            case TurntableResult() as one:
+                columns = {"column": one}
+            case None:
+                return found
+        for name, column in columns.items():
+            for key, quantity in (("scale_factor", column.scale_factor), ("bias", column.bias)):
+                found[f"{name} {key}"] = (quantity.value, quantity.u)
         return found
 
 

@@ -92,10 +92,10 @@ def test_virtual_coriolis_finds_k_vc_and_the_same_scale_factor() -> None:
     procedure = PROCEDURES["virtual-coriolis"]
     execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
     results = procedure.results(settings, execution.points)
-    assert results["k_vc"]["value"] == pytest.approx(40.0, rel=1e-9)
-    assert results["v_vc10_v"] == pytest.approx(0.25, rel=1e-9)
-    assert abs(results["scale_factor_error_percent"]) < 1e-9
-    assert results["virtual"]["bias"]["value"] - results["turntable"]["bias"]["value"] == pytest.approx(0.0517)
+    assert results.k_vc.value == pytest.approx(40.0, rel=1e-9)
+    assert results.v_vc10_v == pytest.approx(0.25, rel=1e-9)
+    assert abs(results.scale_factor_error_percent) < 1e-9
+    assert results.virtual.bias.value - results.turntable.bias.value == pytest.approx(0.0517)
     steps = [point.step for point in execution.points]
     assert [steps.count(step) for step in (1, 2, 3, 4)] == [8, 9, 17, 17]
     assert steps == sorted(steps)
@@ -107,8 +107,8 @@ def test_match_absolute_shows_the_trap() -> None:
     procedure = PROCEDURES["virtual-coriolis"]
     execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
     results = procedure.results(settings, execution.points)
-    assert results["scale_factor_error_percent"] == pytest.approx(100.0 * 0.0517 / 0.125, rel=1e-4)
-    assert results["match"] == "absolute"
+    assert results.scale_factor_error_percent == pytest.approx(100.0 * 0.0517 / 0.125, rel=1e-4)
+    assert results.match is Match.ABSOLUTE
 
 
 def test_error_is_bounded_by_its_own_uncertainty() -> None:
@@ -120,7 +120,7 @@ def test_error_is_bounded_by_its_own_uncertainty() -> None:
         gyro = Gyro(noise_v=1e-4, rng=np.random.default_rng(seed))
         execution = Executor(FakeBench(gyro), MemoryJournal()).execute(procedure.plan(settings))
         results = procedure.results(settings, execution.points)
-        beyond += abs(results["scale_factor_error_percent"]) > 2.0 * results["scale_factor_error_u_percent"]
+        beyond += abs(results.scale_factor_error_percent) > 2.0 * results.scale_factor_error_u_percent
     assert beyond < 12
 
 
@@ -129,7 +129,7 @@ def test_uncertainty_has_the_meters_resolution_where_there_is_no_noise() -> None
     procedure = PROCEDURES["virtual-coriolis"]
     execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
     results = procedure.results(settings, execution.points)
-    assert results["u_output_v"] == pytest.approx(10e-6 / math.sqrt(12.0), rel=1e-6)
+    assert results.u_output_v == pytest.approx(10e-6 / math.sqrt(12.0), rel=1e-6)
 
 
 def _overload(bench: FakeBench) -> None:

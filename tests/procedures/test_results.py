@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import pickle
+from dataclasses import FrozenInstanceError, fields
 
 import numpy as np
 import pytest
 
+from vcfbench.analysis.column import Nonlinearity
+from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.results import (
     GENERATOR_ACCURACY,
@@ -18,6 +22,7 @@ from vcfbench.procedures.results import (
     virtual_coriolis_results,
 )
 from vcfbench.procedures.settings import Match
+from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point
 from vcfbench.sim.instruments.agilent33220a import GeneratorErrors
 
@@ -70,14 +75,11 @@ def test_stated_uncertainties_are_not_below_the_scatter_of_200_runs(
         points = calibration(rng, noise_v=noise_v, wander_v=wander_v, level=level)
         results.append(virtual_coriolis_results(points, Match.ZERO, 10.0, 0.0))
     for value, u in (
-        ([r["k_vc"]["value"] for r in results], [r["k_vc"]["u"] for r in results]),
+        ([r.k_vc.value for r in results], [r.k_vc.u for r in results]),
+        ([r.scale_factor_error_percent for r in results], [r.scale_factor_error_u_percent for r in results]),
         (
-            [r["scale_factor_error_percent"] for r in results],
-            [r["scale_factor_error_u_percent"] for r in results],
-        ),
-        (
-            [r["turntable"]["scale_factor"]["value"] for r in results],
-            [r["turntable"]["type_a"]["u_scale_factor"] for r in results],
+            [r.turntable.scale_factor.value for r in results],
+            [r.turntable.type_a.u_scale_factor for r in results if r.turntable.type_a is not None],
         ),
     ):
         assert 0.5 < np.std(value) / np.sqrt(np.mean(np.square(u))) < 1.1
@@ -110,10 +112,32 @@ def test_the_accuracy_of_the_generator_is_the_one_that_its_specimens_are_drawn_w
 def test_a_level_that_nobody_measured_is_known_to_per_cents() -> None:
     """2 % and 4 mV (2 mV into 50 ohm, open) at 66.7 mV: 8 %, rectangular."""
     results = virtual_coriolis_results(calibration(np.random.default_rng(2)), Match.ZERO, 10.0, 0.0)
-    assert results["k_vc_u_generator"] / results["k_vc"]["value"] == pytest.approx(0.08 / math.sqrt(3), rel=1e-6)
-    assert results["k_vc"]["u"] / results["k_vc"]["value"] == pytest.approx(3.86e-4 / math.sqrt(12), rel=1e-3)
+    assert results.k_vc_u_generator / results.k_vc.value == pytest.approx(0.08 / math.sqrt(3), rel=1e-6)
+    assert results.k_vc.u / results.k_vc.value == pytest.approx(3.86e-4 / math.sqrt(12), rel=1e-3)
 
 
 def test_a_turntable_run_has_no_generator() -> None:
     run = turntable_results([point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES], 0.0)
-    assert run["type_a"]["u_scale_factor"] == pytest.approx(1e-4 / math.sqrt(READINGS * 106060.0))
+    assert run.type_a is not None
+    assert run.type_a.u_scale_factor == pytest.approx(1e-4 / math.sqrt(READINGS * 106060.0))
+
+
+def test_results_are_values_that_cannot_be_changed() -> None:
+    points = calibration(np.random.default_rng(3), noise_v=1e-4)
+    results = virtual_coriolis_results(points, Match.ZERO, 10.0, 1e-5)
+    assert results == virtual_coriolis_results(points, Match.ZERO, 10.0, 1e-5)
+    assert results == pickle.loads(pickle.dumps(results))  # noqa: S301  # ours
+    assert len({results, results}) == 1
+    with pytest.raises(FrozenInstanceError):
+        results.k_vc = results.k_vc  # type: ignore[misc]
+
+
+def test_what_is_written_has_the_names_of_the_fields() -> None:
+    """Every number of a column is a field, and the definitions of non-linearity are those of the analysis."""
+    assert [each.name for each in fields(Nonlinearity)] == list(DEFINITIONS)
+    written = plain(turntable_results([point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES], 1e-5))
+    assert list(written)[:4] == ["scale_factor", "bias", "nonlinearity_ppm", "asymmetry_ppm"]
+    assert list(written["scale_factor"]) == ["value", "u", "unit"]
+    assert list(written["polynomial"]) == ["c0", "c1", "c2", "c3", "s_v", "max_span_ppm"]
+    assert len(written["residuals_v"]) == 17
+    assert list(written["pairs"][0]) == ["rate_deg_s", "scale_factor", "even_v"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Quantity, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
 from vcfbench.analysis.regression import (
     LineFit,
@@ -37,20 +38,6 @@ SCALE_FACTOR_UNIT = "V/(deg/s)"
 BIAS_UNIT = "V"
 
 Floats: TypeAlias = "NDArray[np.float64]"
-
-
-@dataclass(frozen=True, slots=True)
-class TypeA:
-    """What the noise of the readings alone explains, apart from how well a straight line fits."""
-
-    u_scale_factor: float
-    """Standard uncertainty of the slope from the readings' own scatter, V/(deg/s)."""
-    u_bias: float
-    """The same of the intercept, V."""
-    u_output_v: float
-    """Root mean square of the standard uncertainties of the points, V."""
-    lack_of_fit_v: float
-    """What is left of the residual standard deviation beside that noise, V."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,35 +74,40 @@ class ScaleFactorResult:
         at_zero = self.output_v[self.rate_deg_s == 0.0]
         return float(at_zero.mean()) if at_zero.size else None
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the result as plain values ready for JSON; full precision, the unit beside or in the name."""
-        line = self.line
-        return {
-            "scale_factor": {"value": line.scale_factor, "u": self.u_scale_factor, "unit": SCALE_FACTOR_UNIT},
-            "bias": {"value": line.bias, "u": self.u_bias, "unit": BIAS_UNIT},
-            "nonlinearity_ppm": self.nonlinearity_ppm,
-            "asymmetry_ppm": self.asymmetry_ppm,
-            "bias_deg_s": line.bias_deg_s,
-            "zero_v": self.zero_v,
-            "zero_deg_s": None if self.zero_v is None else self.zero_v / line.scale_factor,
-            "s_v": line.s_v,
-            "dof": line.dof,
-            "coverage_factor": line.coverage_factor,
-            "u95_scale_factor_ppm": 1e6 * line.coverage_factor * self.u_scale_factor / abs(line.scale_factor),
-            "covariance": line.covariance,
-            "type_a": None if self.type_a is None else asdict(self.type_a),
-            "polynomial": None if self.polynomial is None else self._polynomial_json(self.polynomial),
-            "pairs": [asdict(pair) for pair in self.pairs],
-            "residuals_v": line.residuals_v.tolist(),
-            "durbin_watson": durbin_watson(line.residuals_v),
-            "sign_runs": sign_runs(line.residuals_v),
-        }
+    def column(self) -> CalibrationColumn:
+        """Return everything that the column is reported with, as plain numbers."""
+        line, zero_v = self.line, self.zero_v
+        return CalibrationColumn(
+            scale_factor=Quantity(line.scale_factor, self.u_scale_factor, SCALE_FACTOR_UNIT),
+            bias=Quantity(line.bias, self.u_bias, BIAS_UNIT),
+            nonlinearity_ppm=Nonlinearity(**self.nonlinearity_ppm),
+            asymmetry_ppm=self.asymmetry_ppm,
+            bias_deg_s=line.bias_deg_s,
+            zero_v=zero_v,
+            zero_deg_s=None if zero_v is None else zero_v / line.scale_factor,
+            s_v=line.s_v,
+            dof=line.dof,
+            coverage_factor=line.coverage_factor,
+            u95_scale_factor_ppm=1e6 * line.coverage_factor * self.u_scale_factor / abs(line.scale_factor),
+            covariance=line.covariance,
+            type_a=self.type_a,
+            polynomial=None if self.polynomial is None else self._cubic(self.polynomial),
+            pairs=tuple(self.pairs),
+            residuals_v=tuple(line.residuals_v.tolist()),
+            durbin_watson=durbin_watson(line.residuals_v),
+            sign_runs=sign_runs(line.residuals_v),
+        )
 
-    def _polynomial_json(self, polynomial: Polynomial) -> dict[str, float | None]:
+    def as_json(self) -> dict[str, Any]:
+        """Return the column as plain values ready for JSON; full precision, the unit beside or in the name."""
+        values = asdict(self.column())
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    def _cubic(self, polynomial: Polynomial) -> CubicFit:
         span = abs(self.line.scale_factor) * float(np.ptp(self.rate_deg_s))
         left = float(np.abs(polynomial.residuals_v).max())
-        coefficients = {f"c{i}": value for i, value in enumerate(polynomial.coefficients)}
-        return {**coefficients, "s_v": polynomial.s_v, "max_span_ppm": 1e6 * left / span}
+        c0, c1, c2, c3 = polynomial.coefficients
+        return CubicFit(c0, c1, c2, c3, s_v=polynomial.s_v, max_span_ppm=1e6 * left / span)
 
 
 def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLike | None = None) -> ScaleFactorResult:

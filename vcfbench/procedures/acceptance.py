@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from vcfbench.procedures.results import pooled_std_v
+from vcfbench.record.plain import plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.settings import Limit
     from vcfbench.record.schema import Point
 
-__all__ = ["Acceptance", "Verdict", "judged"]
+__all__ = ["Acceptance", "HasAcceptanceValues", "Verdict", "judged"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,30 +58,34 @@ class Acceptance:
         return {"verdict": "pass" if self.passed else "fail", "limits": [limit.as_json() for limit in self.limits]}
 
 
-def judged(limits: Sequence[Limit], results: Mapping[str, Any], points: Sequence[Point]) -> Acceptance | None:
+@runtime_checkable
+class HasAcceptanceValues(Protocol):
+    """A result that says itself what ``[acceptance]`` limits."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return its numbers by the keys of ``[acceptance]``; None where one could not be computed."""
+        ...
+
+
+def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) -> Acceptance | None:
     """Judge `results` (as a procedure gives them) and the noise of `points`; None when no limit is for this procedure.
 
-    Scale factor, bias and non-linearity are those of the column measured on the table.
+    Results with `acceptance_values` are judged by those; of any others the numbers whose names are limits.
     """
-    values = _values(results, points)
+    if not limits:
+        return None
+    values = dict(_values(results))
+    if any(point.n > 1 for point in points):
+        values["reading_noise_v"] = pooled_std_v(points)
     verdicts = tuple(
         Verdict(limit.key, values.get(limit.key), limit.low, limit.high, limit.key in values) for limit in limits
     )
     return Acceptance(verdicts) if any(verdict.measured for verdict in verdicts) else None
 
 
-def _values(results: Mapping[str, Any], points: Sequence[Point]) -> dict[str, float | None]:
-    """Return the results by the keys of the bench file."""
-    column = results.get("turntable", results)
-    scale_factor, bias_v = column["scale_factor"]["value"], column["bias"]["value"]
-    values = {
-        "scale_factor_v_per_deg_s": scale_factor,
-        "bias_v": bias_v,
-        "bias_deg_s": bias_v / scale_factor if scale_factor else None,
-        "nonlinearity_ppm": column["nonlinearity_ppm"]["max_span"],
-        "reading_noise_v": pooled_std_v(points),
-    }
-    if "k_vc" in results:
-        values["k_vc_deg_s_per_v"] = results["k_vc"]["value"]
-        values["scale_factor_error_percent"] = results["scale_factor_error_percent"]
-    return values
+def _values(results: object) -> Mapping[str, float | None]:
+    if isinstance(results, HasAcceptanceValues):
+        return results.acceptance_values()
+    flat = plain(results)
+    named = flat.items() if isinstance(flat, dict) else ()
+    return {name: value for name, value in named if value is None or isinstance(value, int | float)}

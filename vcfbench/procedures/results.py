@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
+from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
 from vcfbench.specifications import AGILENT_33220A
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from vcfbench.analysis.scale_factor import ScaleFactorResult
+    from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
     from vcfbench.procedures.settings import Match
     from vcfbench.record.schema import Point
 
@@ -21,6 +23,8 @@ __all__ = [
     "GENERATOR_OFFSET_V",
     "K_VC_UNIT",
     "LEVEL_RESOLUTION",
+    "TurntableResult",
+    "VirtualCoriolisResult",
     "noise_std_v",
     "pooled_std_v",
     "repeat_std_v",
@@ -41,21 +45,77 @@ GENERATOR_ACCURACY, GENERATOR_OFFSET_V = AGILENT_33220A.setting, AGILENT_33220A.
 """What a 33220A promises of a direct voltage into an open circuit."""
 
 
-def turntable_results(points: Sequence[Point], meter_resolution_v: float) -> dict[str, Any]:
-    """Return the results of a turntable calibration: those of its one column."""
-    return _column(points, u_output_v(points, meter_resolution_v)).as_json()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurntableResult(CalibrationColumn):
+    """What a calibration on the rate table came to: its one column."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys."""
+        return _acceptance_values(self)
 
 
-def virtual_coriolis_results(
-    points: Sequence[Point], match: Match, match_rate_deg_s: float, meter_resolution_v: float
-) -> dict[str, Any]:
-    """Return the results of a four-step calibration.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualCoriolisResult:
+    """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.
 
     `scale_factor_error_u_percent` is what noise and the resolutions of meter and generator allow, through both slopes
     and K_Vc; `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
     Neither knows of the generator's accuracy: a V_Vc that is set and not measured may be off by as much as
     `k_vc_u_generator` says (standard uncertainty), at step 2 and at each level of step 4 differently.
     """
+
+    k_vc: Quantity
+    """Rate that one volt of V_Vc stands for."""
+    k_vc_u_generator: float
+    """Standard uncertainty of K_Vc by the generator's accuracy alone, (deg/s)/V."""
+    v_vc10_v: float
+    """V_Vc that gives the output of `match_rate_deg_s`; the paper's rate is 10 deg/s."""
+    turntable: CalibrationColumn
+    """Step 3: outputs against the table's rates."""
+    virtual: CalibrationColumn
+    """Step 4: outputs against the rates that V_Vc stood for."""
+    scale_factor_error_percent: float
+    """How far the virtual scale factor is from that of the table."""
+    scale_factor_error_u_percent: float
+    scale_factor_error_fit_u_percent: float
+    comparison: Comparison
+    match: Match
+    match_rate_deg_s: float
+    match_residual_v: float
+    """What was left between the two outputs at the best setting of V_Vc."""
+    u_output_v: float
+    """Standard uncertainty of one window's mean."""
+    meter_resolution_v: float
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
+        return {
+            **_acceptance_values(self.turntable),
+            "k_vc_deg_s_per_v": self.k_vc.value,
+            "scale_factor_error_percent": self.scale_factor_error_percent,
+        }
+
+
+def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
+    scale_factor, bias_v = column.scale_factor.value, column.bias.value
+    return {
+        "scale_factor_v_per_deg_s": scale_factor,
+        "bias_v": bias_v,
+        "bias_deg_s": bias_v / scale_factor if scale_factor else None,
+        "nonlinearity_ppm": column.nonlinearity_ppm.max_span,
+    }
+
+
+def turntable_results(points: Sequence[Point], meter_resolution_v: float) -> TurntableResult:
+    """Return the results of a turntable calibration: those of its one column."""
+    column = _column(points, u_output_v(points, meter_resolution_v)).column()
+    return TurntableResult(**{each.name: getattr(column, each.name) for each in fields(column)})
+
+
+def virtual_coriolis_results(
+    points: Sequence[Point], match: Match, match_rate_deg_s: float, meter_resolution_v: float
+) -> VirtualCoriolisResult:
+    """Return the results of a four-step calibration."""
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
 
     u_v = u_output_v(points, meter_resolution_v)
@@ -68,22 +128,22 @@ def virtual_coriolis_results(
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
-    return {
-        "k_vc": {"value": matching.k_vc, "u": u_k_vc, "unit": K_VC_UNIT},
-        "k_vc_u_generator": _u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
-        "v_vc10_v": matching.v_vc_equal_v,
-        "turntable": turntable.as_json(),
-        "virtual": virtual.as_json(),
-        "scale_factor_error_percent": comparison.scale_factor_error_percent,
-        "scale_factor_error_u_percent": 100.0 * ratio * relative,
-        "scale_factor_error_fit_u_percent": comparison.u_scale_factor_error_percent,
-        "comparison": comparison.as_json(),
-        "match": match.value,
-        "match_rate_deg_s": match_rate_deg_s,
-        "match_residual_v": matching.residual_v,
-        "u_output_v": u_v,
-        "meter_resolution_v": meter_resolution_v,
-    }
+    return VirtualCoriolisResult(
+        k_vc=Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
+        k_vc_u_generator=_u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
+        v_vc10_v=matching.v_vc_equal_v,
+        turntable=turntable.column(),
+        virtual=virtual.column(),
+        scale_factor_error_percent=comparison.scale_factor_error_percent,
+        scale_factor_error_u_percent=100.0 * ratio * relative,
+        scale_factor_error_fit_u_percent=comparison.u_scale_factor_error_percent,
+        comparison=comparison,
+        match=match,
+        match_rate_deg_s=match_rate_deg_s,
+        match_residual_v=matching.residual_v,
+        u_output_v=u_v,
+        meter_resolution_v=meter_resolution_v,
+    )
 
 
 def pooled_std_v(points: Sequence[Point]) -> float:

@@ -1,0 +1,114 @@
+"""One column of a calibration as it is reported: plain numbers, which compare, hash and pickle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from vcfbench.analysis.symmetry import Pair
+
+__all__ = ["CalibrationColumn", "CubicFit", "Nonlinearity", "Quantity", "TypeA"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A measured value with its standard uncertainty `u`, both in `unit`."""
+
+    value: float
+    u: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class TypeA:
+    """What the noise of the readings alone explains, apart from how well a straight line fits."""
+
+    u_scale_factor: float
+    """Standard uncertainty of the slope from the readings' own scatter, V/(deg/s)."""
+    u_bias: float
+    """The same of the intercept, V."""
+    u_output_v: float
+    """Root mean square of the standard uncertainties of the points, V."""
+    lack_of_fit_v: float
+    """What is left of the residual standard deviation beside that noise, V."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nonlinearity:
+    """Non-linearity by every definition in use, ppm; None where the points do not allow the definition.
+
+    The names are those of :data:`vcfbench.analysis.nonlinearity.DEFINITIONS`, which says in words what each means.
+    """
+
+    max_span: float | None
+    max_span_rounded: float | None
+    max_fs: float | None
+    max_out: float | None
+    rms_fs: float | None
+    sd_fs: float | None
+    pp_fs: float | None
+    bsl_fs: float | None
+    endpoint_span: float | None
+    reading: float | None
+    asym: float | None
+    asym_common: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class CubicFit:
+    """A least-squares cubic of the output in the rate, ``c0 + c1 rate + c2 rate^2 + c3 rate^3``."""
+
+    c0: float
+    """V."""
+    c1: float
+    """V/(deg/s)."""
+    c2: float
+    """V/(deg/s)^2."""
+    c3: float
+    """V/(deg/s)^3."""
+    s_v: float | None
+    """Residual standard deviation, V; None when no degree of freedom is left."""
+    max_span_ppm: float
+    """Largest residual over the span of the line, ppm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationColumn:
+    """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and what it leaves over."""
+
+    scale_factor: Quantity
+    """Slope; the uncertainty is from the scatter about the line, never less than the noise alone."""
+    bias: Quantity
+    """Intercept, likewise."""
+    nonlinearity_ppm: Nonlinearity
+    asymmetry_ppm: float | None
+    """Difference of the slopes on the two sides of zero, each with its own intercept."""
+    bias_deg_s: float
+    """The bias as an equivalent rate, sign kept."""
+    zero_v: float | None
+    """Mean output at rate 0; None when it was not measured."""
+    zero_deg_s: float | None
+    """The same as an equivalent rate."""
+    s_v: float
+    """Residual standard deviation with `dof` degrees of freedom."""
+    dof: int
+    """Degrees of freedom of the line, n - 2."""
+    coverage_factor: float
+    """Two-sided 95 % quantile of Student's t with `dof` degrees of freedom."""
+    u95_scale_factor_ppm: float
+    """Expanded uncertainty of the slope at 95 %, of the slope."""
+    covariance: float
+    """Covariance of slope and intercept, V^2/(deg/s)."""
+    type_a: TypeA | None
+    """None when the noise of the points is not known."""
+    polynomial: CubicFit | None
+    """None with fewer than four different rates."""
+    pairs: tuple[Pair, ...]
+    """What the points at +rate and -rate say together, by falling magnitude."""
+    residuals_v: tuple[float, ...]
+    """Output minus line, in the order of the points."""
+    durbin_watson: float | None
+    """2 for independent residuals, towards 0 for a trend left in them; None when there are none."""
+    sign_runs: int
+    """Runs of equal sign of the residuals, in their order."""
