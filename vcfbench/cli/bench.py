@@ -88,12 +88,12 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
 
 
 def _print_check(title: str, done: BenchCheck) -> None:
-    from vcfbench.report.table import columns  # noqa: PLC0415
+    from vcfbench.report.text import left_table  # noqa: PLC0415
 
     rows = (
         (each.role, "ok" if each.problem is None else "FAILED", each.resource, _who(each)) for each in done.instruments
     )
-    table = columns(("role", "state", "resource", "who answers"), rows, str.ljust)
+    table = left_table(("role", "state", "resource", "who answers"), rows)
     typer.echo(f"{title}\n\n{table}\n")
     for each in done.instruments:
         if each.problem is not None:

@@ -53,10 +53,10 @@ def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
 
 
 def _print(title: str, done: MadeSafe) -> None:
-    from vcfbench.report.table import columns  # noqa: PLC0415
+    from vcfbench.report.text import left_table  # noqa: PLC0415
 
     rows = (
         (each.role, each.found or "not known", "safe" if each.safe else "NOT SAFE", each.detail)
         for each in done.instruments
     )
-    typer.echo(f"{title}\n\n{columns(('role', 'found', 'now', 'proof'), rows, str.ljust)}")
+    typer.echo(f"{title}\n\n{left_table(('role', 'found', 'now', 'proof'), rows)}")

@@ -7,12 +7,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from vcfbench.interfaces import FunctionGenerator, Multimeter, Oscilloscope, PowerSupply, RateTable
+from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from vcfbench.procedures.step import Plan
     from vcfbench.record.schema import Point
+    from vcfbench.report.document import Report
 
 S = TypeVar("S")
 R = TypeVar("R")
@@ -39,6 +41,8 @@ class Procedure(Generic[S, R]):
         settings: the class of its settings, each with its range and its default.
         plan: makes the plan, a generator of steps, from the settings.
         results: makes the results from settings and points; pure, so that a record gives the same results again.
+            Any frozen dataclass or msgspec struct will do: its fields are what is written.
+        report: makes the report from settings, points and results; without it points and fields of the results.
         needs: the roles that must be on the bench, and what the instrument in each must be able to do.
     """
 
@@ -47,6 +51,7 @@ class Procedure(Generic[S, R]):
     settings: type[S]
     plan: Callable[[S], Plan]
     results: Callable[[S, Sequence[Point]], R]
+    report: Callable[[S, Sequence[Point], R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_BENCH)
 
     def __repr__(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vcfbench.procedures.agreement import (
     SWEEP_DRIFT,
@@ -11,7 +11,8 @@ from vcfbench.procedures.agreement import (
     require_steady_slope,
 )
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.results import turntable_results
+from vcfbench.procedures.reports import turntable_report
+from vcfbench.procedures.results import TurntableResult, turntable_results
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
 from vcfbench.procedures.settings import CalibrationSettings
 from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
@@ -63,7 +64,7 @@ def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Poin
     return points
 
 
-def _results(settings: CalibrationSettings, points: Sequence[Point]) -> dict[str, Any]:
+def _results(settings: CalibrationSettings, points: Sequence[Point]) -> TurntableResult:
     return turntable_results(points, settings.meter_resolution_v)
 
 
@@ -73,5 +74,6 @@ TURNTABLE = Procedure(
     settings=CalibrationSettings,
     plan=turntable,
     results=_results,
+    report=turntable_report,
 )
 """The turntable calibration."""

@@ -7,7 +7,7 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.agreement import (
@@ -21,7 +21,8 @@ from vcfbench.procedures.agreement import (
 )
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.results import virtual_coriolis_results
+from vcfbench.procedures.reports import virtual_coriolis_report
+from vcfbench.procedures.results import VirtualCoriolisResult, virtual_coriolis_results
 from vcfbench.procedures.routines import (
     go_to_rate,
     powered,
@@ -162,7 +163,7 @@ def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Poin
     require_agreement([*driven, *points], settings, SWEEP_DRIFT)
 
 
-def _results(settings: CalibrationSettings, points: Sequence[Point]) -> dict[str, Any]:
+def _results(settings: CalibrationSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
     return virtual_coriolis_results(points, settings.match, settings.match_rate_deg_s, settings.meter_resolution_v)
 
 
@@ -172,5 +173,6 @@ VIRTUAL_CORIOLIS = Procedure(
     settings=CalibrationSettings,
     plan=virtual_coriolis,
     results=_results,
+    report=virtual_coriolis_report,
 )
 """The virtual Coriolis calibration."""

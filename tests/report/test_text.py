@@ -1,0 +1,43 @@
+"""Reports as plain text."""
+
+from __future__ import annotations
+
+import pytest
+
+from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
+from vcfbench.report.text import left_table, table_text, text_of
+
+FIGURE = Figure("a line", Axis("rate", "deg/s"), Axis("output", "V"), [Series("it", [0.0, 1.0], [0.0, 1.0])])
+
+
+def test_columns_are_as_wide_as_their_widest_cell() -> None:
+    assert table_text(Table(["a", "bb"], [("1", "2"), ("333", "4")])) == "  a   bb\n--------\n  1    2\n333    4"
+
+
+def test_columns_of_texts_are_aligned_to_the_left_and_end_with_their_text() -> None:
+    assert left_table(("a", "bb"), [("333", "4")]) == "a     bb\n--------\n333   4"
+
+
+def test_numbers_have_the_digits_and_heads_the_units_that_their_columns_say() -> None:
+    columns = (Column("rate", "deg/s", "g"), Column("output", "V", ".3f"), Column("n"), Column("what", align="left"))
+    rows = [(10.0, -0.12345, 3, "up"), (None, Cell(0.5, ".1e", "mV"), 12, "down")]
+    assert table_text(Table(columns, rows, "title")).splitlines() == [
+        "title",
+        "rate / (deg/s)   output / V    n   what",
+        "---------------------------------------",
+        "            10       -0.123    3   up",
+        "             -   5.0e-01 mV   12   down",
+    ]
+
+
+def test_parts_have_an_empty_line_between_and_figures_are_left_out() -> None:
+    report = Report([Heading("Head"), Text("one\n  two"), FIGURE, Heading("Next", 2), Heading("Third", 3), FIGURE])
+    assert text_of(report) == "Head\n====\n\none\n  two\n\nNext\n----\n\nThird"
+    assert text_of(Report()) == ""
+
+
+@pytest.mark.parametrize("part", [Heading("\x1b[2J"), Text("a\n\x1b[2J"), Table(["\x1b[2J"], [("\x1b[2J\n",)], "\x1b")])
+def test_nothing_writes_on_the_terminal_by_itself(part: Heading | Text | Table) -> None:
+    text = text_of(Report([part]))
+    assert "\x1b" not in text
+    assert "\\x1b" in text

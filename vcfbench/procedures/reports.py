@@ -1,0 +1,150 @@
+"""What the two calibrations report: the paper's Table 1 and its figures, the lines, and how they compare."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.analysis.column import CalibrationColumn
+    from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
+    from vcfbench.record.schema import Point
+
+__all__ = ["turntable_report", "virtual_coriolis_report"]
+
+_RATE = Axis("Omega_z", "deg/s")
+
+
+def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
+    """Report a turntable calibration: its column, its line, and what it leaves over."""
+    columns = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
+    rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]
+    lines = [("turntable", points, results)]
+    return Report(
+        [
+            Table(columns, rows),
+            Text(_fit("turntable", results)),
+            _outputs("Output against the table's rate", lines),
+            _residuals(lines),
+        ]
+    )
+
+
+def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:
+    """Report a four-step calibration: steps 3 and 4 like the paper's Table 1, both lines, and how they differ."""
+    table = [point for point in points if point.step == 3]
+    virtual = [point for point in points if point.step == 4]
+    lines = [("turntable", table, results.turntable), ("virtual Coriolis", virtual, results.virtual)]
+    return Report(
+        [
+            _table_1(table, virtual),
+            Text(_comparison(results)),
+            _outputs("Output against rate, real and virtual", lines),
+            _residuals(lines),
+            _difference(table, virtual, results.u_output_v),
+        ]
+    )
+
+
+def _table_1(table: Sequence[Point], virtual: Sequence[Point]) -> Table:
+    """Lay out steps 3 and 4 with the V_Vc that stood for each rate."""
+    columns = (
+        *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
+        *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
+    )
+    pairs = zip(table, virtual, strict=True)
+    return Table(columns, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs])
+
+
+def _comparison(results: VirtualCoriolisResult) -> str:
+    k_vc, rounded = results.k_vc, results.comparison.scale_factor_error_percent_rounded
+    as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
+    k_vc_line = (
+        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u {k_vc.u:.2g}; "
+        f"V_Vc at {results.match_rate_deg_s:g} deg/s {results.v_vc10_v:.6g} V (match: {results.match.value})"
+    )
+    u_line = (
+        f"  u from noise and resolution {results.scale_factor_error_u_percent:.2g} %, "
+        f"from scatter about the lines {results.scale_factor_error_fit_u_percent:.2g} %"
+    )
+    error_line = f"scale factor error {results.scale_factor_error_percent:.4f} %{as_printed}"
+    fits = (_fit("turntable", results.turntable), _fit("virtual Coriolis", results.virtual))
+    return "\n".join([k_vc_line, *fits, error_line, u_line])
+
+
+def _fit(name: str, column: CalibrationColumn) -> str:
+    scale_factor, bias, ppm = column.scale_factor, column.bias, column.nonlinearity_ppm
+    return "\n".join(
+        [
+            f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}",
+            (
+                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u {1e3 * scale_factor.u:.1g}; "
+                f"bias {1e3 * bias.value:.3f} mV, u {1e3 * bias.u:.1g}"
+            ),
+            (
+                f"  non-linearity {_ppm(ppm.max_span)} ppm of the span (max_span), "
+                f"{_ppm(ppm.max_span_rounded)} the paper's way (max_span_rounded), "
+                f"{_ppm(ppm.max_fs)} of full scale (max_fs)"
+            ),
+        ]
+    )
+
+
+def _ppm(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def _outputs(title: str, lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
+    """Draw the outputs of each column against the rate, and its line through them."""
+    return Figure(
+        title,
+        _RATE,
+        Axis("output", "V"),
+        [
+            each
+            for name, points, column in lines
+            for each in (_points(name, points, column), _line(name, points, column))
+        ],
+    )
+
+
+def _points(name: str, points: Sequence[Point], column: CalibrationColumn) -> Series:
+    return Series(name, [p.rate_deg_s for p in points], [p.output_v for p in points], _u_outputs(points, column))
+
+
+def _u_outputs(points: Sequence[Point], column: CalibrationColumn) -> tuple[float, ...] | None:
+    return None if column.type_a is None else (column.type_a.u_output_v,) * len(points)
+
+
+def _line(name: str, points: Sequence[Point], column: CalibrationColumn) -> Series:
+    ends = min(p.rate_deg_s for p in points), max(p.rate_deg_s for p in points)
+    slope, bias_v = column.scale_factor.value, column.bias.value
+    return Series(f"{name}, least-squares line", ends, [slope * rate + bias_v for rate in ends], kind="line")
+
+
+def _residuals(lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
+    """Draw what each line leaves over, in ppm of full scale: of the output at the largest rate, bias apart."""
+    series = []
+    for name, points, column in lines:
+        rates = [p.rate_deg_s for p in points]
+        ppm = 1e6 / (abs(column.scale_factor.value) * max(map(abs, rates)))
+        u_ppm = None if (u_v := _u_outputs(points, column)) is None else [ppm * each for each in u_v]
+        series.append(Series(name, rates, [ppm * each for each in column.residuals_v], u_ppm))
+    return Figure("Residuals of the least-squares line", _RATE, Axis("residual of full scale", "ppm"), series)
+
+
+def _difference(table: Sequence[Point], virtual: Sequence[Point], u_output_v: float) -> Figure:
+    """Draw how far the virtual column is from that of the table at each rate."""
+    pairs = list(zip(table, virtual, strict=True))
+    difference_mv = [1e3 * (right.output_v - left.output_v) for left, right in pairs]
+    u_mv = [1e3 * 2.0**0.5 * u_output_v] * len(pairs)
+    rates = [left.rate_deg_s for left, _ in pairs]
+    return Figure(
+        "Virtual Coriolis minus turntable",
+        _RATE,
+        Axis("difference of the outputs", "mV"),
+        [Series("virtual Coriolis minus turntable", rates, difference_mv, u_mv)],
+    )

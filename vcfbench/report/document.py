@@ -1,0 +1,230 @@
+"""A report as values: headings, tables, figures and texts that any renderer can show.
+
+Nothing here draws or prints. A table keeps its numbers beside how many digits to print, a figure its series beside
+the labels of its axes; what cannot be shown (ragged rows, unequal series) is refused when the part is made.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+__all__ = ["Axis", "Cell", "Column", "Figure", "Heading", "Part", "Report", "Series", "Table", "Text", "Value"]
+
+Value: TypeAlias = "float | str | None"
+"""What stands in a table: a number, a text, or None where there is nothing."""
+
+DEEPEST_HEADING = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A heading; `level` 1 is the highest, 6 the lowest."""
+
+    text: str
+    level: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse levels that there are not."""
+        if not 1 <= self.level <= DEEPEST_HEADING:
+            raise ValueError(f"heading {self.text!r}: expected a level from 1 to {DEEPEST_HEADING}, came {self.level}")
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """Words, in lines that stay as they are."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A value of a table that is printed otherwise than its column says; `format` and `unit` are its own."""
+
+    value: Value
+    format: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table: name and unit for its head, `format` of its numbers (``".5f"``), and its side.
+
+    Texts are printed as they are, None as ``-``.
+    """
+
+    name: str
+    unit: str = ""
+    format: str = ""
+    align: Literal["left", "right"] = "right"
+
+    @property
+    def head(self) -> str:
+        """The head as it is printed: ``rate / (deg/s)``."""
+        if not self.unit:
+            return self.name
+        return f"{self.name} / ({self.unit})" if "/" in self.unit else f"{self.name} / {self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns and rows of values; `title` stands above it, empty for none.
+
+    Args:
+        columns: one a column; a text is the name of one that has no unit.
+        rows: each as many values as there are columns.
+        title: what stands above.
+
+    Raises:
+        ValueError: a row has more or fewer values than there are columns, or a value cannot be printed as its column
+            says.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Value | Cell]]
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        """Keep tuples, and refuse what cannot be shown."""
+        columns = tuple(Column(each) if isinstance(each, str) else each for each in self.columns)
+        rows = tuple(tuple(map(_as_value, row)) for row in self.rows)
+        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "rows", rows)
+        if not columns:
+            raise ValueError("a table has at least one column")
+        for number, row in enumerate(rows, start=1):
+            if len(row) != len(columns):
+                raise ValueError(f"row {number} of a table of {len(columns)} columns has {len(row)} values")
+            for value, column in zip(row, columns, strict=True):
+                _require_printable(value, column, number)
+
+    def printed(self) -> tuple[tuple[str, ...], ...]:
+        """Return every row as texts, each value in its digits."""
+        return tuple(
+            tuple(_printed(value, column) for value, column in zip(row, self.columns, strict=True)) for row in self.rows
+        )
+
+
+def _as_value(value: Any) -> Any:
+    """Return the number that one of numpy's holds."""
+    return value.item() if hasattr(value, "item") and not isinstance(value, Cell) else value
+
+
+def _require_printable(value: object, column: Column, number: int) -> None:
+    held = value.value if isinstance(value, Cell) else value
+    if not isinstance(held, float | int | str | None):
+        words = f"expected a number, a text or None, came {held!r}"
+        raise ValueError(f"row {number} of a table, {column.name}: {words}")  # noqa: TRY004  # a value in it is wrong
+    try:
+        _printed(value, column)
+    except ValueError as error:
+        raise ValueError(f"row {number} of a table, {column.name}: {held!r} cannot be printed: {error}") from None
+
+
+def _printed(value: Any, column: Column) -> str:
+    cell = value if isinstance(value, Cell) else Cell(value, column.format)
+    if cell.value is None:
+        return "-"
+    figure = cell.value if isinstance(cell.value, str) else format(cell.value, cell.format)
+    return f"{figure} {cell.unit}" if cell.unit else figure
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis of a figure: what is drawn along it, its unit, and its scale."""
+
+    label: str
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+
+    @property
+    def title(self) -> str:
+        """What stands beside it: ``rate / (deg/s)``."""
+        return Column(self.label, self.unit).head
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """What is drawn in a figure: as many `y` as `x`, as points, a line through them, or bars.
+
+    Args:
+        label: for the legend.
+        x: where, in the unit of the figure's x axis.
+        y: what, in the unit of its y axis.
+        u_y: standard uncertainty of each `y`; None where it is not known.
+        kind: ``"points"``, ``"line"`` or ``"bars"``.
+
+    Raises:
+        ValueError: there are not as many of one as of the other, or something is no finite number.
+    """
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    u_y: Sequence[float] | None = None
+    kind: Literal["points", "line", "bars"] = "points"
+
+    def __post_init__(self) -> None:
+        """Keep tuples of floats, and refuse what cannot be drawn."""
+        for name in ("x", "y", "u_y"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, self._checked(name, values))
+        if self.kind not in ("points", "line", "bars"):
+            raise ValueError(f"series {self.label!r}: expected points, line or bars, came {self.kind!r}")
+
+    def _checked(self, name: str, values: Iterable[float]) -> tuple[float, ...]:
+        numbers = tuple(map(float, values))
+        if len(numbers) != len(self.x):
+            raise ValueError(f"series {self.label!r}: {len(self.x)} x and {len(numbers)} {name}")
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"series {self.label!r}: {name} holds what is no finite number")
+        if name == "u_y" and min(numbers, default=0.0) < 0.0:
+            raise ValueError(f"series {self.label!r}: an uncertainty is not negative")
+        return numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure: title, axes and what is drawn. Who renders it chooses size, colours and marks.
+
+    Raises:
+        ValueError: there is no series, or a logarithmic axis has values that are not positive.
+    """
+
+    title: str
+    x: Axis
+    y: Axis
+    series: Sequence[Series]
+
+    def __post_init__(self) -> None:
+        """Keep a tuple, and refuse what cannot be drawn."""
+        object.__setattr__(self, "series", tuple(self.series))
+        if not self.series:
+            raise ValueError(f"figure {self.title!r} has no series")
+        for axis, name in ((self.x, "x"), (self.y, "y")):
+            if axis.scale == "log" and any(value <= 0.0 for each in self.series for value in getattr(each, name)):
+                raise ValueError(f"figure {self.title!r}: a logarithmic {name} axis has positive values only")
+
+
+Part: TypeAlias = "Heading | Table | Figure | Text"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a run came to, part after part."""
+
+    parts: Sequence[Part] = ()
+
+    def __post_init__(self) -> None:
+        """Keep a tuple, and refuse what is no part."""
+        object.__setattr__(self, "parts", tuple(self.parts))
+        for part in self.parts:
+            if not isinstance(part, Heading | Table | Figure | Text):
+                raise ValueError(  # noqa: TRY004  # a value in it is wrong
+                    f"a report has headings, tables, figures and texts, came a {type(part).__name__}"
+                )

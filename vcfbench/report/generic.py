@@ -1,0 +1,89 @@
+"""The report of what has none of its own: its points, and whatever its results hold by their names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.record.plain import plain
+from vcfbench.report.document import Cell, Column, Report, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from vcfbench.procedures.acceptance import Acceptance
+    from vcfbench.record.schema import Point
+    from vcfbench.report.document import Value
+
+__all__ = ["generic_report", "points_table", "results_table", "verdict_table"]
+
+_QUANTITY = {"value", "u", "unit"}
+_SHOWN = 8
+"""So many numbers of a list are printed; its length is said where there are more."""
+
+
+def generic_report(_settings: object, points: Sequence[Point], results: object) -> Report:
+    """Return the report of a procedure without one of its own: a table of points and one of the results' fields."""
+    tables = [points_table(points)] if points else []
+    return Report([*tables, *results_table(results)])
+
+
+def points_table(points: Sequence[Point]) -> Table:
+    """Return every point in a row."""
+    columns = (
+        *(Column("step"), Column("rate", "deg/s", ".6g"), Column("V_Vc", "V", ".6g")),
+        *(Column("output", "V", ".5f"), Column("s", "V", ".1e"), Column("n")),
+    )
+    return Table(columns, [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points])
+
+
+def results_table(results: object, title: str = "") -> tuple[Table, ...]:
+    """Return a table of whatever `results` hold: nested names with dots between; none where they hold nothing."""
+    value = plain(results)
+    rows = [] if value is None else list(_rows(value, "" if _is_named(value) else "result"))
+    columns = (Column("result", align="left"), Column("value"), Column("u"), Column("unit", align="left"))
+    return (Table(columns, rows, title),) if rows else ()
+
+
+def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
+    if _is_named(value):
+        for key, each in value.items():
+            yield from _rows(each, f"{name}.{key}" if name else key)
+    elif isinstance(value, dict):
+        yield name, _figure(value["value"]), Cell(value.get("u"), ".2g") if "u" in value else "", value.get("unit", "")
+    elif isinstance(value, list) and any(isinstance(each, dict | list) for each in value):
+        for place, each in enumerate(value):
+            yield from _rows(each, f"{name}[{place}]")
+    else:
+        yield name, _figure(value), "", ""
+
+
+def _is_named(value: Any) -> bool:
+    return isinstance(value, dict) and not _is_quantity(value)
+
+
+def _is_quantity(value: dict[str, Any]) -> bool:
+    """Tell whether it is one number with its uncertainty or unit, as `vcfbench.Quantity` writes it."""
+    number = value.get("value", "")
+    told = number is None or (isinstance(number, int | float) and isinstance(value.get("u", 0.0), int | float))
+    return told and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
+
+
+def _figure(value: Any) -> Value | Cell:
+    """Return one value or a list of plain ones as it is printed."""
+    if isinstance(value, list):
+        words = ", ".join(str(_words(each)) for each in value[:_SHOWN])
+        return words if len(value) <= _SHOWN else f"{words}, ... ({len(value)} in all)"
+    return Cell(value, ".6g") if isinstance(value, float) else _words(value)
+
+
+def _words(value: Any) -> Value:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return format(value, ".6g") if isinstance(value, float) else value
+
+
+def verdict_table(acceptance: Acceptance) -> Table:
+    """Return PASS or FAIL, and below it every limit with its value."""
+    columns = (Column("limit"), Column("value", "", ".6g"), Column("low", "", "g"), Column("high", "", "g"))
+    rows = [(each.key, each.value, each.low, each.high, each.word.upper()) for each in acceptance.limits]
+    return Table((*columns, Column("verdict")), rows, title="PASS" if acceptance.passed else "FAIL")

@@ -1,0 +1,58 @@
+"""A report as plain text, for terminals and files; figures are left out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.report.document import Column, Figure, Heading, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from vcfbench.report.document import Part, Report
+
+__all__ = ["left_table", "table_text", "text_of"]
+
+_RULES = ("=", "-")
+"""What stands below headings of the first and the second level."""
+
+
+def text_of(report: Report) -> str:
+    """Return the report with an empty line between its parts; what would write on a terminal by itself is escaped."""
+    return "\n\n".join(_part(part) for part in report.parts if not isinstance(part, Figure))
+
+
+def _part(part: Part) -> str:
+    match part:
+        case Heading():
+            title = _line(part.text)
+            return "\n".join([title, *(rule * len(title) for rule in _RULES[part.level - 1 : part.level])])
+        case Table():
+            return table_text(part)
+        case Text():
+            return "\n".join(map(_line, part.text.split("\n")))
+        case Figure():  # left out
+            return ""
+
+
+def table_text(table: Table) -> str:
+    """Return columns under their heads, a rule between; numbers to the right."""
+    rows = [[_line(cell) for cell in row] for row in ([each.head for each in table.columns], *table.printed())]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = [str.ljust if column.align == "left" else str.rjust for column in table.columns]
+    head, *lines = ("   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows)
+    return "\n".join([*([_line(table.title)] if table.title else []), head, "-" * len(head), *lines])
+
+
+def _aligned(cell: str, width: int, side: Callable[[str, int], str]) -> str:
+    return side(cell, width)
+
+
+def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return columns of texts, all to the left."""
+    return table_text(Table([Column(head, align="left") for head in heads], list(rows)))
+
+
+def _line(text: str) -> str:
+    """Return `text` as one line that can be printed: a record must not write on the terminal by itself."""
+    return text if text.isprintable() else ascii(text)
