@@ -7,6 +7,7 @@ public is in ``__all__``; each name is imported when it is first used, so that `
 TYPE_CHECKING = False  # type checkers take it for True; importing it costs as much as all the rest
 if TYPE_CHECKING:
     from vcfbench.analysis.allan import AllanPoint, allan_deviation
+    from vcfbench.analysis.column import CalibrationColumn, Nonlinearity, Quantity
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
     from vcfbench.bench.bench import Bench, open_bench
     from vcfbench.bench.description import BenchDescription
@@ -57,8 +58,11 @@ if TYPE_CHECKING:
     from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
     from vcfbench.procedures.procedure import Procedure
+    from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.procedures.step import Outcome, Plan, Step, StepResult
     from vcfbench.record.schema import Point, Status
+    from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
+    from vcfbench.report.text import text_of
     from vcfbench.runs.asked import DryRun, dry_run
     from vcfbench.runs.conduct import run
     from vcfbench.runs.recorded import list_runs, load_run
@@ -71,19 +75,25 @@ __all__ = [
     "Aborted",
     "Acceptance",
     "AllanPoint",
+    "Axis",
     "Bench",
     "BenchDescription",
     "BenchError",
+    "CalibrationColumn",
     "CapturesWaveforms",
+    "Cell",
     "Clock",
+    "Column",
     "Comparison",
     "ConfigError",
     "ConnectFailed",
     "Deadline",
     "DeadlineExceeded",
     "DryRun",
+    "Figure",
     "FramingError",
     "FunctionGenerator",
+    "Heading",
     "Identity",
     "Instrument",
     "InstrumentError",
@@ -94,6 +104,7 @@ __all__ = [
     "MeasurementError",
     "MeasuresWaveforms",
     "Multimeter",
+    "Nonlinearity",
     "NotSafe",
     "Observer",
     "Oscilloscope",
@@ -107,17 +118,20 @@ __all__ = [
     "PowerSupply",
     "PowersRails",
     "Procedure",
+    "Quantity",
     "RateTable",
     "RawReading",
     "ReadingTaken",
     "ReadsVoltage",
     "Regulation",
+    "Report",
     "Rotates",
     "Run",
     "SafeReport",
     "ScaleFactorResult",
     "ScaledClock",
     "SelfTestFailed",
+    "Series",
     "SetsSine",
     "SetsVoltage",
     "Status",
@@ -127,9 +141,13 @@ __all__ = [
     "StepResult",
     "StepStarted",
     "SwitchesOutput",
+    "Table",
+    "Text",
     "TransportError",
+    "TurntableResult",
     "Verdict",
     "VirtualClock",
+    "VirtualCoriolisResult",
     "WallClock",
     "Waveform",
     "WrongInstrument",
@@ -145,12 +163,18 @@ __all__ = [
     "run",
     "safe_bench",
     "sleep",
+    "text_of",
 ]
 
 _HOMES = {
     "analysis.allan": (
         "AllanPoint",
         "allan_deviation",
+    ),
+    "analysis.column": (
+        "CalibrationColumn",
+        "Nonlinearity",
+        "Quantity",
     ),
     "analysis.scale_factor": (
         "Comparison",
@@ -230,6 +254,10 @@ _HOMES = {
         "StepStarted",
     ),
     "procedures.procedure": ("Procedure",),
+    "procedures.results": (
+        "TurntableResult",
+        "VirtualCoriolisResult",
+    ),
     "procedures.step": (
         "Outcome",
         "Plan",
@@ -240,6 +268,18 @@ _HOMES = {
         "Point",
         "Status",
     ),
+    "report.document": (
+        "Axis",
+        "Cell",
+        "Column",
+        "Figure",
+        "Heading",
+        "Report",
+        "Series",
+        "Table",
+        "Text",
+    ),
+    "report.text": ("text_of",),
     "runs.asked": (
         "DryRun",
         "dry_run",

@@ -3,12 +3,16 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.cli.test_run import Station, call, station
 from vcfbench.cli.runs import list_
 from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["Station", "station"]
 
@@ -53,14 +57,19 @@ def test_a_record_that_cannot_be_read_does_not_hide_the_others(station: Station,
     assert station.opened
 
 
-def test_settings_of_another_version_cost_the_results_not_the_points(station: Station, tmp_path: Path) -> None:
-    call("run", "turntable", "--quiet")
+def test_settings_of_another_version_cost_the_reckoning_and_nothing_else(station: Station, tmp_path: Path) -> None:
+    """Results are those that were stored, the settings are shown as they are."""
+    ran = json.loads(call("run", "turntable", "--quiet", "--json").stdout)
     journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes().replace(b'"settings":{', b'"settings":{},"before":{', 1))
+    words = journal.read_bytes().replace(b'"settings":{', b'"settings":{"before":{"that":7},', 1)
+    journal.write_bytes(words.replace(b'"samples":', b'"sample_count":', 1))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
-    assert (shown["results"], len(shown["points"])) == ({}, 17)
+    assert (shown["results"], shown["points"]) == (ran["results"], ran["points"])
     assert "not those of this version" in shown["no_results"]
-    assert "not those of this version" in call("runs", "show", "last").stdout
+    text = call("runs", "show", "last").stdout
+    assert "results as stored: its settings are not those of this version" in text
+    assert "\nscale_factor  " in text
+    assert "\nbefore.that  " in text
     assert station.opened
 
 
@@ -121,16 +130,52 @@ def test_one_bad_record_does_not_end_the_list(station: Station, tmp_path: Path) 
 
 
 def test_a_record_is_shown_without_the_procedure_that_made_it(station: Station, tmp_path: Path) -> None:
-    call("run", "turntable", "--quiet")
-    journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes().replace(b'"procedure":"turntable"', b'"procedure":"hysteresis"', 1))
+    ran = json.loads(call("run", "turntable", "--quiet", "--json").stdout)
+    _call_it_hysteresis(tmp_path / "runs" / ran["run"])
     shown = call("runs", "show", "last")
     assert shown.exception is None
     assert "hysteresis, bench" in shown.stdout
-    assert "no results: the procedure 'hysteresis' is not known here" in shown.stdout
-    assert shown.stdout.count("  10\n") == 17
+    assert "results as stored: the procedure 'hysteresis' is not known here" in shown.stdout
+    assert "nonlinearity_ppm.max_span" in shown.stdout
+    assert shown.stdout.count("  10\n") >= 17
     answer = json.loads(call("runs", "show", "last", "--json").stdout)
-    assert (answer["procedure"], answer["results"], len(answer["points"])) == ("hysteresis", {}, 17)
+    assert (answer["procedure"], answer["results"], len(answer["points"])) == ("hysteresis", ran["results"], 17)
+    assert station.opened
+
+
+def _call_it_hysteresis(record: Path) -> None:
+    for name, colon in (("journal.jsonl", b":"), ("result.json", b": ")):
+        words = b'"procedure"' + colon
+        was = (record / name).read_bytes()
+        assert was.count(words + b'"turntable"')
+        (record / name).write_bytes(was.replace(words + b'"turntable"', words + b'"hysteresis"', 1))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda path: path.unlink(), "there is no such file"),
+        (lambda path: path.write_text("["), "expected the result of a run, it is no JSON object"),
+        (lambda path: path.write_text("[" * 5000 + "]" * 5000), "it is no JSON object"),
+        (lambda path: path.write_text("[1]"), "it is no JSON object"),
+        (lambda path: path.write_text("{}"), "expected the result of this run, it is that of another"),
+        (
+            lambda path: path.write_text(path.read_text().replace('"n": 10', '"n": 11', 1)),
+            "expected the result of this run, it is that of another",
+        ),
+    ],
+)
+def test_what_is_stored_is_shown_only_if_it_is_of_these_points(
+    station: Station, tmp_path: Path, spoil: Callable[[Path], object], words: str
+) -> None:
+    ran = json.loads(call("run", "turntable", "--quiet", "--json").stdout)
+    _call_it_hysteresis(tmp_path / "runs" / ran["run"])
+    spoil(tmp_path / "runs" / ran["run"] / "result.json")
+    shown = call("runs", "show", "last")
+    assert shown.exception is None
+    assert "no results: the procedure 'hysteresis' is not known here; " in shown.stdout
+    assert words in shown.stdout
+    assert json.loads(call("runs", "show", "last", "--json").stdout)["results"] == {}
     assert station.opened
 
 
@@ -148,7 +193,7 @@ def test_a_record_does_not_write_on_the_terminal(station: Station, tmp_path: Pat
     assert station.opened
 
 
-@pytest.mark.parametrize(("width", "lines"), [(60, 6), (200, 3)])
+@pytest.mark.parametrize(("width", "lines"), [(60, 7), (200, 3)])
 def test_a_narrow_terminal_gets_a_block_a_record(
     station: Station, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], width: int, lines: int
 ) -> None:

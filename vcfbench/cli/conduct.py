@@ -103,11 +103,9 @@ def _show(run: Run, options: RunOptions) -> None:
 
 
 def _show_text(run: Run, physical_minimum_s: float) -> None:
-    from vcfbench.report.table import summary, verdicts  # noqa: PLC0415
+    from vcfbench.report.text import text_of  # noqa: PLC0415
 
-    typer.echo(summary(run.procedure, run.points, run.results or {}))
-    if run.verdict is not None:
-        typer.echo(f"\n{verdicts(run.verdict)}")
+    typer.echo(text_of(run.report()))
     for said in run.asked_again:
         typer.echo(f"\nasked again: {said}")
     typer.echo(

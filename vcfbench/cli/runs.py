@@ -14,6 +14,7 @@ from vcfbench.files import shown
 if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.runs.run import Run
 
 __all__ = ["app"]
 
@@ -28,7 +29,7 @@ def list_(runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     """List the records, oldest first."""
     from vcfbench.record.directory import list_runs  # noqa: PLC0415
 
-    known = [_line_or_why_not(directory) for directory in list_runs(runs)]
+    known = [_listed(directory) for directory in list_runs(runs)]
     if json:
         print_json({"runs": known})
     elif not known:
@@ -46,19 +47,20 @@ def show(
 ) -> None:
     """Show one record: points, results, and how it ended. Everything is made again from the journal."""
     from vcfbench.record.directory import find_run  # noqa: PLC0415
+    from vcfbench.runs.recorded import recorded_run  # noqa: PLC0415
 
     directory = find_run(runs, run)
     record = directory.read()
+    shown_run = recorded_run(directory, record)
     if json:
-        print_json(_answer(directory, record))
+        print_json(_answer(directory, record, shown_run))
     else:
-        _print_record(directory, record)
+        _print_record(directory, record, shown_run)
     if record.damage is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged: {record.damage}")
 
 
-def _line(directory: RunDirectory) -> dict[str, Any]:
-    record = directory.read()
+def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     return {
         "run": directory.run,
         "procedure": record.header.get("procedure"),
@@ -70,23 +72,28 @@ def _line(directory: RunDirectory) -> dict[str, Any]:
     }
 
 
-def _line_or_why_not(directory: RunDirectory) -> dict[str, Any]:
+def _listed(directory: RunDirectory) -> dict[str, Any]:
     """Return the line of one record; one that cannot be read keeps no other from being listed."""
+    from vcfbench.runs.recorded import recorded_verdict  # noqa: PLC0415
+
     try:
-        return _line(directory)
+        record = directory.read()
+        return {**_line(directory, record), "verdict": recorded_verdict(directory, record)}
     except ConfigError as error:
         typer.echo(f"vcfbench: {error}", err=True)
-        unknown = dict.fromkeys(("procedure", "status", "damage", "bench", "seed", "points"))
+        unknown = dict.fromkeys(("procedure", "status", "damage", "bench", "seed", "points", "verdict"))
         return {"run": directory.run, **unknown, "status": "unreadable"}
 
 
 def _print_list(known: list[dict[str, Any]]) -> None:
-    from vcfbench.report.table import columns  # noqa: PLC0415
+    from vcfbench.report.document import Column, Table  # noqa: PLC0415
+    from vcfbench.report.text import table_text  # noqa: PLC0415
     from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
-    cells = [{**line, "status": _status(line)} for line in known]
+    cells = [{**line, "status": _status(line), "verdict": (line["verdict"] or "-").upper()} for line in known]
     head = [name for name in cells[0] if name != "damage"]
-    table = columns(head, ([printable(line[name]) for name in head] for line in cells))
+    rows = [[printable(line[name]) for name in head] for line in cells]
+    table = table_text(Table([Column(name) for name in head], rows))
     if _fits(table):
         typer.echo(table)
         return
@@ -107,21 +114,18 @@ def _fits(table: str) -> bool:
     return not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns
 
 
-def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
-    from vcfbench.runs.recorded import recorded_results, recorded_verdict  # noqa: PLC0415
-
-    footer = record.footer or {}
-    results, why_none = recorded_results(record)
+def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[str, Any]:
+    told = run.as_json()
     return {
-        **_line(directory),
-        "simulated": record.header.get("simulated"),
+        **_line(directory, record),
+        "simulated": run.simulated,
         "started_utc": record.header.get("utc"),
-        "bench_seconds": footer.get("bench_seconds"),
-        "physical_minimum_s": footer.get("physical_minimum_s"),
-        "points": [point.as_json() for point in record.points],
-        "results": results,
-        "no_results": why_none,
-        "acceptance": None if (acceptance := recorded_verdict(record, results)) is None else acceptance.as_json(),
+        "bench_seconds": run.bench_seconds,
+        "physical_minimum_s": run.physical_minimum_s,
+        "points": told["points"],
+        "results": told["results"],
+        "no_results": run.no_results,
+        "acceptance": told["acceptance"],
         "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
@@ -129,24 +133,20 @@ def _answer(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     }
 
 
-def _print_record(directory: RunDirectory, record: JournalRecord) -> None:
-    from vcfbench.report.table import summary, verdicts  # noqa: PLC0415
-    from vcfbench.runs.recorded import printable, recorded_results, recorded_verdict  # noqa: PLC0415
+def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
+    from vcfbench.report.text import text_of  # noqa: PLC0415
+    from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
-    line = _line(directory)
-    results, why_none = recorded_results(record)
+    line = _line(directory, record)
     typer.echo(
         f"{printable(line['run'])}: {_status(line)}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
         f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
     )
-    typer.echo(summary(str(line["procedure"]), record.points, results))
-    if (acceptance := recorded_verdict(record, results)) is not None:
-        typer.echo(f"\n{verdicts(acceptance)}")
-    for step in record.steps:
-        for said in step.get("asked_again", ()):
-            typer.echo(f"\nasked again: step {printable(step.get('n'))}: {printable(said)}")
-    if why_none is not None:
-        typer.echo(f"\nno results: {why_none}")
+    typer.echo(text_of(run.report()))
+    for said in run.asked_again:
+        typer.echo(f"\nasked again: {printable(said)}")
+    if run.no_results is not None:
+        typer.echo(f"\n{'no results' if run.results is None else 'results as stored'}: {run.no_results}")
     for error in record.errors:
         typer.echo(f"\nerror: {printable(error.get('error'))}")
     typer.echo(f"\nrecord: {shown(directory.path)}")

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.signals import StopSignals
     from vcfbench.interfaces import Identity, SafeReport
-    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.procedures.executor import Execution, Observer
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
     from vcfbench.runs.asked import Prepared
+    from vcfbench.runs.results import CameTo
     from vcfbench.runs.run import Run
 
 
@@ -105,8 +105,7 @@ class _Course:
     checked: Checked = field(default_factory=Checked)
     directory: RunDirectory | None = None
     execution: Execution | None = None
-    results: dict[str, Any] | None = None
-    verdict: Acceptance | None = None
+    came_to: CameTo | None = None
     error: BenchError | None = None
     observers: Mapping[str, Shielded] = field(default_factory=dict)
 
@@ -126,18 +125,21 @@ class _Course:
     def as_run(self) -> Run:
         """Return what is known by now; complete when every step was performed and the results could be computed."""
         from vcfbench.record.schema import Status  # noqa: PLC0415
+        from vcfbench.runs.results import nothing  # noqa: PLC0415
         from vcfbench.runs.run import Run  # noqa: PLC0415
 
         description, execution = self.checked.description, self.execution
-        status = Status.ABORTED if self.results is None else Status.COMPLETE
+        status = Status.ABORTED if self.came_to is None else Status.COMPLETE
+        points = () if execution is None else execution.points
+        came_to = nothing(points) if self.came_to is None else self.came_to
         return Run(
             procedure=self.asked.name,
             status=status,
-            points=() if execution is None else execution.points,
-            results=self.results,
-            no_results=None if self.results is not None else f"the record is {status.value}",
+            points=points,
+            results=came_to.results,
+            no_results=None if self.came_to is not None else f"the record is {status.value}",
             error=self.error,
-            verdict=self.verdict,
+            verdict=came_to.verdict,
             directory=None if self.directory is None else self.directory.path,
             bench=None if description is None else description.name,
             simulated=None if description is None else description.simulated,
@@ -146,6 +148,7 @@ class _Course:
             physical_minimum_s=None if execution is None else execution.physical_minimum_s,
             asked_again=() if execution is None else execution.asked_again,
             observers_lost=tuple(self.observers_lost()),
+            _came_to=came_to.report,
         )
 
 
@@ -306,15 +309,16 @@ class _Record:
             course.directory = None
 
     def _compute(self) -> None:
-        from vcfbench.procedures.acceptance import judged  # noqa: PLC0415
+        from vcfbench.runs.results import come_to  # noqa: PLC0415
 
         course, settings = self.course, self.prepared.settings
         points = course.as_run().points
         try:
-            course.results = self.prepared.procedure.results(settings, points)
-            course.verdict = judged(settings.acceptance, course.results, points)
-        except ConfigError as error:
-            course.take_error(MeasurementError(f"the points give no result: {error.what}"))
+            course.came_to = come_to(self.prepared.procedure, settings, settings.acceptance, points)
+        except BenchError as error:
+            failed = MeasurementError(f"the points give no result: {error.what}")
+            failed.__cause__ = error.__cause__
+            course.take_error(failed)
 
     def _footer(self, display_lost: str | None) -> dict[str, Any]:
         done, lost = self.course.as_run(), self.course.observers_lost()

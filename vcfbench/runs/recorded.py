@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vcfbench import errors
 from vcfbench.errors import BenchError, ConfigError
@@ -13,10 +13,8 @@ from vcfbench.record.schema import Status
 from vcfbench.runs.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.runs.results import CameTo
 
 
 def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
@@ -54,16 +52,16 @@ def _run_or_why_not(directory: RunDirectory) -> Run:
 def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
     """Return what `record` in `directory` tells of its run."""
     header, footer = record.header, record.footer or {}
-    results, why_none = recorded_results(record)
+    came_to, why_none = _came_to(directory, record)
     lost = footer.get("observers_lost", ())
     run = Run(
         procedure=str(header.get("procedure")),
         status=record.status,
         points=record.points,
-        results=results or None,
+        results=came_to.results,
         no_results=why_none,
         error=_error(record),
-        verdict=recorded_verdict(record, results),
+        verdict=came_to.verdict,
         directory=directory.path,
         bench=header.get("bench", {}).get("name"),
         simulated=header.get("simulated"),
@@ -73,6 +71,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         asked_again=tuple(asked_again(record)),
         observers_lost=tuple(lost),
         damage=record.damage,
+        _came_to=came_to.report,
     )
     if run.error is not None:
         run.error.run = run
@@ -84,34 +83,49 @@ def asked_again(record: JournalRecord) -> list[str]:
     return [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
 
 
-def recorded_results(record: JournalRecord) -> tuple[dict[str, Any], str | None]:
-    """Compute the results again from the points; where there are none, say why in words."""
-    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
-    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
+def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, str | None]:
+    """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
+    from vcfbench.runs.results import nothing, stored  # noqa: PLC0415
 
     if record.status is not Status.COMPLETE:
-        return {}, f"the record is {record.status.value}"
+        return nothing(record.points), f"the record is {record.status.value}"
+    try:
+        return _computed(record)
+    except LookupError as error:
+        why = str(error.args[0])
+    try:
+        return stored(directory, record), why
+    except ConfigError as error:
+        return nothing(record.points), f"{why}; {error.what}"
+
+
+def _computed(record: JournalRecord) -> tuple[CameTo, str | None]:
+    """Compute the results; LookupError where procedure or settings are not those of this version."""
+    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
+    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
+    from vcfbench.runs.results import come_to, nothing  # noqa: PLC0415
+
     name = record.header.get("procedure")
     if not isinstance(name, str) or name not in PROCEDURES:
-        return {}, f"the procedure {name!r} is not known here"
+        raise LookupError(f"the procedure {name!r} is not known here")
     try:
         settings = CalibrationSettings.from_json(record.header["settings"])
     except (KeyError, ValueError) as error:  # msgspec.ValidationError is a ValueError
-        return {}, f"its settings are not those of this version: {printable(repr(error))}"
+        raise LookupError(f"its settings are not those of this version: {printable(repr(error))}") from None
     try:
-        return PROCEDURES[name].results(settings, record.points), None
-    except (ConfigError, ArithmeticError, ValueError) as error:
-        return {}, f"the points give no result: {printable(error)}"
+        return come_to(PROCEDURES[name], settings, settings.acceptance, record.points), None
+    except BenchError as error:
+        return nothing(record.points), f"the points give no result: {printable(error.what)}"
 
 
-def recorded_verdict(record: JournalRecord, results: Mapping[str, Any]) -> Acceptance | None:
-    """Judge the results by the limits that the bench file had when they were measured."""
-    from vcfbench.procedures.acceptance import judged  # noqa: PLC0415
-    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
-
-    if not results:
+def recorded_verdict(directory: RunDirectory, record: JournalRecord) -> str | None:
+    """Return ``pass`` or ``fail``, None where nothing is judged; results are computed only where there are limits."""
+    bench = record.header.get("bench", {})
+    limits = bench.get("acceptance")
+    if not isinstance(limits, dict) or not any(limits.values()):
         return None
-    return judged(CalibrationSettings.from_json(record.header["settings"]).acceptance, results, record.points)
+    verdict = _came_to(directory, record)[0].verdict
+    return None if verdict is None else verdict.as_json()["verdict"]
 
 
 def printable(value: object) -> str:

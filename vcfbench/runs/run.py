@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import html
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
 from vcfbench.record.damage import own_readings
+from vcfbench.record.plain import plain
+from vcfbench.report.document import Report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -40,18 +41,19 @@ class Run:
     """What a run came to: its points, results, verdict and record.
 
     `procedure` is its name; `status` says how it ended (``run.status == "complete"``); `points` are the averaged
-    points that were measured. `results` are those of ``result.json``, nested by name, empty where there are none, and
-    `no_results` says why. `error` is what ended the run, None if nothing did; `verdict` is that on the limits of
-    ``[acceptance]``, None if there are none. `directory` is where the record is, None if nothing was recorded.
-    `bench` is its name; `seed` that of a simulated bench. `bench_seconds` is how long it took in bench time,
-    `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
+    points that were measured. `results` are what the procedure made of them (``run.results.k_vc.value``), None where
+    there are none; of a record whose procedure is not known here they are a read-only mapping of what is stored in
+    ``result.json``. `no_results` says why in both cases. `error` is what ended the run, None if nothing did; `verdict`
+    is that on the limits of ``[acceptance]``, None if there are none. `directory` is where the record is, None if
+    nothing was recorded. `bench` is its name; `seed` that of a simulated bench. `bench_seconds` is how long it took in
+    bench time, `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
     """
 
     procedure: str
     status: Status
     points: tuple[Point, ...] = ()
-    results: Mapping[str, Any] | None = None
+    results: Any = None
     no_results: str | None = None
     error: BenchError | None = None
     verdict: Acceptance | None = None
@@ -64,6 +66,7 @@ class Run:
     asked_again: tuple[str, ...] = ()
     observers_lost: tuple[str, ...] = ()
     damage: str | None = None
+    _came_to: Report = field(default=Report(), repr=False)
 
     @property
     def name(self) -> str | None:
@@ -121,7 +124,7 @@ class Run:
             "seed": self.seed,
             "bench_seconds": self.bench_seconds or 0.0,
             "points": [point.as_json() for point in self.points],
-            "results": self.results or {},
+            "results": {} if self.results is None else plain(self.results),
             "acceptance": None if self.verdict is None else self.verdict.as_json(),
             "asked_again": list(self.asked_again),
         }
@@ -130,17 +133,22 @@ class Run:
     def __repr__(self) -> str:
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"
 
-    def _repr_html_(self) -> str:
-        """Show the run in a notebook: how it ended, its points, its results in words."""
-        from vcfbench.report.table import summary  # noqa: PLC0415
+    def report(self) -> Report:
+        """Return what the run came to as headings, tables, figures and texts, the verdict last."""
+        from vcfbench.report.generic import verdict_table  # noqa: PLC0415
 
-        said = [f"{self.name or self.procedure}: {self.status.value}"]
+        verdict = [] if self.verdict is None else [verdict_table(self.verdict)]
+        return Report([*self._came_to.parts, *verdict])
+
+    def _repr_html_(self) -> str:
+        """Show the run in a notebook: how it ended, and its report."""
+        from vcfbench.report.document import Text  # noqa: PLC0415
+        from vcfbench.report.html import html_of  # noqa: PLC0415
+
+        said = [Text(f"{self.name or self.procedure}: {self.status.value}")]
         if self.error is not None:
-            said.append(str(self.error))
-        if self.verdict is not None:
-            said.append("passed" if self.verdict.passed else "FAILED")
-        heads = "".join(f"<p>{html.escape(each)}</p>" for each in said)
-        return f"{heads}<pre>{html.escape(summary(self.procedure, self.points, self.results or {}))}</pre>"
+            said.append(Text(str(self.error)))
+        return html_of(Report([*said, *self.report().parts]))
 
 
 def _readings(record: JournalRecord) -> Iterator[RawReading]:

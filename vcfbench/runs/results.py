@@ -1,0 +1,117 @@
+"""What the points of a run come to: results, the verdict on them, and the report; or what is stored of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.procedures.acceptance import Acceptance, Verdict, judged
+from vcfbench.record.plain import plain, read_only
+from vcfbench.report.document import Report, Text
+from vcfbench.report.generic import generic_report, points_table, results_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.procedures.settings import Limit
+    from vcfbench.record.directory import RunDirectory
+    from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.schema import Point
+
+
+@dataclass(frozen=True, slots=True)
+class CameTo:
+    """What the points of a run came to; `results` None where they came to nothing."""
+
+    results: Any
+    verdict: Acceptance | None
+    report: Report
+
+
+def nothing(points: Sequence[Point]) -> CameTo:
+    """Return what a run without results came to: its points."""
+    return CameTo(None, None, Report([points_table(points)]))
+
+
+def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], points: Sequence[Point]) -> CameTo:
+    """Compute the results of `procedure`, judge them by `limits`, and make their report.
+
+    Raises:
+        BenchError: the points give no result, or one that cannot be written.
+    """
+    try:
+        results = read_only(procedure.results(settings, points))
+        plain(results)  # what cannot be written is no result
+        verdict = judged(limits, results, points)
+    except BenchError:
+        raise
+    except Exception as error:  # the arithmetic is anybody's
+        raise ConfigError(_mistake(error)) from error
+    return CameTo(results, verdict, _report(procedure, settings, points, results))
+
+
+def _report(procedure: AnyProcedure, settings: Any, points: Sequence[Point], results: Any) -> Report:
+    """Return the report of the procedure; where it fails, points and results say as much, and what happened."""
+    try:
+        made = procedure.report(settings, points, results)
+        if isinstance(made, Report):
+            return made
+        failed = f"it returned a {type(made).__name__}"
+    except Exception as error:  # noqa: BLE001  # it is anybody's, and the results are there
+        failed = _mistake(error)
+    told = Text(f"the report of {procedure.name} failed: {failed}")
+    return Report([*generic_report(settings, points, results).parts, told])
+
+
+def _mistake(error: Exception) -> str:
+    """Return what went wrong in somebody's function, and where."""
+    last = error.__traceback__
+    while last is not None and last.tb_next is not None:
+        last = last.tb_next
+    where = "" if last is None else f" ({Path(last.tb_frame.f_code.co_filename).name}, line {last.tb_lineno})"
+    return f"{type(error).__name__}: {error}{where}"
+
+
+def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
+    """Return what the record keeps of its results, where they cannot be computed again.
+
+    Raises:
+        ConfigError: there is no ``result.json`` in the record, or it is none of these points.
+    """
+    path = directory.path / "result.json"
+    answer, points = _decoded(path), record.points
+    if answer.get("procedure") != record.header.get("procedure") or answer.get("points") != [
+        p.as_json() for p in points
+    ]:
+        raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
+    results = read_only(answer.get("results") or {})
+    parts = [points_table(points), *results_table(results, "results, as they were stored")]
+    settings = results_table(record.header.get("settings"), "settings")
+    return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
+
+
+def _decoded(path: Path) -> dict[str, Any]:
+    import msgspec  # noqa: PLC0415  # it is needed for records of others alone
+
+    try:
+        return msgspec.json.decode(read_file(path, "the result of a run", MOST_TABLE), type=dict[str, Any])
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise ConfigError(f"{shown(path)}: expected the result of a run, it is no JSON object: {error}") from None
+
+
+def _stored_verdict(answer: Mapping[str, Any]) -> Acceptance | None:
+    """Return the verdict that was stored, None if there is none."""
+    told = answer.get("acceptance")
+    try:
+        return None if told is None else Acceptance(tuple(map(_stored_limit, told["limits"])))
+    except (KeyError, TypeError):
+        return None
+
+
+def _stored_limit(limit: Mapping[str, Any]) -> Verdict:
+    measured = limit["verdict"] != "not measured"
+    return Verdict(limit["key"], limit["value"], float(limit["low"]), float(limit["high"]), measured)
