@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Wire = Literal["tcp", "vxi11", "hislip", "pty"]
 """An interface on which a served bench can offer an instrument."""
 
-ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration_source")
+ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter")
 """The places on a bench that an instrument model can fill; the rate table's place takes a language."""
 
 _GROUP = "vcfbench.models"
@@ -67,6 +67,12 @@ class Model:
     rs232: bool = False
     specifications: Any = None
     answers: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The roles, and the place of the second meter for whatever can be the first."""
+        also = ("v_vc_meter",) if "multimeter" in self.roles and "v_vc_meter" not in self.roles else ()
+        return (*self.roles, *also)
 
     def recognises(self, maker: str, model: str) -> bool:
         """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
@@ -223,7 +229,7 @@ def model_names() -> tuple[str, ...]:
 
 def models_for(role: str) -> tuple[str, ...]:
     """Return the names of the models that can fill `role`; a package that cannot be loaded fills none."""
-    return tuple(row.name for row in _every(Model) if role in row.roles)
+    return tuple(row.name for row in _every(Model) if role in row.places)
 
 
 def languages() -> tuple[str, ...]:

@@ -173,6 +173,17 @@ def test_the_stanza_is_a_piece_of_a_bench_file() -> None:
     assert '# serial_number = "MY49520121"' in piece
 
 
+def test_a_second_multimeter_is_that_of_v_vc() -> None:
+    names = ("GPIB0::22::INSTR", "GPIB0::23::INSTR", "GPIB0::24::INSTR")
+    piece = stanza(Discovery("@py", tuple(Found(name, METER, recognise(METER)) for name in names), (), ()))
+    bench = parse_bench(f'name = "found"\n{piece}\n[site]\nlatitude_deg = 0.0\n', "found")
+    assert bench.multimeter is not None
+    assert bench.multimeter.resource == names[0]
+    assert bench.v_vc_meter is not None
+    assert bench.v_vc_meter.resource == names[1]
+    assert "# another 34401A:" in piece
+
+
 @pytest.mark.parametrize(
     ("found", "lines"),
     [

@@ -87,6 +87,11 @@ class Bench:
         """The generator of the virtual vibration."""
         return self._instrument("vibration_source")  # type: ignore[no-any-return]
 
+    @property
+    def v_vc_meter(self) -> Multimeter:
+        """The second voltmeter, whose leads are on the V_Vc input."""
+        return self._instrument("v_vc_meter")  # type: ignore[no-any-return]
+
     def _instrument(self, role: str) -> Any:
         """Return the instrument of `role`; ConfigError when the bench has none, or it was not opened."""
         try:

@@ -78,7 +78,7 @@ def _models(description: BenchDescription) -> Iterator[Misfit]:
 
 def _unfit(role: str, key: str, model: str) -> Iterator[Misfit]:
     row = find_model(model)
-    if row is None or role not in row.roles:
+    if row is None or role not in row.places:
         known = " or ".join(map(repr, models_for(role)))
         speaks = "" if key == "like" else ", or one that speaks the same words (like = ...)"
         yield Misfit(f"{role}.{key}", f"{known}{speaks}", model)
@@ -188,9 +188,8 @@ def _windows(description: BenchDescription) -> Iterator[Misfit]:
 
 
 def _resources(description: BenchDescription) -> Iterator[Misfit]:
-    roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "vibration_source")
     seen: dict[str, str] = {}
-    for role in roles:
+    for role in (*ROLES, "rate_table"):
         part = getattr(description, role)
         if part is None:
             continue

@@ -135,7 +135,7 @@ class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
 
 
 class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
-    """The voltmeter of the output V_open."""
+    """A voltmeter: of the output V_open, or of V_Vc."""
 
     model: Model
 
@@ -190,6 +190,7 @@ class Wiring(_Part, frozen=True, kw_only=True):
     rails: RailWiring = field(default_factory=RailWiring)
     oscilloscope: OscilloscopeWiring = field(default_factory=OscilloscopeWiring)
     multimeter: Node = "output"
+    v_vc_meter: Node = "v_vc"
 
 
 class Limits(_Part, frozen=True, kw_only=True):
@@ -288,6 +289,7 @@ class SimulationErrors(_Part, frozen=True, kw_only=True):
     oscilloscope: Errors = "drawn"
     rate_table: Errors = "drawn"
     vibration_source: Errors = "drawn"
+    v_vc_meter: Errors = "drawn"
 
 
 class Simulation(_Part, frozen=True, kw_only=True):
@@ -322,6 +324,7 @@ class BenchDescription(_Part, frozen=True, kw_only=True):
     oscilloscope: OscilloscopeRole | None = None
     rate_table: RateTableRole | None = None
     vibration_source: FunctionGeneratorRole | None = None
+    v_vc_meter: MultimeterRole | None = None
     wiring: Wiring = field(default_factory=Wiring)
     limits: Limits = field(default_factory=Limits)
     site: Site

@@ -259,7 +259,7 @@ def _roles(model: str | None) -> tuple[str, ...]:
     if model is None:
         return ()
     row = find_model(model)
-    return ("rate_table",) if row is None else row.roles
+    return ("rate_table",) if row is None else row.places
 
 
 def _entry(role: str, found: Found) -> Iterator[str]:

@@ -52,7 +52,7 @@ def open_role(role: str, description: BenchDescription, stand: Station, **more: 
 def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
     """Return what the bench file says of `role`, and what the driver needs to know of the station besides."""
     told = structs.asdict(getattr(description, role))
-    if role == "multimeter":
+    if role in {"multimeter", "v_vc_meter"}:
         return {**told, "mains_hz": float(description.site.mains_hz)}
     if role == "rate_table":
         limits, model = description.limits, told.pop("dialect")

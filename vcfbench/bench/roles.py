@@ -105,6 +105,7 @@ ROLES = (
     Role("rate_source", Stage.STIMULUS, _drives),
     Role("vibration_source", Stage.STIMULUS, _drives),
     Role("multimeter", Stage.REST, _harmless),
+    Role("v_vc_meter", Stage.REST, _harmless),
     Role("oscilloscope", Stage.REST, _harmless),
     Role("rate_table", Stage.MOTION, _turns),
 )

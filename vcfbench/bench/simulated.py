@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from vcfbench.bench.overrides import overridden
 from vcfbench.errors import ConfigError
-from vcfbench.models import find_language, find_model, languages, resolve
+from vcfbench.models import ROLES, find_language, find_model, languages, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -49,6 +49,7 @@ _STREAMS = {
     "oscilloscope": 4,
     "rate_table": 5,
     "vibration_source": 6,
+    "v_vc_meter": 7,
 }
 """Number of each random stream; numbers are never given again, so that a seed keeps its meaning."""
 
@@ -65,7 +66,7 @@ def twins(description: BenchDescription) -> dict[str, Any]:
         ConfigError: a model has none, or its package cannot be loaded.
     """
     found: dict[str, Any] = {}
-    for role in ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "vibration_source"):
+    for role in (*ROLES, "rate_table"):
         part = getattr(description, role)
         if part is not None:
             found[role] = _table_twin(part.dialect) if role == "rate_table" else _twin(part.like or part.model)
@@ -261,12 +262,17 @@ def _as_seen(description: BenchDescription, world: World) -> dict[str, Any]:
     """Return the World as the instruments see it that have leads, or are not wired to it."""
     from vcfbench.sim.leads import Leads  # noqa: PLC0415
 
-    channels = description.wiring.oscilloscope.channels()
-    return {
-        "multimeter": Leads(world, "multimeter", {"input": description.wiring.multimeter}, world.mains.in_meter_leads),
+    wiring, caught = description.wiring, world.mains
+    channels = wiring.oscilloscope.channels()
+    seen: dict[str, Any] = {
+        "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
         "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
         "vibration_source": _NotWired(world),
     }
+    if description.v_vc_meter is not None:
+        leads = Leads(world, "v_vc_meter", {"input": wiring.v_vc_meter}, caught.in_v_vc_meter_leads)
+        seen["v_vc_meter"] = leads
+    return seen
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,7 +36,7 @@ class _Stop(Exception):
 
 
 def talk(
-    role: Annotated[str, typer.Argument(help="power, rate_source, multimeter, oscilloscope, rate_table ...")],
+    role: Annotated[str, typer.Argument(help="power, rate_source, multimeter, v_vc_meter, rate_table ...")],
     bench: Annotated[
         Path | None,
         typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),

@@ -24,10 +24,11 @@ _STREAM = 3
 
 @dataclass(frozen=True, slots=True)
 class Mains:
-    """What is in the leads of the multimeter and in that of V_Vc; None where nothing is."""
+    """What is in the leads of the multimeters and in that of V_Vc; None where nothing is."""
 
     in_meter_leads: Sine | None
     in_v_vc_lead: Sine | None
+    in_v_vc_meter_leads: Sine | None = None
 
     @classmethod
     def drawn(cls, pick_up: PickUp, seed: int) -> Mains:
@@ -36,12 +37,13 @@ class Mains:
 
         random = np.random.default_rng([seed, _STREAM])
         frequency_hz = pick_up.mains_hz + pick_up.mains_deviation_hz * float(random.standard_normal())
-        phases = random.uniform(0.0, math.tau, 2)
+        phases = random.uniform(0.0, math.tau, 3)
 
         def sine(rms_v: float, phase_rad: float) -> Sine | None:
             return Sine(math.sqrt(2.0) * rms_v, frequency_hz, phase_rad) if rms_v else None
 
-        return cls(sine(pick_up.meter_leads_v, float(phases[0])), sine(pick_up.v_vc_lead_v, float(phases[1])))
+        in_leads = (pick_up.meter_leads_v, pick_up.v_vc_lead_v, pick_up.meter_leads_v)
+        return cls(*(sine(rms_v, float(phase)) for rms_v, phase in zip(in_leads, phases, strict=True)))
 
     def through_v_vc_lead(self, source: Drive | Played | None) -> Drive | Played | None:
         """Return a generator together with what its lead catches; a lead that leads nowhere brings nothing."""

@@ -69,6 +69,7 @@ _PROTOCOLS: Mapping[str, type] = MappingProxyType(
         "rate_source": FunctionGenerator,
         "vibration_source": FunctionGenerator,
         "multimeter": Multimeter,
+        "v_vc_meter": Multimeter,
         "oscilloscope": Oscilloscope,
     }
 )
