@@ -1,7 +1,7 @@
-"""Allan deviation of a zero-rate record, with confidence intervals that are true for overlapping clusters.
+"""Allan deviation and its relatives, with confidence intervals that are true for overlapping clusters.
 
-Form and read-off factors as in IEEE 952 Annex C; estimator, and equivalent degrees of freedom, as in NIST SP 1065.
-The unit of the result is that of the record: a record in deg/s gives deg/s.
+Estimators as in NIST SP 1065, sections 5.2 to 5.8, on a record of equally spaced averages. The unit of the result is
+that of the record: a record in deg/s gives deg/s. :mod:`vcfbench.analysis.noise_fit` fits what the curve is made of.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,16 +24,18 @@ if TYPE_CHECKING:
 __all__ = [
     "BIAS_INSTABILITY_FACTOR",
     "AllanPoint",
-    "Coefficients",
+    "Estimator",
     "Noise",
     "ReadOff",
     "allan_deviation",
     "averaging_factors",
     "confidence_interval",
-    "decompose",
+    "deviation",
     "equivalent_dof",
     "ieee952_uncertainty",
+    "modified_deviation",
     "overlapping_deviation",
+    "plain_deviation",
     "read_off",
 ]
 
@@ -40,6 +43,9 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 BIAS_INSTABILITY_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Floor of the Allan deviation over the bias instability B, 0.66428."""
+
+_BLOCK = 1 << 13
+"""Terms handled at once: the blocks stay in the processor's cache, and are too short for BLAS to start threads on."""
 
 
 class Noise(Enum):
@@ -49,6 +55,27 @@ class Noise(Enum):
     WHITE = "white"
     FLICKER = "flicker"
     RANDOM_WALK = "random walk"
+
+
+class Estimator(Enum):
+    """Which mean of squared differences estimates the deviation."""
+
+    OVERLAPPING = "overlapping Allan"
+    """Every pair of neighbouring clusters: the usual choice."""
+    PLAIN = "Allan"
+    """Clusters that do not overlap: twice as uncertain, for comparison with old figures."""
+    MODIFIED = "modified Allan"
+    """Averages the phase as well, which tells quantisation from white noise of the phase."""
+    HADAMARD = "overlapping Hadamard"
+    """Third differences: blind to a linear drift of the rate."""
+
+
+_UNIT_NOISE = {
+    Noise.QUANTISATION: PhaseNoise(quantisation=1.0),
+    Noise.WHITE: PhaseNoise(white=1.0),
+    Noise.FLICKER: PhaseNoise(flicker=1.0),
+    Noise.RANDOM_WALK: PhaseNoise(random_walk=1.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +96,89 @@ def overlapping_deviation(record: ArrayLike, factor: int) -> float:
         ConfigError: the record is shorter than two clusters.
 
     """
+    return deviation(record, factor, Estimator.OVERLAPPING)
+
+
+def plain_deviation(record: ArrayLike, factor: int) -> float:
+    """Return the Allan deviation from clusters that do not overlap; raises ConfigError as above."""
+    return deviation(record, factor, Estimator.PLAIN)
+
+
+def modified_deviation(record: ArrayLike, factor: int) -> float:
+    """Return the modified Allan deviation; raises ConfigError for a record shorter than three clusters less one."""
+    return deviation(record, factor, Estimator.MODIFIED)
+
+
+def deviation(record: ArrayLike, factor: int, estimator: Estimator) -> float:
+    """Return the deviation of equally spaced averages at `factor` times their spacing, by `estimator`.
+
+    Raises:
+        ConfigError: the record is too short for one term.
+
+    """
     values = np.asarray(record, dtype=np.float64)
-    if factor < 1 or values.size < 2 * factor:
-        raise ConfigError(f"{values.size} samples do not make two clusters of {factor}")
-    phase = np.concatenate([[0.0], np.cumsum(values - values.mean())])
-    second = phase[2 * factor :] - 2.0 * phase[factor:-factor] + phase[: -2 * factor]
-    return math.sqrt(float(np.mean(second**2)) / 2.0) / factor
+    _terms(values.size, factor, estimator)
+    return _deviation_of_phase(_phase(values), factor, estimator)
+
+
+def _terms(samples: int, factor: int, estimator: Estimator) -> int:
+    """Return how many squared differences the estimate averages."""
+    match estimator:
+        case Estimator.OVERLAPPING:
+            terms, clusters = samples + 1 - 2 * factor, "two clusters"
+        case Estimator.PLAIN:
+            terms, clusters = samples // factor - 1 if factor > 0 else 0, "two clusters"
+        case Estimator.MODIFIED:
+            terms, clusters = samples + 2 - 3 * factor, "three clusters"
+        case Estimator.HADAMARD:
+            terms, clusters = samples + 1 - 3 * factor, "three clusters"
+    if factor < 1 or terms < 1:
+        raise ConfigError(f"{samples} samples do not make {clusters} of {factor}")
+    return terms
+
+
+def _phase(values: Floats) -> Floats:
+    """Return the running sum from 0; the mean is taken out first, which no estimator sees, to keep its digits."""
+    phase = np.empty(values.size + 1)
+    phase[0] = 0.0
+    np.subtract(values, values.mean(), out=phase[1:])
+    np.cumsum(phase[1:], out=phase[1:])
+    return phase
+
+
+def _deviation_of_phase(phase: Floats, factor: int, estimator: Estimator) -> float:
+    match estimator:
+        case Estimator.OVERLAPPING:
+            return math.sqrt(_mean_square(phase, (1.0, -2.0, 1.0), factor) / 2.0) / factor
+        case Estimator.PLAIN:
+            return math.sqrt(_mean_square(phase[::factor], (1.0, -2.0, 1.0), 1) / 2.0) / factor
+        case Estimator.MODIFIED:
+            twice = _phase_of_means(phase)
+            return math.sqrt(_mean_square(twice, (1.0, -3.0, 3.0, -1.0), factor) / 2.0) / factor**2
+        case Estimator.HADAMARD:
+            return math.sqrt(_mean_square(phase, (1.0, -3.0, 3.0, -1.0), factor) / 6.0) / factor
+
+
+def _phase_of_means(phase: Floats) -> Floats:
+    """Return the running sum of the phase: second differences of its means over n are third differences of that."""
+    return _phase(phase)
+
+
+def _mean_square(phase: Floats, weights: tuple[float, ...], factor: int) -> float:
+    """Return the mean square of ``sum weights[i] * phase[t + i * factor]`` over all t, block by block."""
+    terms = phase.size - (len(weights) - 1) * factor
+    total = 0.0
+    buffer, scaled = np.empty(min(terms, _BLOCK)), np.empty(min(terms, _BLOCK))
+    for start in range(0, terms, _BLOCK):
+        count = min(_BLOCK, terms - start)
+        difference, part = buffer[:count], scaled[:count]
+        np.multiply(phase[start : start + count], weights[0], out=difference)
+        for place, weight in enumerate(weights[1:], 1):
+            first = start + place * factor
+            np.multiply(phase[first : first + count], weight, out=part)
+            difference += part
+        total += float(difference @ difference)
+    return total / terms
 
 
 def averaging_factors(samples: int, per_octave: int = 1) -> list[int]:
@@ -91,59 +195,55 @@ def allan_deviation(
     *,
     confidence: float = 0.6827,
     noise: Noise = Noise.WHITE,
+    estimator: Estimator = Estimator.OVERLAPPING,
 ) -> list[AllanPoint]:
-    """Return the overlapping Allan deviation of `record`, sampled every `interval_s`, with chi-square intervals.
+    """Return the deviation of `record`, sampled every `interval_s`, with chi-square intervals.
 
-    `noise` is the law that the equivalent degrees of freedom are computed for.
+    `noise` is the law that the equivalent degrees of freedom are computed for. Takes memory for one more record.
+
+    Raises:
+        ConfigError: the record is too short for a factor.
+
     """
     values = np.asarray(record, dtype=np.float64)
-    chosen = averaging_factors(values.size) if factors is None else factors
-    return [_point(values, interval_s, factor, confidence, noise) for factor in chosen]
+    chosen = list(averaging_factors(values.size) if factors is None else factors)
+    for factor in chosen:
+        _terms(values.size, factor, estimator)
+    phase = _phase(values)
+    points = []
+    for factor in chosen:
+        edf = equivalent_dof(values.size, factor, noise, estimator)
+        low, high = confidence_interval(edf, confidence)
+        found = _deviation_of_phase(phase, factor, estimator)
+        points.append(AllanPoint(factor * interval_s, found, edf, low * found, high * found))
+    return points
 
 
-def _point(values: Floats, interval_s: float, factor: int, confidence: float, noise: Noise) -> AllanPoint:
-    deviation = overlapping_deviation(values, factor)
-    edf = equivalent_dof(values.size, factor, noise)
-    low, high = confidence_interval(edf, confidence)
-    return AllanPoint(factor * interval_s, deviation, edf, low * deviation, high * deviation)
+def equivalent_dof(
+    samples: int,
+    factor: int,
+    noise: Noise | PhaseNoise = Noise.WHITE,
+    estimator: Estimator = Estimator.OVERLAPPING,
+) -> float:
+    """Return the equivalent degrees of freedom of an estimate, 2 mean^2 / variance.
 
-
-def equivalent_dof(samples: int, factor: int, noise: Noise = Noise.WHITE) -> float:
-    """Return the equivalent degrees of freedom of the overlapping estimate, 2 mean^2 / variance.
-
-    It is exact: the estimate is the mean of squares of a stationary Gaussian sequence (the second differences of the
-    phase), so its variance is the sum of that sequence's squared autocorrelations.
+    It is exact, for any power law and for a mixture of them: the estimate is the mean of squares of a stationary
+    Gaussian sequence (differences of the phase), so its variance is the sum of that sequence's squared autocovariances,
+    which follow from the generalised autocovariance of the phase (Greenhall and Riley 2003; their closed forms are
+    approximations of that sum, 18 % off for white noise at the shortest averaging time).
     """
-    terms = samples + 1 - 2 * factor
-    if terms < 1:
-        raise ConfigError(f"{samples} samples do not make two clusters of {factor}")
-    # Beyond a hundred clusters the autocorrelation of even flicker noise is below 1e-4, its square below 1e-8.
-    lags = np.arange(1.0, min(terms, 100 * factor))
-    correlation = _second_difference_covariance(lags, factor, noise) / _second_difference_covariance(
-        np.zeros(1), factor, noise
-    )
-    return float(terms / (1.0 + 2.0 * np.sum((1.0 - lags / terms) * correlation**2)))
-
-
-def _second_difference_covariance(lag: Floats, factor: int, noise: Noise) -> Floats:
-    """Return the autocovariance of the second difference of the phase, from the phase's generalised one."""
-    near = _phase_covariance(lag - factor, noise) + _phase_covariance(lag + factor, noise)
-    far = _phase_covariance(lag - 2 * factor, noise) + _phase_covariance(lag + 2 * factor, noise)
-    return np.asarray(6.0 * _phase_covariance(lag, noise) - 4.0 * near + far)
-
-
-def _phase_covariance(lag: Floats, noise: Noise) -> Floats:
-    """Return the generalised autocovariance of the phase (Greenhall and Riley 2003), up to a positive factor."""
-    distance = np.abs(lag)
-    match noise:
-        case Noise.QUANTISATION:
-            return np.asarray(distance == 0.0, dtype=np.float64)
-        case Noise.WHITE:
-            return -distance
-        case Noise.FLICKER:
-            return np.asarray(distance**2 * np.log(np.maximum(distance, 1.0)))
-        case Noise.RANDOM_WALK:
-            return np.asarray(distance**3)
+    terms = _terms(samples, factor, estimator)
+    law = _UNIT_NOISE[noise] if isinstance(noise, Noise) else noise
+    match estimator:
+        case Estimator.OVERLAPPING:
+            squares = correlated_squares(law, terms, factor, terms, factor)
+        case Estimator.PLAIN:
+            squares = correlated_squares(law.spaced(factor), terms, 1, terms, 1)
+        case Estimator.MODIFIED:
+            squares = correlated_squares(law.averaged(factor), terms, factor, terms, factor)
+        case Estimator.HADAMARD:
+            squares = correlated_squares(law, terms, factor, terms, factor, order=3)
+    return 2.0 * squares.mean_first**2 / squares.covariance
 
 
 def confidence_interval(edf: float, confidence: float = 0.6827) -> tuple[float, float]:
@@ -187,50 +287,3 @@ def read_off(curve: list[AllanPoint], aperture_s: float | None = None) -> ReadOf
         floor_tau_s=lowest.tau_s,
         bias_instability=lowest.deviation / BIAS_INSTABILITY_FACTOR,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Coefficients:
-    """Noise coefficients of the whole curve; unit of the record (deg/s) and seconds."""
-
-    quantisation: float
-    """Q, deg."""
-    angle_random_walk: float
-    """N, deg/sqrt(s); 60 times that is deg/sqrt(h)."""
-    bias_instability: float
-    """B, deg/s; 3600 times that is deg/h."""
-    rate_random_walk: float
-    """K, (deg/s)/sqrt(s)."""
-    rate_ramp: float
-    """R, deg/s^2."""
-
-    def variance(self, tau_s: ArrayLike) -> Floats:
-        """Return sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2."""
-        squares = np.square(
-            [
-                self.quantisation,
-                self.angle_random_walk,
-                self.bias_instability,
-                self.rate_random_walk,
-                self.rate_ramp,
-            ]
-        )
-        return np.asarray(_variance_terms(np.asarray(tau_s, dtype=np.float64)) @ squares)
-
-
-def decompose(curve: list[AllanPoint]) -> Coefficients:
-    """Fit the five terms to a curve: non-negative least squares of the variances, each weighted by its certainty."""
-    from scipy.optimize import nnls  # noqa: PLC0415 - as above
-
-    variance = np.array([point.deviation**2 for point in curve])
-    weight = np.sqrt(np.array([point.edf for point in curve])) / variance
-    terms = _variance_terms(np.array([point.tau_s for point in curve])) * weight[:, None]
-    size = np.linalg.norm(terms, axis=0)
-    squares, _ = nnls(terms / size, variance * weight)
-    return Coefficients(*np.sqrt(squares / size).tolist())
-
-
-def _variance_terms(tau_s: Floats) -> Floats:
-    tau = np.atleast_1d(tau_s)
-    flat = np.full_like(tau, BIAS_INSTABILITY_FACTOR**2)
-    return np.column_stack([3.0 / tau**2, 1.0 / tau, flat, tau / 3.0, tau**2 / 2.0])

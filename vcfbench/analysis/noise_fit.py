@@ -1,0 +1,251 @@
+"""What an Allan curve is made of: the coefficients Q, N, B, K, R of IEEE 952 Annex C, with their uncertainties.
+
+sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2 is linear in the squares, so these are
+fitted by least squares, none below zero, each point weighted by its equivalent degrees of freedom under that noise.
+Points of one curve come from one record: their covariances enter the stated uncertainties.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, Noise
+from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
+from vcfbench.analysis.sampling import deviation_factor
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from vcfbench.analysis.allan import AllanPoint
+    from vcfbench.analysis.sampling import Sampling
+
+__all__ = ["Coefficients", "NoiseFit", "NoiseTerm", "Term", "fit_noise"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_ROUNDS = 4
+_ONE_SIDED = 1.6449
+"""95 % of a normal distribution lie below the mean and so many standard deviations."""
+
+
+class Term(Enum):
+    """One term of the curve, in the order of rising powers of the averaging time."""
+
+    QUANTISATION = "quantisation"
+    ANGLE_RANDOM_WALK = "angle random walk"
+    BIAS_INSTABILITY = "bias instability"
+    RATE_RANDOM_WALK = "rate random walk"
+    RATE_RAMP = "rate ramp"
+
+
+_LAWS = {
+    Term.QUANTISATION: Noise.QUANTISATION,
+    Term.ANGLE_RANDOM_WALK: Noise.WHITE,
+    Term.BIAS_INSTABILITY: Noise.FLICKER,
+    Term.RATE_RANDOM_WALK: Noise.RANDOM_WALK,
+}
+_USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficients:
+    """Noise coefficients of the whole curve; unit of the record (deg/s) and seconds."""
+
+    quantisation: float = 0.0
+    """Q, deg."""
+    angle_random_walk: float = 0.0
+    """N, deg/sqrt(s); 60 times that is deg/sqrt(h)."""
+    bias_instability: float = 0.0
+    """B, deg/s; 3600 times that is deg/h."""
+    rate_random_walk: float = 0.0
+    """K, (deg/s)/sqrt(s)."""
+    rate_ramp: float = 0.0
+    """R, deg/s^2."""
+
+    def squares(self) -> Floats:
+        """Return Q^2, N^2, B^2, K^2, R^2."""
+        return np.square(
+            [
+                self.quantisation,
+                self.angle_random_walk,
+                self.bias_instability,
+                self.rate_random_walk,
+                self.rate_ramp,
+            ]
+        )
+
+    def variance(self, tau_s: ArrayLike) -> Floats:
+        """Return sigma^2(tau) of a gapless record."""
+        return np.asarray(_columns(np.asarray(tau_s, dtype=np.float64)) @ self.squares())
+
+    def phase_noise(self, sampling: Sampling) -> PhaseNoise:
+        """Return the noise of a record so sampled, time in samples; what dead time folds in counts as white."""
+        white = deviation_factor(sampling, Noise.WHITE) ** 2 * self.angle_random_walk**2 / sampling.interval_s
+        folded = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
+        white += folded * (BIAS_INSTABILITY_FACTOR * self.bias_instability) ** 2
+        quantisation = self.quantisation / sampling.interval_s
+        if not sampling.gapless:
+            white += 2.0 * (self.quantisation / sampling.aperture_s) ** 2
+            quantisation = 0.0
+        return PhaseNoise(
+            quantisation=quantisation,
+            white=math.sqrt(white),
+            flicker=self.bias_instability,
+            random_walk=self.rate_random_walk * math.sqrt(sampling.interval_s),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTerm:
+    """One fitted coefficient, of the gapless noise."""
+
+    value: float
+    u: float | None
+    """Standard uncertainty; None where the coefficient is 0, because its square is what is estimated."""
+    upper_95: float
+    """With 95 % the true one is not above that."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFit:
+    """The coefficients that describe a curve; those that were not asked for are 0."""
+
+    coefficients: Coefficients
+    terms: dict[Term, NoiseTerm]
+    covariance_of_squares: Floats
+    """Of Q^2, N^2, B^2, K^2, R^2, in that order; rows of what was not fitted are 0."""
+
+    def variance(self, sampling: Sampling, factor: int) -> tuple[float, float]:
+        """Return the Allan variance of a record so sampled at `factor` intervals, and its degrees of freedom."""
+        (column,) = _design([factor], sampling)
+        return self.combined(column)
+
+    def combined(self, shares: Floats) -> tuple[float, float]:
+        """Return ``shares @ (Q^2, N^2, B^2, K^2, R^2)`` and the degrees of freedom that its uncertainty is worth."""
+        value = float(shares @ self.coefficients.squares())
+        variance = float(shares @ self.covariance_of_squares @ shares)
+        return value, 2.0 * value**2 / variance if variance > 0.0 else math.inf
+
+
+def fit_noise(
+    curve: Sequence[AllanPoint], samples: int, sampling: Sampling, terms: Iterable[Term] = _USUAL
+) -> NoiseFit:
+    """Fit the terms to an overlapping Allan curve of a record of `samples` readings.
+
+    Dead time is corrected: the coefficients are those of the instrument, not of the record. Terms that cannot be told
+    apart (quantisation and angle random walk of a record with dead time) share what they explain arbitrarily.
+
+    Raises:
+        ConfigError: fewer points than terms, a point that is no multiple of the interval, or a record without noise.
+
+    """
+    chosen = [term for term in Term if term in set(terms)]
+    factors = [round(point.tau_s / sampling.interval_s) for point in curve]
+    _check(curve, factors, sampling, chosen)
+    places = [list(Term).index(term) for term in chosen]
+    design = _design(factors, sampling)[:, places]
+    variance = np.array([point.deviation**2 for point in curve])
+    squares = _weighted(design, variance, 1.0 / variance**2)
+    for _ in range(_ROUNDS):
+        found = _coefficients(squares, places)
+        spread = np.array([_covariance(found, sampling, samples, m, m) for m in factors])
+        squares = _weighted(design, variance, 1.0 / np.maximum(spread, (1e-6 * (design @ squares)) ** 2))
+    return _with_uncertainty(squares, places, design, 1.0 / spread, _covariances(found, sampling, samples, factors))
+
+
+def _check(curve: Sequence[AllanPoint], factors: list[int], sampling: Sampling, chosen: list[Term]) -> None:
+    if not chosen or len(curve) < len(chosen):
+        raise ConfigError(f"{len(curve)} points of an Allan curve do not determine {len(chosen)} terms")
+    for point, factor in zip(curve, factors, strict=True):
+        if factor < 1 or abs(factor * sampling.interval_s - point.tau_s) > 1e-6 * point.tau_s:
+            raise ConfigError(f"{point.tau_s:g} s is no multiple of the interval of {sampling.interval_s:g} s")
+        if point.deviation <= 0.0:
+            raise ConfigError(f"the Allan deviation at {point.tau_s:g} s is 0: the record has no noise to fit")
+
+
+def _weighted(design: Floats, variance: Floats, weight: Floats) -> Floats:
+    """Return the non-negative least-squares solution."""
+    from scipy.optimize import nnls  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    root = np.sqrt(weight)
+    rows = design * root[:, None]
+    size = np.linalg.norm(rows, axis=0)
+    found, _ = nnls(rows / size, variance * root)
+    return np.asarray(found / size)
+
+
+def _coefficients(squares: Floats, places: list[int]) -> Coefficients:
+    every = np.zeros(len(Term))
+    every[places] = np.sqrt(squares)
+    return Coefficients(*every.tolist())
+
+
+def _with_uncertainty(
+    squares: Floats, places: list[int], design: Floats, weight: Floats, covariances: Floats
+) -> NoiseFit:
+    """Carry the covariances of the points through the least-squares sums.
+
+    Terms that came out as 0 take no part in the uncertainty of the others; that of each of them is what it would have
+    beside the others alone.
+    """
+    free = np.flatnonzero(squares > 0.0).tolist()
+    part = np.zeros((len(places), len(places)))
+    for bound in np.flatnonzero(squares == 0.0).tolist():
+        beside = [*free, bound]
+        part[bound, bound] = _carried(design[:, beside], weight, covariances)[-1, -1]
+    part[np.ix_(free, free)] = _carried(design[:, free], weight, covariances)
+    whole = np.zeros((len(Term), len(Term)))
+    whole[np.ix_(places, places)] = part
+    terms = {}
+    for place, square, u in zip(places, squares.tolist(), np.sqrt(np.diag(part)).tolist(), strict=True):
+        value = math.sqrt(square)
+        upper = math.sqrt(square + _ONE_SIDED * u)
+        terms[list(Term)[place]] = NoiseTerm(value, u / (2.0 * value) if value > 0.0 else None, upper)
+    return NoiseFit(_coefficients(squares, places), terms, whole)
+
+
+def _carried(design: Floats, weight: Floats, covariances: Floats) -> Floats:
+    root = np.sqrt(weight)
+    gain = np.linalg.pinv(design * root[:, None]) * root
+    return np.asarray(gain @ covariances @ gain.T)
+
+
+def _covariances(noise: Coefficients, sampling: Sampling, samples: int, factors: list[int]) -> Floats:
+    """Return the covariances of all points of the curve."""
+    whole = np.empty((len(factors), len(factors)))
+    for i, first in enumerate(factors):
+        for j, second in enumerate(factors[: i + 1]):
+            whole[i, j] = whole[j, i] = _covariance(noise, sampling, samples, first, second)
+    return whole
+
+
+def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: int, second: int) -> float:
+    """Return the covariance of the estimated Allan variances at two factors; a ramp shifts the differences."""
+    law = noise.phase_noise(sampling)
+    squares = correlated_squares(law, samples + 1 - 2 * first, first, samples + 1 - 2 * second, second)
+    ramp = (noise.rate_ramp * sampling.interval_s) ** 2 * float(first) ** 2 * float(second) ** 2
+    total = squares.covariance + 4.0 * ramp * squares.covariance_of_means
+    return total / (4.0 * float(first) ** 2 * float(second) ** 2)
+
+
+def _design(factors: Sequence[int], sampling: Sampling) -> Floats:
+    """Return what each squared coefficient adds to the Allan variance of the record, one row a factor."""
+    columns = _columns(np.array(factors, dtype=np.float64) * sampling.interval_s)
+    for place, term in enumerate(Term):
+        if term in _LAWS:
+            columns[:, place] *= [deviation_factor(sampling, _LAWS[term], factor) ** 2 for factor in factors]
+    return columns
+
+
+def _columns(tau_s: Floats) -> Floats:
+    tau = np.atleast_1d(tau_s)
+    flat = np.full_like(tau, BIAS_INSTABILITY_FACTOR**2)
+    return np.column_stack([3.0 / tau**2, 1.0 / tau, flat, tau / 3.0, tau**2 / 2.0])

@@ -1,0 +1,132 @@
+"""What the aperture of a reading and the dead time between readings do to an Allan curve.
+
+A reading is the mean over its aperture. Readings with time between them see white noise as strongly as one aperture
+does, and not as the whole interval would: 0.2 s of every second show sqrt(5) = 2.24 times the noise. Slow noise passes
+almost unchanged. The factors are those by which the deviation at ``factor * interval`` differs from that of a gapless
+record (for one reading a cluster: the bias function B2 of Barnes, NBS Technical Note 375).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.allan import Noise
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Sampling", "block_means", "deviation_factor"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_SUMMED = 1024
+"""Up to so many readings a cluster the covariances are summed; beyond, what dead time folds in falls as white noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How a record was taken: one reading every `interval_s`, each the mean over `aperture_s`."""
+
+    interval_s: float
+    aperture_s: float
+    noise_bandwidth_hz: float | None = None
+    """Noise bandwidth of one reading for the instrument's white noise, where it is not 1 / (2 aperture).
+
+    Force noise of a gyroscope with split modes passes through the sense mode first: 3.4 Hz instead of 2.5 Hz at 0.2 s.
+    """
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        if not 0.0 < self.aperture_s <= self.interval_s or not math.isfinite(self.interval_s):
+            raise ConfigError(f"an aperture of {self.aperture_s:g} s does not fit an interval of {self.interval_s:g} s")
+        if self.noise_bandwidth_hz is not None and (self.gapless or self.noise_bandwidth_hz <= 0.0):
+            raise ConfigError(
+                "a noise bandwidth of the reading needs time between readings: without it neighbours share that noise"
+            )
+
+    @classmethod
+    def without_gaps(cls, interval_s: float) -> Sampling:
+        """Return the sampling of readings that follow each other directly."""
+        return cls(interval_s, interval_s)
+
+    @property
+    def gapless(self) -> bool:
+        """Whether there is no dead time, to a part in a million."""
+        return self.interval_s - self.aperture_s <= 1e-6 * self.interval_s
+
+
+def deviation_factor(sampling: Sampling, noise: Noise, factor: int = 1) -> float:
+    """Return observed over gapless Allan deviation at `factor` intervals, for one law of noise.
+
+    Divide an observed deviation, or a coefficient read off it, by that. 1 for a gapless record.
+
+    Raises:
+        ConfigError: `factor` is not positive.
+
+    """
+    if factor < 1:
+        raise ConfigError(f"a cluster needs at least one reading, got {factor}")
+    if sampling.gapless:
+        return 1.0
+    duty = sampling.aperture_s / sampling.interval_s
+    match noise:
+        case Noise.WHITE:
+            bandwidth = sampling.noise_bandwidth_hz
+            return math.sqrt(1.0 / duty if bandwidth is None else 2.0 * bandwidth * sampling.interval_s)
+        case Noise.QUANTISATION:
+            return math.sqrt(2.0 * factor / 3.0) / duty
+        case Noise.FLICKER | Noise.RANDOM_WALK:
+            summed = min(factor, _SUMMED)
+            excess = _variance(noise, summed, duty) / _gapless_variance(noise, summed) - 1.0
+            gone = summed / factor if noise is Noise.FLICKER else (summed / factor) ** 2
+            return math.sqrt(1.0 + excess * gone)
+
+
+def _variance(noise: Noise, factor: int, duty: float) -> float:
+    """Return the variance of the difference of two clusters of `factor` readings, one a unit of time over `duty` of it.
+
+    Up to a constant of the law. One cluster follows the other, so they meet at lags of one sign only.
+    """
+    lag = np.arange(2.0 * factor)
+    weight = 2.0 * np.maximum(0.0, factor - lag) - np.maximum(0.0, factor - np.abs(lag - factor))
+    weight[1:] *= 2.0
+    covariance = _flicker(lag, duty) if noise is Noise.FLICKER else _random_walk(lag, duty)
+    return float(weight @ covariance) / factor**2
+
+
+def _gapless_variance(noise: Noise, factor: int) -> float:
+    return 8.0 * math.log(2.0) if noise is Noise.FLICKER else 2.0 * factor / 3.0
+
+
+def _flicker(lag: Floats, duty: float) -> Floats:
+    """Return the generalised autocovariance of readings of flicker noise: second differences of t^2 ln t."""
+    later = lag[1:]
+    ratio = duty / later
+    spread = (later + duty) ** 2 * np.log1p(ratio) + (later - duty) ** 2 * np.log1p(-ratio)
+    return np.concatenate([[-2.0 * math.log(duty)], -2.0 * np.log(later) - spread / duty**2])
+
+
+def _random_walk(lag: Floats, duty: float) -> Floats:
+    """Return the same of random walk: of |t|^3 / 12."""
+    return np.concatenate([[-duty / 6.0], -lag[1:] / 2.0])
+
+
+def block_means(record: ArrayLike, readings: int) -> Floats:
+    """Return the means of successive blocks of `readings`; what does not fill the last block is left out.
+
+    Five readings of 0.2 s without gaps make one of 1 s without dead time.
+
+    Raises:
+        ConfigError: the record does not fill one block.
+
+    """
+    values = np.asarray(record, dtype=np.float64)
+    blocks = values.size // readings if readings > 0 else 0
+    if blocks < 1:
+        raise ConfigError(f"{values.size} readings do not fill a block of {readings}")
+    return np.asarray(values[: blocks * readings].reshape(blocks, readings).mean(axis=1))
