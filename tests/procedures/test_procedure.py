@@ -18,8 +18,9 @@ def test_the_catalogue_finds_procedures_by_their_names() -> None:
 
 
 @pytest.mark.parametrize("name", PROCEDURES)
-def test_the_papers_procedures_need_the_papers_five_instruments(name: str) -> None:
-    assert [*PROCEDURES[name].needs] == ["power", "rate_source", "multimeter", "oscilloscope", "rate_table"]
+def test_the_papers_procedures_use_the_papers_five_instruments_and_can_do_without_one(name: str) -> None:
+    assert [*PROCEDURES[name].needs] == ["power", "rate_source", "multimeter", "rate_table"]
+    assert [*PROCEDURES[name].uses] == ["oscilloscope"]
 
 
 def test_a_procedure_is_shown_by_its_name() -> None:

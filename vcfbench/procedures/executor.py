@@ -108,7 +108,8 @@ class Execution:
 
     `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
     below which no controller can come with this table and this settling. `asked_again` says which answers could not be
-    believed, and in which step, so that they were asked for once more.
+    believed, and in which step, so that they were asked for once more. `not_checked` says what the plan would have
+    checked on another bench.
     """
 
     status: Status
@@ -117,6 +118,7 @@ class Execution:
     bench_seconds: float
     physical_minimum_s: float
     asked_again: tuple[str, ...] = ()
+    not_checked: tuple[str, ...] = ()
 
 
 @dataclass(slots=True)
@@ -132,6 +134,7 @@ class Executor:
     _written: int = field(init=False, default=0)
     _points: list[Point] = field(init=False, default_factory=list)
     _asked_again: list[str] = field(init=False, default_factory=list)
+    _not_checked: list[str] = field(init=False, default_factory=list)
     _physical_s: float = field(init=False, default=0.0)
     _error: BenchError | None = field(init=False, default=None)
     _walked: bool = field(init=False, default=False)
@@ -162,6 +165,7 @@ class Executor:
             self._now(),
             self._physical_s,
             tuple(self._asked_again),
+            tuple(self._not_checked),
         )
 
     def _walk(self, plan: Plan) -> None:
@@ -220,6 +224,9 @@ class Executor:
         }
         if self._context.asked_again:
             self._asked_again += (f"step {self._number}: {said}" for said in self._context.asked_again)
+        if step.not_checked:
+            line["not_checked"] = step.not_checked
+            self._not_checked.append(step.not_checked)
         point = result.recorded_point
         if point is not None:
             line["point"] = point.as_json()
@@ -256,7 +263,8 @@ class Executor:
         A plan knows roles only; where an instrument answers is added here.
         """
         if error.instrument is not None and error.resource is None:
-            error.resource = getattr(getattr(self.bench, error.instrument, None), "resource", None)
+            with suppress(BenchError):  # the instrument that the error is about may be one that the bench has not
+                error.resource = getattr(getattr(self.bench, error.instrument, None), "resource", None)
         self._error = self._error or error
 
     def _heard(self, reading: Reading) -> None:

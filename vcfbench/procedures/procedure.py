@@ -6,7 +6,18 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from vcfbench.interfaces import FunctionGenerator, Multimeter, Oscilloscope, PowerSupply, RateTable
+from vcfbench.interfaces import (
+    FunctionGenerator,
+    MeasuresWaveforms,
+    Multimeter,
+    Oscilloscope,
+    PowersRails,
+    PowerSupply,
+    RateTable,
+    ReadsVoltage,
+    Rotates,
+    SetsVoltage,
+)
 from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:
@@ -30,6 +41,14 @@ PAPER_BENCH: Mapping[str, type] = MappingProxyType(
 )
 """The paper's five instruments by their roles, and what each must be able to do."""
 
+CALIBRATION_NEEDS: Mapping[str, type] = MappingProxyType(
+    {"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage, "rate_table": Rotates}
+)
+"""What both calibrations of the paper cannot do without."""
+
+CALIBRATION_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWaveforms})
+"""What they look at the drive signal with; without it they say that it was not checked."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure(Generic[S, R]):
@@ -44,6 +63,7 @@ class Procedure(Generic[S, R]):
             Any frozen dataclass or msgspec struct will do: its fields are what is written.
         report: makes the report from settings, points and results; without it points and fields of the results.
         needs: the roles that must be on the bench, and what the instrument in each must be able to do.
+        uses: the roles that it makes use of where the bench has them, likewise.
     """
 
     name: str
@@ -53,6 +73,7 @@ class Procedure(Generic[S, R]):
     results: Callable[[S, Sequence[Point]], R]
     report: Callable[[S, Sequence[Point], R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_BENCH)
+    uses: Mapping[str, type] = field(default_factory=lambda: MappingProxyType({}))
 
     def __repr__(self) -> str:
         return f"<Procedure {self.name}>"

@@ -24,6 +24,7 @@ from vcfbench.procedures.steps import (
     EnableVvc,
     FindDrive,
     MeasureDrive,
+    NotChecked,
     Note,
     ScopeReady,
     SetRate,
@@ -43,18 +44,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def start_up(settings: CalibrationSettings) -> Routine[None]:
-    """Bring the gyro from cold to a settled drive loop, generator off."""
-    yield Note("Start-up")
-    yield from power_up(settings)
-    yield from check_drive(settings)
-
-
 def power_up(settings: CalibrationSettings) -> Routine[None]:
-    """Set levels and limits, then switch on, wait, and read the rails back; V_Vc is off before the PCB gets power."""
+    """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
     yield ConfigureMeter(settings.meter_range_v, settings.nplc)
     yield DisableVvc()
     yield ConfigureGenerator(0.0)
+    yield from rails_on(settings)
+
+
+def rails_on(settings: CalibrationSettings) -> Routine[None]:
+    """Set levels and limits, then switch on, wait, and read the rails back."""
     rails = rails_of(settings)
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
@@ -68,7 +67,15 @@ def rails_of(settings: CalibrationSettings) -> tuple[ConfigureRail, ...]:
     return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
 
 
-def check_drive(settings: CalibrationSettings) -> Routine[DriveReading]:
+def look_at_drive(settings: CalibrationSettings) -> Routine[None]:
+    """Check the drive signal where the bench has an oscilloscope; where it has none, have the run say so."""
+    if settings.drive is None:
+        yield NotChecked("the drive signal", "the bench has no oscilloscope")
+    else:
+        yield from check_drive(settings.drive)
+
+
+def check_drive(drive: DriveWindows) -> Routine[DriveReading]:
     """Wait for the AGC: look at the drive signal until it has settled and everything lies in its window.
 
     Settled: two looks in a row differ by less than `amplitude_tolerance` (relative).
@@ -76,7 +83,6 @@ def check_drive(settings: CalibrationSettings) -> Routine[DriveReading]:
     Raises:
         MeasurementError: it does not come to that in time.
     """
-    drive = settings.drive
     ready = answer(
         (yield ConfigureScope(_one_two_five(2.0 / sum(drive.frequency_hz)), drive.drive_channel)), ScopeReady
     )
@@ -164,9 +170,9 @@ def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Routine[float]:
 
 
 def take(
-    settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float
+    settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
-    """Average one window and return its point."""
+    """Average one window and return its point; `table_deg_s` is what the table must read back, None asks no table."""
     acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **_window_of(settings))
     return answer((yield acquire), Window).point
 
@@ -191,13 +197,25 @@ def _window_of(settings: CalibrationSettings) -> dict[str, Any]:
 
 
 def powered(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
-    """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off.
+    """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off."""
+    return (yield from energised(settings, _with_drive(settings, under_servo(settings, work))))
 
-    The bench's own safety stack does all this once more, and proves it, whatever becomes of these steps.
+
+def _with_drive(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
+    yield from look_at_drive(settings)
+    return (yield from work)
+
+
+def energised(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
+    """Do `work` with meter, generator and rails up, V_Vc off; whatever happens, outputs off, then supply off.
+
+    It asks for no table and no oscilloscope. The bench's own safety stack does what switches off once more, and proves
+    it, whatever becomes of these steps.
     """
     try:
-        yield from start_up(settings)
-        return (yield from under_servo(settings, work))
+        yield Note("Start-up")
+        yield from power_up(settings)
+        return (yield from work)
     finally:
         yield from power_down()
 

@@ -108,11 +108,12 @@ class CalibrationSettings:
     may take, `match_windows` how many windows each mean that K_Vc hangs on is made of. `start_up_s` is the wait after
     power-on, `rate_deadline_s` what a table may take beyond twice its ramp. A run that does not show what is `expected`
     is ended; `acceptance` are the limits that its results are judged by. `meter_resolution_v` is that of one reading.
+    `drive` is None where no oscilloscope sees the drive signal.
     """
 
     rails: tuple[RailSettings, ...]
     rail_tolerance_v: float
-    drive: DriveWindows
+    drive: DriveWindows | None
     meter_range_v: float
     nplc: float
     meter_resolution_v: float
@@ -212,7 +213,9 @@ def _meter_resolution_v(description: BenchDescription) -> float:
         raise ConfigError(f"procedure.nplc: {error}") from error
 
 
-def _drive_windows(description: BenchDescription) -> DriveWindows:
+def _drive_windows(description: BenchDescription) -> DriveWindows | None:
+    if description.oscilloscope is None:
+        return None
     window = description.procedure.drive
     return DriveWindows(
         drive_channel=_channel(description, "drive"),

@@ -42,7 +42,10 @@ class Effect(Enum):
 
 
 class OpenBench(Protocol):
-    """What a procedure needs of a bench: its instruments by role, and its clock."""
+    """What a procedure needs of a bench: its instruments by role, and its clock.
+
+    Asking for an instrument that the bench has not is a ConfigError that says what its bench file lacks.
+    """
 
     @property
     def clock(self) -> Clock:
@@ -219,6 +222,11 @@ class Step:
     def key(self) -> str:
         """Name the step by its kind and parameters; the same in every run of the same plan."""
         return repr(self)
+
+    @property
+    def not_checked(self) -> str:
+        """What a run with this step leaves unchecked, and why: its answer says so. Empty: nothing."""
+        return ""
 
     @property
     def physical_s(self) -> float:

@@ -10,7 +10,7 @@ from vcfbench.procedures.agreement import (
     require_expected_column,
     require_steady_slope,
 )
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import CALIBRATION_NEEDS, CALIBRATION_USES, Procedure
 from vcfbench.procedures.reports import turntable_report
 from vcfbench.procedures.results import TurntableResult, turntable_results
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
@@ -75,5 +75,7 @@ TURNTABLE = Procedure(
     plan=turntable,
     results=_results,
     report=turntable_report,
+    needs=CALIBRATION_NEEDS,
+    uses=CALIBRATION_USES,
 )
 """The turntable calibration."""

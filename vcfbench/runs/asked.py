@@ -134,6 +134,7 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     from vcfbench.bench.station import checked_pace  # noqa: PLC0415
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
     from vcfbench.procedures.settings import settings_of  # noqa: PLC0415
+    from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
     told = dict(asked.settings)
     match = told.pop("match", "zero")
@@ -143,6 +144,7 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     checked.seed = _seed(description, asked.seed)
     checked_pace(description, asked.speed)
     chosen = procedure(asked.procedure) if isinstance(asked.procedure, str) else asked.procedure
+    require_needs(chosen, description)
     return Prepared(description, chosen, settings_of(description, _match(match)))
 
 

@@ -148,6 +148,7 @@ class _Course:
             physical_minimum_s=None if execution is None else execution.physical_minimum_s,
             asked_again=() if execution is None else execution.asked_again,
             observers_lost=tuple(self.observers_lost()),
+            not_checked=() if execution is None else execution.not_checked,
             _came_to=came_to.report,
         )
 
@@ -156,6 +157,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
     from vcfbench.report.shielded import Shielded  # noqa: PLC0415
+    from vcfbench.runs.needs import roles_of  # noqa: PLC0415
 
     asked = course.asked
     with _PREPARING:
@@ -171,7 +173,9 @@ def _perform(course: _Course, signals: StopSignals) -> None:
         with ExitStack() as watching:
             watchers = [watching.enter_context(each) for each in (display, *course.observers.values())]
             seed, speed = course.checked.seed, asked.speed
-            bench = watching.enter_context(open_bench(prepared.description, seed=seed, speed=speed, signals=signals))
+            needs = roles_of(prepared.procedure, prepared.description)
+            opened = open_bench(prepared.description, seed=seed, speed=speed, signals=signals, needs=needs)
+            bench = watching.enter_context(opened)
             record.perform(bench, watchers)
     except BaseException as error:
         course.take_error(_as_bench_error(error))

@@ -71,6 +71,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         asked_again=tuple(asked_again(record)),
         observers_lost=tuple(lost),
         damage=record.damage,
+        not_checked=not_checked(record),
         _came_to=came_to.report,
     )
     if run.error is not None:
@@ -81,6 +82,11 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
 def asked_again(record: JournalRecord) -> list[str]:
     """Return which answers could not be believed, and in which step."""
     return [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
+
+
+def not_checked(record: JournalRecord) -> tuple[str, ...]:
+    """Return what the run left unchecked, and why."""
+    return tuple(str(step["not_checked"]) for step in record.steps if "not_checked" in step)
 
 
 def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, str | None]:

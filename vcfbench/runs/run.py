@@ -26,7 +26,7 @@ class RawReading:
 
     `number` is that of the step that was performed, from 1; `step` the procedure's step (1 to 4), as in a point.
     `t_s` is bench time, s; `voltage_v` the reading, V; `table_rate_deg_s` what the table read back at the end of the
-    reading's window, deg/s, None where the window failed before that.
+    reading's window, deg/s, None where the window failed before that, or stood on no table.
     """
 
     number: int
@@ -48,6 +48,7 @@ class Run:
     nothing was recorded. `bench` is its name; `seed` that of a simulated bench. `bench_seconds` is how long it took in
     bench time, `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
+    `not_checked` says what the procedure would have checked on a bench with more instruments.
     """
 
     procedure: str
@@ -66,6 +67,7 @@ class Run:
     asked_again: tuple[str, ...] = ()
     observers_lost: tuple[str, ...] = ()
     damage: str | None = None
+    not_checked: tuple[str, ...] = ()
     _came_to: Report = field(default=Report(), repr=False)
 
     @property
@@ -127,6 +129,7 @@ class Run:
             "results": {} if self.results is None else plain(self.results),
             "acceptance": None if self.verdict is None else self.verdict.as_json(),
             "asked_again": list(self.asked_again),
+            **({"not_checked": list(self.not_checked)} if self.not_checked else {}),
         }
         return answer if self.error is None else {**answer, "error": str(self.error)}
 
@@ -134,11 +137,13 @@ class Run:
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"
 
     def report(self) -> Report:
-        """Return what the run came to as headings, tables, figures and texts, the verdict last."""
+        """Return what the run came to: headings, tables, figures, texts, what was not checked, and the verdict."""
+        from vcfbench.report.document import Text  # noqa: PLC0415
         from vcfbench.report.generic import verdict_table  # noqa: PLC0415
 
+        left_out = [Text(f"not checked: {each}") for each in self.not_checked]
         verdict = [] if self.verdict is None else [verdict_table(self.verdict)]
-        return Report([*self._came_to.parts, *verdict])
+        return Report([*self._came_to.parts, *left_out, *verdict])
 
     def _repr_html_(self) -> str:
         """Show the run in a notebook: how it ended, and its report."""

@@ -20,7 +20,7 @@ from vcfbench.procedures.steps.supply import (
     RailsReading,
 )
 from vcfbench.procedures.steps.table import AwaitRate, DisableTable, EnableTable, RateReading, SetRate
-from vcfbench.procedures.steps.wait import Done, Note, Settle
+from vcfbench.procedures.steps.wait import Done, NotChecked, Note, Settle
 
 __all__ = [
     "Acquire",
@@ -42,6 +42,7 @@ __all__ = [
     "EnableVvc",
     "FindDrive",
     "MeasureDrive",
+    "NotChecked",
     "Note",
     "Outcome",
     "Plan",

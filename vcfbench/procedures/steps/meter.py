@@ -33,11 +33,12 @@ class Window(StepResult):
     """One averaging window: its readings, and the state of the bench read back at its end.
 
     `readings` are all of a window that fits one chunk; those of a longer one are in the journal only, and it has none.
-    `table_rate_deg_s` is the read-back of the table, `rails` that of the supply, `point` what the readings come to.
+    `table_rate_deg_s` is the read-back of the table, None where none was asked, `rails` that of the supply, `point`
+    what the readings come to.
     """
 
     readings: tuple[Reading, ...]
-    table_rate_deg_s: float
+    table_rate_deg_s: float | None
     rails: tuple[RailReading, ...]
     point: Point
 
@@ -110,8 +111,9 @@ class Acquire(Step):
 
     `step` is the number of the paper's step. `rate_deg_s` is the rate that the point stands for: the table's rate, in
     step 4 the equivalent rate K_Vc V_Vc. `table_deg_s` is what the table must read back (within `tolerance_deg_s`) at
-    the end, `rails` what the supply must (within `rail_tolerance_v`). `resolution_v` is that of one reading; `noise_v`
-    is what the scatter of the readings is expected to be, (least, most), None when nothing is known of it.
+    the end, None where no table is asked; `rails` what the supply must (within `rail_tolerance_v`). `resolution_v` is
+    that of one reading; `noise_v` is what the scatter of the readings is expected to be, (least, most), None when
+    nothing is known of it.
     """
 
     effect: ClassVar[Effect] = Effect.MEASURES
@@ -120,7 +122,7 @@ class Acquire(Step):
     step: int
     rate_deg_s: float
     v_vc_v: float
-    table_deg_s: float
+    table_deg_s: float | None
     tolerance_deg_s: float
     rails: tuple[ConfigureRail, ...]
     rail_tolerance_v: float
@@ -155,7 +157,7 @@ class Acquire(Step):
             if closed := self._read_at(start_s + number * self.interval_s, number, context):
                 self._take_in(closed, tally, context)
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
-        table_deg_s = read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+        table_deg_s = self._table_rate(context)
         last = context.rest()
         tally.add(_volts(last))
         self._require_expected_noise(tally, context)
@@ -166,7 +168,7 @@ class Acquire(Step):
 
     def predict(self, gyro: LinearGyro) -> Window:
         """Predict a window without noise."""
-        output_v = gyro.output_v(self.table_deg_s)
+        output_v = gyro.output_v(self.table_deg_s or 0.0)
         rails = tuple(map(predicted_rail, self.rails))
         if not fits_one_chunk(self.samples, self.interval_s):
             return self._window((), Tally(count=self.samples, mean_v=output_v), self.table_deg_s, rails)
@@ -181,8 +183,12 @@ class Acquire(Step):
         tally.add([reading["voltage_v"] for reading in result["readings"]])
         return {**result, "point": self._point(tally).as_json()}
 
+    def _table_rate(self, context: Context) -> float | None:
+        """Read back the table that the point stands on, deg/s; None where it stands on none."""
+        return None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+
     def _window(
-        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float, rails: tuple[RailReading, ...]
+        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
     ) -> Window:
         return Window(readings, table_deg_s, rails, self._point(tally))
 
@@ -245,6 +251,6 @@ class VerifyZero(Acquire):
         return f"the zero again, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 
     def _window(
-        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float, rails: tuple[RailReading, ...]
+        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
     ) -> Window:
         return ZeroWindow(readings, table_deg_s, rails, self._point(tally))

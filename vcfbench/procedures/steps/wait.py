@@ -1,4 +1,4 @@
-"""Steps that set nothing: headings, and waiting."""
+"""Steps that set nothing: headings, checks that are left out, and waiting."""
 
 from __future__ import annotations
 
@@ -27,6 +27,33 @@ class Note(Step):
     def describe(self) -> str:
         """Return the heading."""
         return self.text
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+@dataclass(frozen=True, slots=True)
+class NotChecked(Step):
+    """Stands in a plan in place of a check that this bench does not allow; nothing is done, and the answer says so."""
+
+    what: str
+    reason: str
+
+    def describe(self) -> str:
+        """Say what is not checked, and why."""
+        return f"NOT CHECKED: {self.not_checked}"
+
+    @property
+    def not_checked(self) -> str:
+        """What is not checked, and why."""
+        return f"{self.what}: {self.reason}"
 
     def perform(self, context: Context) -> Done:
         """Do nothing."""

@@ -1,0 +1,57 @@
+"""Whether a bench has what a procedure needs, and what of it a run opens; known before anything is opened."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import ConfigError
+from vcfbench.interfaces import lacking
+
+if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.procedures.procedure import AnyProcedure
+
+__all__ = ["require_needs", "roles_of"]
+
+
+def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:
+    """See that the bench has every instrument that `procedure` needs, and that each can do what is asked of it.
+
+    Raises:
+        ConfigError: it has not; procedure, bench, and what its bench file lacks are in the words.
+    """
+    missing = [role for role in procedure.needs if getattr(description, role, None) is None]
+    if missing:
+        tables = ", ".join(f"[{role}]" for role in missing)
+        raise ConfigError(
+            f"{procedure.name} needs {_listed(missing)}, which bench {description.name} has not",
+            hint=f"its bench file needs {'a table' if len(missing) == 1 else 'the tables'} {tables}",
+        )
+    for role, capability in (*procedure.needs.items(), *procedure.uses.items()):
+        if getattr(description, role, None) is not None:
+            _require_capable(procedure, description, role, capability)
+
+
+def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[str, ...]:
+    """Return the roles that a run of `procedure` opens on this bench, beside those that drive something."""
+    there = (role for role in procedure.uses if getattr(description, role, None) is not None)
+    return (*procedure.needs, *there)
+
+
+def _require_capable(procedure: AnyProcedure, description: BenchDescription, role: str, capability: type) -> None:
+    from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
+
+    part = getattr(description, role)
+    model = part.dialect if role == "rate_table" else part.model
+    driver = find_driver(model, None if role == "rate_table" else part.like)
+    if absent := lacking(driver.driver_class, capability):
+        raise ConfigError(
+            f"{procedure.name} needs {capability.__name__}, and the driver of {model} has no {_listed(absent)}",
+            instrument=role,
+            resource=part.resource,
+            hint=f"put another model into the bench file of {description.name}",
+        )
+
+
+def _listed(names: list[str] | tuple[str, ...]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
