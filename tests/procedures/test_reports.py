@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import pytest
@@ -97,3 +98,7 @@ def test_virtual_coriolis_has_both_columns_and_their_difference() -> None:
     assert [len(each.x) for each in residuals.series] == [17, 17]
     assert difference.y.title == "difference of the outputs / mV"
     assert difference.series[0].y == pytest.approx([51.7] * 17)
+    u_mv = [
+        1e3 * math.hypot(left.u_y[0], right.u_y[0]) for left, right in [outputs.series[::2]] if left.u_y and right.u_y
+    ]
+    assert difference.series[0].u_y == pytest.approx(u_mv * 17)

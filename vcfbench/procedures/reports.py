@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -44,7 +45,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
             Text(_comparison(results)),
             _outputs("Output against rate, real and virtual", lines),
             _residuals(lines),
-            _difference(table, virtual, results.u_output_v),
+            _difference(table, virtual, results),
         ]
     )
 
@@ -136,15 +137,15 @@ def _residuals(lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) 
     return Figure("Residuals of the least-squares line", _RATE, Axis("residual of full scale", "ppm"), series)
 
 
-def _difference(table: Sequence[Point], virtual: Sequence[Point], u_output_v: float) -> Figure:
+def _difference(table: Sequence[Point], virtual: Sequence[Point], results: VirtualCoriolisResult) -> Figure:
     """Draw how far the virtual column is from that of the table at each rate."""
     pairs = list(zip(table, virtual, strict=True))
-    difference_mv = [1e3 * (right.output_v - left.output_v) for left, right in pairs]
-    u_mv = [1e3 * 2.0**0.5 * u_output_v] * len(pairs)
-    rates = [left.rate_deg_s for left, _ in pairs]
-    return Figure(
-        "Virtual Coriolis minus turntable",
-        _RATE,
-        Axis("difference of the outputs", "mV"),
-        [Series("virtual Coriolis minus turntable", rates, difference_mv, u_mv)],
+    noise = results.turntable.type_a, results.virtual.type_a
+    u_v = None if None in noise else math.hypot(*(each.u_output_v for each in noise if each is not None))
+    difference = Series(
+        "virtual Coriolis minus turntable",
+        [left.rate_deg_s for left, _ in pairs],
+        [1e3 * (right.output_v - left.output_v) for left, right in pairs],
+        None if u_v is None else [1e3 * u_v] * len(pairs),
     )
+    return Figure("Virtual Coriolis minus turntable", _RATE, Axis("difference of the outputs", "mV"), [difference])
