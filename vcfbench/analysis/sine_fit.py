@@ -1,0 +1,253 @@
+"""Sines in sampled waveforms: the three- and four-parameter fit of IEEE 1057, and phases between channels.
+
+The model is ``offset + amplitude * cos(2 pi f t + phase)`` with t = 0 at the first sample. The uncertainties are those
+of least squares with the scatter of the residuals: independent noise of the samples is assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["PhaseDifference", "Sine", "fit_sine", "fit_sine_at", "phase_difference", "spectral_peak_hz"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_ROUNDS = 30
+_SETTLED = 1e-9
+"""A step of the frequency by less than that of a cycle over the record is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sine:
+    """A fitted sine; amplitude and offset in the unit of the samples."""
+
+    frequency_hz: float
+    amplitude: float
+    phase_rad: float
+    """At the first sample, of a cosine, in -pi to pi."""
+    offset: float
+    u_frequency_hz: float
+    """0 where the frequency was given."""
+    u_amplitude: float
+    u_phase_rad: float
+    u_offset: float
+    residual_rms: float
+    """Standard deviation of the residuals."""
+    dof: int
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseDifference:
+    """The second of two sines of one frequency against the first."""
+
+    phase_deg: float
+    """Phase of the second less that of the first, -180 to 180: positive where the second leads."""
+    u_phase_deg: float
+    gain: float
+    """Amplitude of the second over that of the first."""
+    u_gain: float
+    frequency_hz: float
+    u_frequency_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Common:
+    """Channels fitted with one frequency; angles are counted from the middle of the record, where they are surest."""
+
+    frequency_hz: float
+    cosine: Floats
+    sine: Floats
+    offset: Floats
+    rms: Floats
+    covariance: Floats
+    """Of frequency, then cosine, sine and offset of each channel."""
+
+
+def fit_sine_at(samples: ArrayLike, interval_s: float, frequency_hz: float) -> Sine:
+    """Fit amplitude, phase and offset at a known frequency (IEEE 1057, three parameters).
+
+    Raises:
+        ConfigError: fewer than four finite samples, or a frequency that the samples do not tell from a constant.
+
+    """
+    channels = _checked([samples])
+    times = _times(channels.shape[1], interval_s)
+    fitted = _fitted(channels, times, frequency_hz, free=False)
+    return _sine(fitted, channels.shape[1], interval_s, parameters=3)
+
+
+def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = None) -> Sine:
+    """Fit frequency, amplitude, phase and offset (IEEE 1057, four parameters).
+
+    Args:
+        samples: equally spaced, at least five.
+        interval_s: their spacing, s.
+        start_hz: where to look; without it at the largest line of the spectrum.
+
+    Raises:
+        ConfigError: too few or not finite samples, or no sine that the fit settles on.
+
+    """
+    channels = _checked([samples])
+    return _sine(_common(channels, interval_s, start_hz), channels.shape[1], interval_s, parameters=4)
+
+
+def phase_difference(
+    first: ArrayLike, second: ArrayLike, interval_s: float, start_hz: float | None = None
+) -> PhaseDifference:
+    """Return phase and gain of `second` against `first`, sampled at the same instants, fitted with one frequency.
+
+    Raises:
+        ConfigError: channels of different lengths, or as for :func:`fit_sine`.
+
+    """
+    channels = _checked([first, second])
+    fitted = _common(channels, interval_s, start_hz)
+    amplitude = np.hypot(fitted.cosine, fitted.sine)
+    phase = np.arctan2(-fitted.sine, fitted.cosine)
+    gain = float(amplitude[1] / amplitude[0])
+    by_phase, by_log_gain = np.zeros(7), np.zeros(7)
+    for channel, sign in ((0, -1.0), (1, 1.0)):
+        a, b, square = fitted.cosine[channel], fitted.sine[channel], amplitude[channel] ** 2
+        by_phase[1 + 3 * channel : 3 + 3 * channel] = sign * b / square, -sign * a / square
+        by_log_gain[1 + 3 * channel : 3 + 3 * channel] = sign * a / square, sign * b / square
+    return PhaseDifference(
+        phase_deg=math.degrees(_wrapped(float(phase[1] - phase[0]))),
+        u_phase_deg=math.degrees(math.sqrt(by_phase @ fitted.covariance @ by_phase)),
+        gain=gain,
+        u_gain=gain * math.sqrt(by_log_gain @ fitted.covariance @ by_log_gain),
+        frequency_hz=fitted.frequency_hz,
+        u_frequency_hz=math.sqrt(fitted.covariance[0, 0]),
+    )
+
+
+def spectral_peak_hz(samples: Floats, interval_s: float) -> float:
+    """Return the frequency of the largest line, between the bins by a parabola through a Hann window's logarithms."""
+    windowed = (samples - samples.mean()) * np.hanning(samples.size)
+    level = np.abs(np.fft.rfft(windowed))
+    place = int(level[1:].argmax()) + 1
+    shift = 0.0
+    if 1 <= place < level.size - 1 and level[place - 1 : place + 2].min() > 0.0:
+        before, at, after = np.log(level[place - 1 : place + 2])
+        shift = 0.5 * (before - after) / (before - 2.0 * at + after)
+    return float((place + shift) / (samples.size * interval_s))
+
+
+def _checked(channels: list[ArrayLike]) -> Floats:
+    values = [np.asarray(channel, dtype=np.float64) for channel in channels]
+    if any(channel.ndim != 1 or channel.shape != values[0].shape for channel in values):
+        raise ConfigError(f"channels must be as long as each other, got {[channel.shape for channel in values]}")
+    if values[0].size < 5:
+        raise ConfigError(f"a sine fit needs at least five samples, got {values[0].size}")
+    if not all(np.isfinite(channel).all() for channel in values):
+        raise ConfigError("a sample is not a finite number: the channel was overloaded, or not sampled")
+    if any(np.ptp(channel) == 0.0 for channel in values):
+        raise ConfigError("no sine found: the samples of a channel never change")
+    return np.array(values)
+
+
+def _times(count: int, interval_s: float) -> Floats:
+    return np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s)
+
+
+def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Common:
+    """Find the frequency that fits all channels best, by Gauss and Newton from `start_hz` or the spectrum."""
+    count = channels.shape[1]
+    times = _times(count, interval_s)
+    strongest = channels[np.ptp(channels, axis=1).argmax()]
+    frequency = spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
+    for _ in range(_ROUNDS):
+        step = _step(_fitted(channels, times, frequency, free=False), channels, times)
+        most = 0.5 / (count * interval_s)
+        frequency += max(-most, min(most, step))
+        if abs(step) * count * interval_s < _SETTLED:
+            return _fitted(channels, times, frequency, free=True)
+    raise ConfigError(f"no sine found: the fit does not settle near {frequency:g} Hz")
+
+
+def _step(fitted: _Common, channels: Floats, times: Floats) -> float:
+    """Return by how much the frequency should change."""
+    design, left = _design(fitted, times), _residuals(fitted, channels, times)
+    weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
+    change, *_ = np.linalg.lstsq(design * weight[:, None], left.ravel() * weight, rcond=None)
+    return float(change[0])
+
+
+def _fitted(channels: Floats, times: Floats, frequency_hz: float, *, free: bool) -> _Common:
+    """Fit every channel at `frequency_hz`; `free` counts the frequency among what the samples had to determine."""
+    basis = _basis(frequency_hz, times)
+    found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)
+    if rank < 3 or not 0.0 < frequency_hz < math.inf:
+        raise ConfigError(f"samples over {times[-1] - times[0]:g} s do not tell a sine of {frequency_hz:g} Hz")
+    left = channels.T - basis @ found
+    used = 3.0 + (1.0 / len(channels) if free else 0.0)
+    rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - used))
+    fitted = _Common(frequency_hz, found[0], found[1], found[2], rms, np.zeros((0, 0)))
+    covariance = np.zeros((1 + 3 * len(channels),) * 2)
+    first = 0 if free else 1
+    design = _design(fitted, times)[:, first:] / np.repeat(_floor(rms), times.size)[:, None]
+    covariance[first:, first:] = np.linalg.inv(design.T @ design) if (rms > 0.0).any() else 0.0
+    return _Common(frequency_hz, found[0], found[1], found[2], rms, covariance)
+
+
+def _floor(rms: Floats) -> Floats:
+    """Return weights' reciprocals; a channel without residuals must not weigh infinitely."""
+    largest = float(rms.max())
+    return np.maximum(rms, 1e-12 * largest) if largest > 0.0 else np.ones_like(rms)
+
+
+def _basis(frequency_hz: float, times: Floats) -> Floats:
+    angle = 2.0 * math.pi * frequency_hz * times
+    return np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(times)])
+
+
+def _residuals(fitted: _Common, channels: Floats, times: Floats) -> Floats:
+    basis = _basis(fitted.frequency_hz, times)
+    return np.asarray(channels - (basis @ np.array([fitted.cosine, fitted.sine, fitted.offset])).T)
+
+
+def _design(fitted: _Common, times: Floats) -> Floats:
+    """Return the derivatives of all samples by the frequency and by each channel's three parameters."""
+    basis = _basis(fitted.frequency_hz, times)
+    channels = fitted.cosine.size
+    rows = np.zeros((channels, times.size, 1 + 3 * channels))
+    for channel in range(channels):
+        swing = -fitted.cosine[channel] * basis[:, 1] + fitted.sine[channel] * basis[:, 0]
+        rows[channel, :, 0] = 2.0 * math.pi * times * swing
+        rows[channel, :, 1 + 3 * channel : 4 + 3 * channel] = basis
+    return np.asarray(rows.reshape(channels * times.size, -1))
+
+
+def _sine(fitted: _Common, count: int, interval_s: float, parameters: int) -> Sine:
+    """Return a single channel with its phase carried from the middle of the record to the first sample."""
+    a, b = float(fitted.cosine[0]), float(fitted.sine[0])
+    amplitude = math.hypot(a, b)
+    lead_s = (count - 1) / 2.0 * interval_s
+    by_phase = np.array([-2.0 * math.pi * lead_s, b / amplitude**2, -a / amplitude**2, 0.0])
+    by_amplitude = np.array([0.0, a / amplitude, b / amplitude, 0.0])
+    covariance = fitted.covariance
+    return Sine(
+        frequency_hz=fitted.frequency_hz,
+        amplitude=amplitude,
+        phase_rad=_wrapped(math.atan2(-b, a) - 2.0 * math.pi * fitted.frequency_hz * lead_s),
+        offset=float(fitted.offset[0]),
+        u_frequency_hz=math.sqrt(covariance[0, 0]),
+        u_amplitude=math.sqrt(by_amplitude @ covariance @ by_amplitude),
+        u_phase_rad=math.sqrt(by_phase @ covariance @ by_phase),
+        u_offset=math.sqrt(covariance[3, 3]),
+        residual_rms=float(fitted.rms[0]),
+        dof=count - parameters,
+    )
+
+
+def _wrapped(angle_rad: float) -> float:
+    return math.remainder(angle_rad, 2.0 * math.pi)
