@@ -12,6 +12,7 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 from tests import warm
+from tests.cells import few
 from tests.ports import free_port
 from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.bench.writing import bench_text
@@ -49,7 +50,7 @@ class Bench:
         return self.safe()
 
 
-@pytest.fixture(params=["tcp", "pty"])
+@pytest.fixture(params=few(["tcp", "pty"], "tcp"))
 def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
     text = embedded_text("paper").replace("\n[procedure.drive]", SHORT)
     (tmp_path / "short.toml").write_text(text.replace('name = "paper"', f'name = "{tmp_path.name}"'), encoding="utf-8")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cells import few
 from tests.cli.test_run_served import SHORT, answer, serving
 from vcfbench.bench.file import embedded_text, load_bench
 
@@ -27,7 +28,10 @@ def bench(folder: Path, model: str) -> Path:
 
 @pytest.mark.parametrize(
     ("model", "wire"),
-    [*((model, wire) for model in ("34461A", "34465A") for wire in MARKS), (LIKE_34410A, "tcp")],
+    few(
+        [*((model, wire) for model in ("34461A", "34465A") for wire in MARKS), (LIKE_34410A, "tcp")],
+        *(("34461A", "tcp"), ("34465A", "hislip"), (LIKE_34410A, "tcp")),
+    ),
 )
 def test_a_run_over_a_wire_of_the_meter_gives_the_same_bytes(tmp_path: Path, model: str, wire: str) -> None:
     path = bench(tmp_path, model)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 
+from tests.cells import few
 from tests.cli.streams import ENDINGS, QUICK
 from vcfbench.bench.file import embedded_text
 from vcfbench.cli import ending
@@ -29,11 +30,11 @@ ROOT = Path(__file__).parents[2]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="processes are forked, and have signals and terminals")
 
 
-@pytest.fixture(scope="module")
-def ended(tmp_path_factory: pytest.TempPathFactory) -> list[Mapping[str, Any]]:
+@pytest.fixture(scope="module", params=few(["few", "all"], "few"))
+def ended(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Mapping[str, Any]]:
     """How runs ended, each with streams of its own."""
     folder = tmp_path_factory.mktemp("streams")
-    command = [sys.executable, "-m", "tests.cli.streams", str(folder)]
+    command = [sys.executable, "-m", "tests.cli.streams", str(folder), request.param]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)  # noqa: S603
     return [json.loads(line) for line in done.stdout.splitlines()]
 

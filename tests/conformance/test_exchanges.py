@@ -12,7 +12,11 @@ from tests.conformance.walk import Bench, matches
 
 def _exchanges() -> list[Any]:
     return [
-        pytest.param(model, entry, id=f"{model}: {entry['name']} [{entry['grade']}]")
+        pytest.param(
+            *(model, entry),
+            id=f"{model}: {entry['name']} [{entry['grade']}]",
+            marks=[pytest.mark.exhaustive] if entry.get("long") else [],
+        )
         for model in walk.MODELS
         for entry in walk.load(model)["exchange"]
     ]

@@ -25,6 +25,7 @@ An expectation file is TOML, one a model, written from the manual. Its tables:
 ``[[exchange]]``  ``talk``, step by step: ``> message``; ``< reply``; ``! number`` next in the error queue, "0" for
     none; ``poll n`` serial poll; ``trigger``; ``clear``; ``wait s``; ``silence [s]`` nothing is answered for s;
     ``soon s silence`` the same, for a reply that comes later; ``later < reply``; ``repeat n step``; ``bytes x``.
+    ``long = true``: only when it is asked for, ``-m exhaustive``.
 
 A reply is literal, ``/a regular expression/``, ``~a number`` in NR3 form, or ``bit n set|clear``.
 """

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests import warm
+from tests.cells import few
 from tests.sim.rate_tables.turning import RATE, START
 from vcfbench.bench.file import embedded_text
 from vcfbench.sim.serve.remote import Control
@@ -90,7 +91,7 @@ def gone(process: subprocess.Popen[str], end: str) -> None:
 
 
 @pytest.mark.parametrize(("wire", "end"), [("tcp", "killed"), ("pty", "closed")])
-@pytest.mark.parametrize("dialect", START)
+@pytest.mark.parametrize("dialect", few(START, "acl", "dd16", "aaaa"))
 def test_the_table_turns_on_when_its_host_has_gone(dialect: str, wire: str, end: str, tmp_path: Path) -> None:
     if wire == "pty" and sys.platform == "win32":
         pytest.skip("no pseudo-terminals")
