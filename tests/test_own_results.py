@@ -146,7 +146,7 @@ def test_what_is_no_result_costs_the_results_and_not_the_record(
         (lambda _s, _p, results: results.nothing, "AttributeError: 'Swing' object has no attribute 'nothing' (test_"),
         (lambda _s, _p, _r: "words", "it returned a str"),
         (
-            lambda _s, _p, _r: vcfbench.Report([vcfbench.Table(["a"], [(1, 2)])]),
+            lambda _s, _p, _r: vcfbench.Report([vcfbench.Table([vcfbench.Column("a")], [(1, 2)])]),
             "ValueError: row 1 of a table of 1 columns has 2 values (document.py",
         ),
     ],

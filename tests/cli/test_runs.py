@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.test_run import Station, call, station
+from vcfbench.bench.file import embedded_text
 from vcfbench.cli.runs import list_
 from vcfbench.errors import ConfigError
 
@@ -32,6 +33,19 @@ def test_list_and_show_what_was_run(station: Station) -> None:
     assert shown["points"] == ran["points"]
     assert shown["results"] == ran["results"]  # made again from the journal
     assert "virtual Coriolis / V" in call("runs", "show", ran["run"]).stdout
+    assert station.opened
+
+
+def test_the_list_has_the_verdict_of_each_record(station: Station, tmp_path: Path) -> None:
+    """It is judged anew by the limits of the bench file of then."""
+    bench = tmp_path / "strict.toml"
+    for low, high in ((-1.0, 1.0), (1.0, 2.0)):
+        bench.write_text(embedded_text("paper") + f"\n[acceptance]\nbias_v = [{low}, {high}]\n", encoding="utf-8")
+        call("run", "turntable", "--quiet", "--bench", str(bench))
+    call("run", "turntable", "--quiet")
+    listed = json.loads(call("runs", "list", "--json").stdout)["runs"]
+    assert [line["verdict"] for line in listed] == ["pass", "fail", None]
+    assert [line.split()[-1] for line in call("runs", "list").stdout.splitlines()[2:]] == ["PASS", "FAIL", "-"]
     assert station.opened
 
 

@@ -17,7 +17,7 @@ LINE = Series("line", [1.0, 2.0], [3.0, 4.0], kind="line")
 
 def test_a_report_is_a_value() -> None:
     """Lists and arrays are kept as tuples of plain numbers."""
-    table = Table(["n", Column("output", "V", ".3f")], [[np.int64(1), np.float64(0.5)]])
+    table = Table([Column("n"), Column("output", "V", ".3f")], [[np.int64(1), np.float64(0.5)]])
     figure = Figure("f", RATE, OUTPUT, [Series("s", np.array([1.0]), np.array([2]), np.array([0.1]))])
     report = Report([Heading("h"), table, figure, Text("t")])
     assert table.rows == ((1, 0.5),)
@@ -39,7 +39,7 @@ def test_axes_are_titled_with_their_units() -> None:
 
 
 def make_table(*rows: Any, form: str = "") -> Table:
-    return Table(["a", Column("b", format=form)], rows)
+    return Table([Column("a"), Column("b", format=form)], rows)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,8 @@ def make_table(*rows: Any, form: str = "") -> Table:
         (lambda: make_table((1, [2])), r"row 1 of a table, b: expected a number, a text or None, came \[2\]"),
         (lambda: make_table((1, Cell([2])), form="g"), "expected a number, a text or None"),  # type: ignore[arg-type]
         (lambda: make_table((1, 0.5), form="d"), "row 1 of a table, b: 0.5 cannot be printed"),
-        (lambda: Table([], []), "at least one column"),
+        (lambda: Table([], []), "at least one Column"),
+        (lambda: Table(["a"], []), "nothing else for columns, came .*'a'"),  # type: ignore[list-item]
         (lambda: Heading("h", 0), "expected a level from 1 to 6, came 0"),
         (lambda: Series("s", [1, 2], [1]), "series 's': 2 x and 1 y"),
         (lambda: Series("s", [1, 2], [1, 2], [0.1]), "series 's': 2 x and 1 u_y"),

@@ -11,7 +11,10 @@ FIGURE = Figure("a line", Axis("rate", "deg/s"), Axis("output", "V"), [Series("i
 
 
 def test_columns_are_as_wide_as_their_widest_cell() -> None:
-    assert table_text(Table(["a", "bb"], [("1", "2"), ("333", "4")])) == "  a   bb\n--------\n  1    2\n333    4"
+    assert (
+        table_text(Table([Column("a"), Column("bb")], [("1", "2"), ("333", "4")]))
+        == "  a   bb\n--------\n  1    2\n333    4"
+    )
 
 
 def test_columns_of_texts_are_aligned_to_the_left_and_end_with_their_text() -> None:
@@ -36,7 +39,9 @@ def test_parts_have_an_empty_line_between_and_figures_are_left_out() -> None:
     assert text_of(Report()) == ""
 
 
-@pytest.mark.parametrize("part", [Heading("\x1b[2J"), Text("a\n\x1b[2J"), Table(["\x1b[2J"], [("\x1b[2J\n",)], "\x1b")])
+@pytest.mark.parametrize(
+    "part", [Heading("\x1b[2J"), Text("a\n\x1b[2J"), Table([Column("\x1b[2J")], [("\x1b[2J\n",)], "\x1b")]
+)
 def test_nothing_writes_on_the_terminal_by_itself(part: Heading | Text | Table) -> None:
     text = text_of(Report([part]))
     assert "\x1b" not in text

@@ -35,6 +35,8 @@ def plain(value: object, name: str = "results") -> Any:
     if isinstance(value, Mapping):
         return {_key(key, name): plain(each, f"{name}.{key}") for key, each in value.items()}
     if isinstance(value, list | tuple):
+        if set(map(type, value)) == {float} and all(map(math.isfinite, value)):
+            return list(value)  # a million of them take no time
         return [plain(each, f"{name}[{place}]") for place, each in enumerate(value)]
     if (names := _field_names(value)) is not None:
         return {each: plain(getattr(value, each), f"{name}.{each}") for each in names}

@@ -75,8 +75,8 @@ class Table:
     """Columns and rows of values; `title` stands above it, empty for none.
 
     Args:
-        columns: one a column; a text is the name of one that has no unit.
-        rows: each as many values as there are columns.
+        columns: what stands where.
+        rows: each as many values as there are columns; numpy's numbers are kept as plain ones.
         title: what stands above.
 
     Raises:
@@ -90,12 +90,12 @@ class Table:
 
     def __post_init__(self) -> None:
         """Keep tuples, and refuse what cannot be shown."""
-        columns = tuple(Column(each) if isinstance(each, str) else each for each in self.columns)
+        columns = tuple(self.columns)
         rows = tuple(tuple(map(_as_value, row)) for row in self.rows)
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "rows", rows)
-        if not columns:
-            raise ValueError("a table has at least one column")
+        if not columns or not all(isinstance(each, Column) for each in columns):
+            raise ValueError(f"a table has at least one Column, and nothing else for columns, came {columns!r}")
         for number, row in enumerate(rows, start=1):
             if len(row) != len(columns):
                 raise ValueError(f"row {number} of a table of {len(columns)} columns has {len(row)} values")
