@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
 __all__ = [
+    "BeginsReadings",
     "CapturesWaveforms",
     "FunctionGenerator",
     "Identity",
@@ -226,6 +227,19 @@ class ReadsVoltage(Protocol):
 
     def read_voltage_v(self) -> float:
         """Trigger one reading and return it, V; raises MeasurementError on overload."""
+        ...
+
+
+@runtime_checkable
+class BeginsReadings(ReadsVoltage, Protocol):
+    """Reads while another instrument is asked: a reading is begun, and fetched when it is over."""
+
+    def begin_reading(self) -> None:
+        """Trigger one reading; return at once."""
+        ...
+
+    def begun_reading_v(self) -> float:
+        """Wait for the reading that was begun last and return it, V; asked again, it gives the same reading again."""
         ...
 
 

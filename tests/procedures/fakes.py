@@ -161,6 +161,33 @@ class FakeMeter(FakeInstrument):
 
 
 @dataclass
+class FakeVvcMeter(FakeMeter):
+    """Its leads are on V_Vc; it can be left alone with a reading."""
+
+    gain: float = 1.001
+    offset_v: float = 0.0
+    begun_s: float | None = None
+
+    def begin_reading(self) -> None:
+        self.log("begin")
+        self.begun_s = self.bench.clock.now()
+
+    def begun_reading_v(self) -> float:
+        assert self.begun_s is not None
+        self.bench.clock.sleep_until(max(self.bench.clock.now(), self.begun_s + self.reading_s))
+        return self.v_vc_v()
+
+    def read_voltage_v(self) -> float:
+        self.log("read")
+        sleep(self.bench.clock, self.reading_s)
+        return self.v_vc_v()
+
+    def v_vc_v(self) -> float:
+        source = self.bench.rate_source
+        return self.offset_v + self.gain * (source.level_v if source.enabled else 0.0)
+
+
+@dataclass
 class FakeScope(FakeInstrument):
     frequency_hz: float = 3488.9
     amplitude_v: float = 2.0
@@ -256,6 +283,8 @@ class FakeBench:
         self.multimeter = FakeMeter(self, "multimeter", "FAKE::22")
         self.oscilloscope = FakeScope(self, "oscilloscope", "FAKE::7")
         self.rate_table = FakeTable(self, "rate_table", "FAKE::COM1")
+        self.v_vc_meter: FakeMeter = FakeVvcMeter(self, "v_vc_meter", "FAKE::23")
+        self.answers: list[str] = []
 
     def output_v(self) -> float:
         gyro, source = self.gyro, self.rate_source

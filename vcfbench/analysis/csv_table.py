@@ -22,6 +22,9 @@ RATE_COLUMN = "rate_deg_s"
 POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 """Header of a record's ``points.csv``."""
 
+V_VC_COLUMNS = ("v_vc_measured_v", "v_vc_std_v")
+"""What it has besides where V_Vc was measured; where a point has none of it, the cells are empty."""
+
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
 _FORMULA = "=+-@"
@@ -63,6 +66,8 @@ def parse_table(text: str, name: str) -> dict[str, Series]:
     if not rows:
         raise ConfigError(f"{name}: the file is empty; the first line must be the header, {RATE_COLUMN},...")
     header = _header(*rows[0], name)
+    if header == (*POINT_COLUMNS, *V_VC_COLUMNS):
+        rows, header = [rows[0], *(_set_point(*row, name) for row in rows[1:])], POINT_COLUMNS
     cells = [_values(line, row, header, name) for line, row in rows[1:]]
     if header == POINT_COLUMNS:
         return _points(cells, name)
@@ -87,8 +92,8 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
     where = f"{name}, line {line}"
     if len(header) <= 1:
         _refuse_separator(where, "".join(header))
-    if tuple(header) == POINT_COLUMNS:
-        return POINT_COLUMNS
+    if tuple(header) in (POINT_COLUMNS, (*POINT_COLUMNS, *V_VC_COLUMNS)):
+        return tuple(header)
     if not header or header[0] != RATE_COLUMN:
         first = header[0] if header else ""
         raise ConfigError(f"{where}, column 1: the header must begin with {RATE_COLUMN}, got {first!r}")
@@ -104,6 +109,13 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
         if title in header[: column - 1]:
             raise ConfigError(f"{where}, column {column}: there is already a column {title}")
     return tuple(header)
+
+
+def _set_point(line: int, row: list[str], name: str) -> tuple[int, list[str]]:
+    """Return a row without what was measured of V_Vc, to which no line is fitted: two numbers, or two empty cells."""
+    columns = (*POINT_COLUMNS, *V_VC_COLUMNS)
+    _values(line, [cell or "0" for cell in row] if row[len(POINT_COLUMNS) :] == ["", ""] else row, columns, name)
+    return line, row[: len(POINT_COLUMNS)]
 
 
 def _refuse_separator(where: str, header: str) -> None:

@@ -102,9 +102,18 @@ class Hp34401A(ScpiInstrument):
             FramingError: the answers differ, are not in form, or lie beyond the range: the wire cannot be believed.
             MeasurementError: overload.
         """
+        with self._session.exclusive():
+            self.begin_reading()
+            return self.begun_reading_v()
+
+    def begin_reading(self) -> None:
+        """Trigger one reading; return at once."""
+        self._session.send("INIT", deadline=self._session.deadline())
+
+    def begun_reading_v(self) -> float:
+        """Wait for the reading that was begun and return it, V; as of :meth:`read_voltage_v`, which see."""
         deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
         with self._session.exclusive():
-            self._session.send("INIT", deadline=deadline)
             first_v, again_v = (self._session.query_reading("FETC?", deadline, self.reading_form) for _ in range(2))
         if first_v != again_v:
             raise self._unbelievable(f"one reading was answered as {first_v:.9g} V and as {again_v:.9g} V")

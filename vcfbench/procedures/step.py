@@ -68,6 +68,11 @@ class OpenBench(Protocol):
         ...
 
     @property
+    def v_vc_meter(self) -> Multimeter:
+        """The second voltmeter, on V_Vc."""
+        ...
+
+    @property
     def oscilloscope(self) -> Oscilloscope:
         """The oscilloscope on drive and carrier."""
         ...

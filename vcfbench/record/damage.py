@@ -85,21 +85,27 @@ def _after(step: int, chunk: int) -> str:
 
 def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Check that the point of a window is the mean of its readings, in chunks before it or in its own line."""
-    chunked: list[float] = []
+    chunked: list[Mapping[str, float]] = []
     for place, line in enumerate(lines, start=1):
         if line.get("type") == "readings":
-            chunked += (reading["voltage_v"] for reading in line["readings"])
+            chunked += line["readings"]
         if line.get("type") not in ("step", "error"):
             continue
-        volts, chunked = chunked, []
-        if line.get("step_kind") != "Acquire" or "point" not in line or "result" not in line:
+        readings, chunked = chunked, []
+        if line.get("step_kind") not in ("Acquire", "AcquireWithVvc") or "point" not in line or "result" not in line:
             continue
         point = line["point"]
-        volts += (reading["voltage_v"] for reading in own_readings(line))
-        if len(volts) != point["n"]:
-            yield f"line {place}: a point of {point['n']} readings has {len(volts)}"
-        elif not math.isclose(point["output_v"], math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12):
-            yield f"line {place}: the point's {point['output_v']!r} V is not the mean of its readings"
+        readings += own_readings(line)
+        if len(readings) != point["n"]:
+            yield f"line {place}: a point of {point['n']} readings has {len(readings)}"
+            continue
+        for name, column in (("output_v", "voltage_v"), ("v_vc_measured_v", "v_vc_v")):
+            if name in point and not _is_mean(point[name], [reading[column] for reading in readings]):
+                yield f"line {place}: the point's {point[name]!r} V is not the mean of its readings"
+
+
+def _is_mean(told_v: float, volts: Sequence[float]) -> bool:
+    return math.isclose(told_v, math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12)
 
 
 def own_readings(line: Mapping[str, Any]) -> Sequence[Mapping[str, float]]:

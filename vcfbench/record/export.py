@@ -14,17 +14,29 @@ if TYPE_CHECKING:
 
     from vcfbench.record.schema import Point
 
-__all__ = ["POINT_COLUMNS", "points_csv", "write_result", "write_text"]
+__all__ = ["POINT_COLUMNS", "V_VC_COLUMNS", "point_columns", "points_csv", "write_result", "write_text"]
 
 
 POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 """Columns of ``points.csv``, which ``vcfbench analyze`` reads back."""
 
 
+V_VC_COLUMNS = ("v_vc_measured_v", "v_vc_std_v")
+"""Further columns where V_Vc was measured; empty in the lines of points where it was not."""
+
+
+def point_columns(points: Sequence[Point]) -> tuple[str, ...]:
+    """Return the columns that these points need."""
+    measured = any(point.v_vc_measured_v is not None for point in points)
+    return (*POINT_COLUMNS, *V_VC_COLUMNS) if measured else POINT_COLUMNS
+
+
 def points_csv(points: Sequence[Point]) -> str:
     """Return every point on a line of its own, full precision."""
-    rows = (",".join(repr(value) for value in point.as_json().values()) for point in points)
-    return "\n".join([",".join(POINT_COLUMNS), *rows, ""])
+    columns = point_columns(points)
+    rows = (point.as_json() for point in points)
+    lines = (",".join(repr(row[name]) if name in row else "" for name in columns) for row in rows)
+    return "\n".join([",".join(columns), *lines, ""])
 
 
 def write_result(path: Path, values: Mapping[str, Any]) -> None:

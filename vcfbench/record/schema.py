@@ -47,7 +47,9 @@ class Point:
 
     `step` is the number of the procedure's step. `rate_deg_s` is the table's rate; in step 4 of the virtual Coriolis
     calibration it is K_Vc V_Vc, the rate that V_Vc stands for. `std_v` is the sample standard deviation of the `n`
-    readings, not of their mean.
+    readings, not of their mean. `v_vc_v` is the generator's setting as it reads it back; where V_Vc was measured,
+    `v_vc_measured_v` is the mean of what the meter on it read meanwhile, and `v_vc_std_v` the standard deviation of one
+    such reading.
     """
 
     step: int
@@ -56,10 +58,12 @@ class Point:
     output_v: float
     std_v: float
     n: int
+    v_vc_measured_v: float | None = None
+    v_vc_std_v: float | None = None
 
     def as_json(self) -> dict[str, float | int]:
-        """Return the point with the names of the command's JSON output."""
-        return {
+        """Return the point with the names of the command's JSON output; of V_Vc what was measured only where it was."""
+        point: dict[str, float | int] = {
             "step": self.step,
             "rate_deg_s": self.rate_deg_s,
             "v_vc_v": self.v_vc_v,
@@ -67,6 +71,9 @@ class Point:
             "std_v": self.std_v,
             "n": self.n,
         }
+        if self.v_vc_measured_v is not None and self.v_vc_std_v is not None:
+            point |= {"v_vc_measured_v": self.v_vc_measured_v, "v_vc_std_v": self.v_vc_std_v}
+        return point
 
     @classmethod
     def from_json(cls, values: Mapping[str, float]) -> Point:
@@ -78,6 +85,7 @@ class Point:
             _measured(values["output_v"]),
             _measured(values["std_v"]),
             _whole(values["n"]),
+            *(_measured(values[name]) for name in ("v_vc_measured_v", "v_vc_std_v") if "v_vc_measured_v" in values),
         )
 
 

@@ -26,7 +26,8 @@ class RawReading:
 
     `number` is that of the step that was performed, from 1; `step` the procedure's step (1 to 4), as in a point.
     `t_s` is bench time, s; `voltage_v` the reading, V; `table_rate_deg_s` what the table read back at the end of the
-    reading's window, deg/s, None where the window failed before that, or stood on no table.
+    reading's window, deg/s, None where the window failed before that, or stood on no table. `v_vc_v` is
+    what the meter on V_Vc read at the same time, V, None where there was none.
     """
 
     number: int
@@ -34,6 +35,7 @@ class RawReading:
     t_s: float
     voltage_v: float
     table_rate_deg_s: float | None
+    v_vc_v: float | None = None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -111,9 +113,9 @@ class Run:
             import pandas as pd  # type: ignore[import-untyped, import-not-found, unused-ignore] # noqa: PLC0415
         except ImportError as error:
             raise ImportError("Run.table needs pandas, which is not installed: pip install pandas") from error
-        from vcfbench.record.export import POINT_COLUMNS  # noqa: PLC0415
+        from vcfbench.record.export import point_columns  # noqa: PLC0415
 
-        return pd.DataFrame([point.as_json() for point in self.points], columns=list(POINT_COLUMNS))
+        return pd.DataFrame([point.as_json() for point in self.points], columns=list(point_columns(self.points)))
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer of ``vcfbench run --json``; a run that failed has the error beside the points it kept."""
@@ -163,6 +165,7 @@ def _readings(record: JournalRecord) -> Iterator[RawReading]:
         for line in (*record.chunks, *record.steps, *record.errors):
             number, table_deg_s = line["n"], tables.get(line["n"])
             for reading in own_readings(line):
-                yield RawReading(number, line["step"]["step"], reading["t_s"], reading["voltage_v"], table_deg_s)
+                seen = (reading["t_s"], reading["voltage_v"], table_deg_s, reading.get("v_vc_v"))
+                yield RawReading(number, line["step"]["step"], *seen)
     except (AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"the readings are not those of this program: {error!r}") from error

@@ -20,16 +20,26 @@ from vcfbench.procedures.steps.supply import (
     RailsReading,
 )
 from vcfbench.procedures.steps.table import AwaitRate, DisableTable, EnableTable, RateReading, SetRate
+from vcfbench.procedures.steps.v_vc import (
+    AcquireWithVvc,
+    ConfigureVvcMeter,
+    MeasureVvc,
+    PairedReading,
+    VvcMeasured,
+    VvcWindow,
+)
 from vcfbench.procedures.steps.wait import Done, NotChecked, Note, Settle
 
 __all__ = [
     "Acquire",
+    "AcquireWithVvc",
     "AwaitRate",
     "CheckRails",
     "ConfigureGenerator",
     "ConfigureMeter",
     "ConfigureRail",
     "ConfigureScope",
+    "ConfigureVvcMeter",
     "DisableSupply",
     "DisableTable",
     "DisableVvc",
@@ -42,9 +52,11 @@ __all__ = [
     "EnableVvc",
     "FindDrive",
     "MeasureDrive",
+    "MeasureVvc",
     "NotChecked",
     "Note",
     "Outcome",
+    "PairedReading",
     "Plan",
     "RailReading",
     "RailsReading",
@@ -57,7 +69,9 @@ __all__ = [
     "Step",
     "StepResult",
     "VerifyZero",
+    "VvcMeasured",
     "VvcSetting",
+    "VvcWindow",
     "Window",
     "ZeroWindow",
 ]

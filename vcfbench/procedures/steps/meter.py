@@ -14,7 +14,7 @@ from vcfbench.procedures.tally import Tally
 from vcfbench.record.schema import Point, fits_one_chunk
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from vcfbench.procedures.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
@@ -152,14 +152,14 @@ class Acquire(Step):
         """
         clock = context.bench.clock
         start_s = clock.now()
-        tally = Tally()
+        tally = self._new_tally()
         for number in range(self.samples):
             if closed := self._read_at(start_s + number * self.interval_s, number, context):
                 self._take_in(closed, tally, context)
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
         table_deg_s = self._table_rate(context)
         last = context.rest()
-        tally.add(_volts(last))
+        self._add(tally, last)
         self._require_expected_noise(tally, context)
         self._require_like_the_run(last, tally, context)
         window = self._window(last if tally.chunks == 1 else (), tally, table_deg_s, rails)
@@ -170,10 +170,13 @@ class Acquire(Step):
         """Predict a window without noise."""
         output_v = gyro.output_v(self.table_deg_s or 0.0)
         rails = tuple(map(predicted_rail, self.rails))
+        tally = self._new_tally()
         if not fits_one_chunk(self.samples, self.interval_s):
-            return self._window((), Tally(count=self.samples, mean_v=output_v), self.table_deg_s, rails)
-        readings = tuple(Reading(number * self.interval_s, output_v) for number in range(self.samples))
-        return self._window(readings, _tally(readings), self.table_deg_s, rails)
+            tally.count, tally.mean_v = self.samples, output_v
+            return self._window((), tally, self.table_deg_s, rails)
+        readings = tuple(self._predicted(number * self.interval_s, output_v) for number in range(self.samples))
+        self._add(tally, readings)
+        return self._window(readings, tally, self.table_deg_s, rails)
 
     def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the fields of a window, with the point that its readings come to."""
@@ -195,6 +198,22 @@ class Acquire(Step):
     def _point(self, tally: Tally) -> Point:
         return Point(self.step, self.rate_deg_s, self.v_vc_v, tally.mean_v, tally.std_v, tally.count)
 
+    def _new_tally(self) -> Tally:
+        """Return what the readings of the window are summed up in."""
+        return Tally()
+
+    def _add(self, tally: Tally, readings: Sequence[Reading]) -> None:
+        """Add one chunk to the sums."""
+        tally.add(_volts(readings))
+
+    def _reading(self, t_s: float, context: Context) -> Reading:
+        """Take one reading; `t_s` is the bench time at which it is asked for."""
+        return Reading(t_s, context.believable(context.bench.multimeter.read_voltage_v))
+
+    def _predicted(self, t_s: float, output_v: float) -> Reading:
+        """Return the reading that `output_v` would give."""
+        return Reading(t_s, output_v)
+
     def _read_at(self, instant_s: float, number: int, context: Context) -> tuple[Reading, ...]:
         clock, meter = context.bench.clock, context.bench.multimeter
         clock.sleep_until(instant_s)
@@ -205,11 +224,11 @@ class Acquire(Step):
                 f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
                 f"the meter cannot follow one reading every {self.interval_s:g} s",
             )
-        return context.take(Reading(t_s, context.believable(meter.read_voltage_v)))
+        return context.take(self._reading(t_s, context))
 
     def _take_in(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
         """Add a chunk of a long window, and do not wait for the window's end to doubt it."""
-        tally.add(_volts(chunk))
+        self._add(tally, chunk)
         self._require_like_the_run(chunk, tally, context)
 
     def _require_like_the_run(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
@@ -232,13 +251,7 @@ class Acquire(Step):
             )
 
 
-def _tally(readings: tuple[Reading, ...]) -> Tally:
-    tally = Tally()
-    tally.add(_volts(readings))
-    return tally
-
-
-def _volts(readings: tuple[Reading, ...]) -> list[float]:
+def _volts(readings: Sequence[Reading]) -> list[float]:
     return [reading.voltage_v for reading in readings]
 
 
