@@ -42,16 +42,27 @@ def test_points_and_every_field_are_shown_by_their_names() -> None:
     points, results = text.split("\n\n")
     assert points == table_text(points_table(POINTS))
     assert results.splitlines() == [
-        "result                                                    value        u   unit",
-        "-------------------------------------------------------------------------------",
-        "width                                                  0.123457   0.0012   deg/s",
-        "closed                                                      yes",
-        "loops                                                         3",
-        "branches[0].direction                                        up",
-        "branches[0].outputs_v                                 0.5, 0.25",
-        "branches[1].direction                                      down",
-        "branches[1].outputs_v   0, 1, 2, 3, 4, 5, 6, 7, ... (10 in all)",
-        "note                                                          -",
+        "result                  value                         u        unit",
+        "-------------------------------------------------------------------",
+        "width                   0.123457                      0.0012   deg/s",
+        "closed                  yes",
+        "loops                   3",
+        "branches[0].direction   up",
+        "branches[0].outputs_v   0.5, 0.25",
+        "branches[1].direction   down",
+        "branches[1].outputs_v   0, 1, 2, 3, ... (10 in all)",
+        "note                    -",
+    ]
+
+
+def test_what_has_no_quantities_has_no_columns_for_them() -> None:
+    (table,) = results_table({"samples": 3, "rails": [{"voltage_v": 10.0}]}, "settings", "setting")
+    assert table_text(table).splitlines() == [
+        "settings",
+        "setting              value",
+        "--------------------------",
+        "samples              3",
+        "rails[0].voltage_v   10",
     ]
 
 

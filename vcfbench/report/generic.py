@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["generic_report", "points_table", "results_table", "verdict_table"]
 
 _QUANTITY = {"value", "u", "unit"}
-_SHOWN = 8
+_SHOWN = 4
 """So many numbers of a list are printed; its length is said where there are more."""
 
 
@@ -36,12 +36,13 @@ def points_table(points: Sequence[Point]) -> Table:
     return Table(columns, [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points])
 
 
-def results_table(results: object, title: str = "") -> tuple[Table, ...]:
+def results_table(results: object, title: str = "", head: str = "result") -> tuple[Table, ...]:
     """Return a table of whatever `results` hold: nested names with dots between; none where they hold nothing."""
     value = plain(results)
-    rows = [] if value is None else list(_rows(value, "" if _is_named(value) else "result"))
-    columns = (Column("result", align="left"), Column("value"), Column("u"), Column("unit", align="left"))
-    return (Table(columns, rows, title),) if rows else ()
+    rows = [] if value is None else list(_rows(value, "" if _is_named(value) else head))
+    names = (head, "value", "u", "unit")[: max(map(len, rows), default=0)]
+    padded = [(*row, *[""] * (len(names) - len(row))) for row in rows]
+    return (Table([Column(name, align="left") for name in names], padded, title),) if rows else ()
 
 
 def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
@@ -54,7 +55,7 @@ def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
         for place, each in enumerate(value):
             yield from _rows(each, f"{name}[{place}]")
     else:
-        yield name, _figure(value), "", ""
+        yield name, _figure(value)
 
 
 def _is_named(value: Any) -> bool:

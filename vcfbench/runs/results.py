@@ -90,7 +90,7 @@ def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
         raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
     results = read_only(answer.get("results") or {})
     parts = [points_table(points), *results_table(results, "results, as they were stored")]
-    settings = results_table(record.header.get("settings"), "settings")
+    settings = results_table(record.header.get("settings"), "settings", "setting")
     return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
 
 
