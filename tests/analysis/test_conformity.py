@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from vcfbench.analysis.budget import Source, evaluate
+from vcfbench.analysis.conformity import Conformity, conformity, e_n, e_n_of_difference
+from vcfbench.errors import ConfigError
+
+PASS, MARGINAL, FAIL = Conformity.PASS, Conformity.MARGINAL, Conformity.FAIL
+
+
+def test_e_n_of_the_papers_two_columns() -> None:
+    """Slopes in V/(deg/s) with t of 15 degrees of freedom: 3.5, they disagree."""
+    expanded = 2.1314 * 4.6169e-6, 2.1314 * 2.5331e-5
+    assert e_n(-0.012542052, expanded[0], -0.012734330, expanded[1]) == pytest.approx(3.5, abs=0.01)
+
+
+def test_e_n_of_a_difference_knows_what_both_share() -> None:
+    sources = [Source("meter", 1.0, 1e-3), Source("a", 1.0, 1e-5), Source("b", 1.0001, 1e-5)]
+    budget = evaluate(sources, lambda x: {"apart": x["meter"] * (x["b"] - x["a"])})
+    assert e_n_of_difference(budget.result("apart")) == pytest.approx(1e-4 / (1.96 * 1.4142e-5), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("value", "guard_factor", "expected"),
+    [
+        (8.0, 1.0, PASS),
+        (9.0, 1.0, PASS),
+        (9.01, 1.0, MARGINAL),
+        (10.99, 1.0, MARGINAL),
+        (11.01, 1.0, FAIL),
+        (-9.01, 1.0, MARGINAL),
+        (-11.01, 1.0, FAIL),
+        (9.99, 0.0, PASS),
+        (10.01, 0.0, FAIL),
+        (9.6, 0.5, MARGINAL),
+        (9.4, 0.5, PASS),
+    ],
+)
+def test_guard_bands(value: float, guard_factor: float, expected: Conformity) -> None:
+    assert conformity(value, 1.0, -10.0, 10.0, guard_factor) is expected
+
+
+def test_one_limit_alone() -> None:
+    assert conformity(-1e9, 1.0, high=10.0) is PASS
+    assert conformity(1e9, 1.0, low=10.0) is PASS
+
+
+def test_a_tolerance_narrower_than_the_uncertainty_never_passes() -> None:
+    assert conformity(0.0, 2.0, -1.0, 1.0) is MARGINAL
+
+
+def test_what_cannot_be_judged_is_refused() -> None:
+    for arguments in ((0.0, 1.0, 1.0, -1.0), (0.0, -1.0, 0.0, 1.0), (math.nan, 1.0, 0.0, 1.0)):
+        with pytest.raises(ConfigError, match="no verdict"):
+            conformity(*arguments)
+    with pytest.raises(ConfigError, match="E_n"):
+        e_n(1.0, 0.0, 2.0, 0.0)

@@ -1,0 +1,308 @@
+"""Uncertainty budgets after the GUM: sources, a model of results, combined and expanded uncertainties, contributions.
+
+The propagation, with correlations and the effective degrees of freedom of Welch and Satterthwaite, is that of the GUM
+Tree Calculator (GTC, Measurement Standards Laboratory of New Zealand). It is of first order; where that matters
+:mod:`~vcfbench.analysis.monte_carlo` checks it. Lack of fit is no uncertainty and has no place among the sources.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+__all__ = [
+    "Budget",
+    "Contribution",
+    "Correlations",
+    "Distribution",
+    "Model",
+    "Result",
+    "Source",
+    "check_sources",
+    "correlated_groups",
+    "cos",
+    "coverage_factor",
+    "evaluate",
+    "exp",
+    "log",
+    "sin",
+    "sqrt",
+]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+Model: TypeAlias = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+"""From the quantities by name to the results by name, with + - * / ** and this module's functions."""
+Correlations: TypeAlias = Mapping[tuple[str, str], float]
+"""Correlation coefficients of pairs of sources; pairs that are not named are uncorrelated."""
+
+
+class Distribution(Enum):
+    """What is known of a source's value."""
+
+    NORMAL = "normal"
+    """With finite degrees of freedom: Student's t."""
+    RECTANGULAR = "rectangular"
+    TRIANGULAR = "triangular"
+    ARCSINE = "arcsine"
+    """A sine of unknown phase."""
+
+
+_HALF_WIDTHS = {
+    Distribution.RECTANGULAR: math.sqrt(3.0),
+    Distribution.TRIANGULAR: math.sqrt(6.0),
+    Distribution.ARCSINE: math.sqrt(2.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One input quantity: best value, standard uncertainty, and what that rests on."""
+
+    name: str
+    value: float
+    u: float
+    unit: str = ""
+    dof: float = math.inf
+    distribution: Distribution = Distribution.NORMAL
+
+    @classmethod
+    def within(
+        cls,
+        name: str,
+        value: float,
+        half_width: float,
+        unit: str = "",
+        distribution: Distribution = Distribution.RECTANGULAR,
+    ) -> Source:
+        """Return a source that lies within `half_width` of its value, as data sheets state it.
+
+        Raises:
+            ConfigError: a normal distribution has no half width.
+
+        """
+        if distribution not in _HALF_WIDTHS:
+            raise ConfigError(f"{name}: a {distribution.value} distribution has no half width")
+        return cls(name, value, half_width / _HALF_WIDTHS[distribution], unit, distribution=distribution)
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What one source adds to one result."""
+
+    source: str
+    u_source: float
+    dof: float
+    sensitivity: float
+    """Derivative of the result by the source."""
+    u: float
+    """Sensitivity times uncertainty, sign kept: two results with opposite signs get closer or part together."""
+    share: float
+    """Of the result's variance; correlated sources share what they have in common by halves, so it may be negative."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One output quantity; the contributions are in the order of their size."""
+
+    name: str
+    value: float
+    u: float
+    """Combined standard uncertainty."""
+    dof: float
+    """Effective degrees of freedom."""
+    confidence: float
+    coverage_factor: float
+    contributions: tuple[Contribution, ...]
+
+    @property
+    def expanded_u(self) -> float:
+        """Half width of the interval that holds the true value with `confidence`."""
+        return self.coverage_factor * self.u
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of that interval."""
+        return self.value - self.expanded_u, self.value + self.expanded_u
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """All results of one model: what they share makes them correlated."""
+
+    sources: tuple[Source, ...]
+    results: tuple[Result, ...]
+    correlation: Floats
+    """Correlation coefficients of the results, in their order."""
+
+    def result(self, name: str) -> Result:
+        """Return one result; raises ConfigError for a name that the model does not have."""
+        for result in self.results:
+            if result.name == name:
+                return result
+        raise ConfigError(f"the budget has no result {name}, only {', '.join(r.name for r in self.results)}")
+
+
+def evaluate(
+    sources: Sequence[Source],
+    model: Model,
+    correlations: Correlations | None = None,
+    confidence: float = 0.95,
+) -> Budget:
+    """Propagate the sources through `model`.
+
+    Args:
+        sources: the input quantities; names must differ.
+        model: from the quantities by name to the results by name; differences of results belong into it, so that what
+            both share cancels.
+        correlations: coefficients of pairs of sources. Correlated sources of finite degrees of freedom were observed
+            together and have the same number of them.
+        confidence: of the expanded uncertainties.
+
+    Raises:
+        ConfigError: sources or correlations that cannot be.
+
+    """
+    from GTC import get_correlation  # noqa: PLC0415 - half a second
+
+    pairs = {} if correlations is None else dict(correlations)
+    check_sources(sources, pairs)
+    quantities = _uncertain_numbers(sources, pairs)
+    outputs = {name: _as_uncertain(value) for name, value in model(quantities).items()}
+    results = tuple(_result(name, output, sources, quantities, confidence) for name, output in outputs.items())
+    numbers = list(outputs.values())
+    matrix = np.array([[1.0 if a is b else get_correlation(a, b) for b in numbers] for a in numbers])
+    return Budget(tuple(sources), results, matrix)
+
+
+def coverage_factor(dof: float, confidence: float = 0.95) -> float:
+    """Return the two-sided quantile of Student's t, or of the normal distribution for infinite degrees of freedom."""
+    from scipy.special import ndtri, stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    upper = 0.5 * (1.0 + confidence)
+    return float(ndtri(upper) if math.isinf(dof) else stdtrit(dof, upper))
+
+
+def check_sources(sources: Sequence[Source], correlations: Correlations) -> None:
+    """Refuse sources that are ambiguous or impossible.
+
+    Raises:
+        ConfigError: a name twice, an uncertainty below zero or not finite, a correlation of what is not there.
+
+    """
+    names = [source.name for source in sources]
+    if len(set(names)) < len(names):
+        twice = sorted(name for name in set(names) if names.count(name) > 1)
+        raise ConfigError(f"two sources have one name: {', '.join(twice)}")
+    for source in sources:
+        if not (math.isfinite(source.value) and 0.0 <= source.u < math.inf and source.dof > 0.0):
+            told = f"value {source.value}, u {source.u}, {source.dof} degrees of freedom"
+            raise ConfigError(f"source {source.name} cannot be: {told}")
+    for (first, second), coefficient in correlations.items():
+        if first not in names or second not in names or first == second or not -1.0 <= coefficient <= 1.0:
+            raise ConfigError(f"correlation {coefficient} of {first} and {second}: no such pair of sources")
+    for group in correlated_groups(sources, correlations):
+        if len({source.dof for source in group}) > 1:
+            raise ConfigError(
+                f"correlated sources must have equal degrees of freedom, not {[source.dof for source in group]}: "
+                f"{', '.join(source.name for source in group)}"
+            )
+
+
+def correlated_groups(sources: Sequence[Source], correlations: Correlations) -> list[list[Source]]:
+    """Return the sources in groups that are correlated among each other; most are alone."""
+    leader = {source.name: source.name for source in sources}
+    for (first, second), coefficient in correlations.items():
+        if coefficient:
+            old, new = leader[first], leader[second]
+            leader = {name: new if head == old else head for name, head in leader.items()}
+    groups: dict[str, list[Source]] = {}
+    for source in sources:
+        groups.setdefault(leader[source.name], []).append(source)
+    return list(groups.values())
+
+
+def _uncertain_numbers(sources: Sequence[Source], correlations: Correlations) -> dict[str, Any]:
+    """Make GTC's numbers; those that were observed together become what it calls an ensemble."""
+    from GTC import multiple_ureal, set_correlation, ureal  # noqa: PLC0415 - as above
+
+    made: dict[str, Any] = {}
+    for group in correlated_groups(sources, correlations):
+        if len(group) == 1:
+            (one,) = group
+            made[one.name] = ureal(one.value, one.u, one.dof, label=one.name)
+        else:
+            columns = [s.value for s in group], [s.u for s in group], group[0].dof, [s.name for s in group]
+            made.update(zip(columns[3], multiple_ureal(*columns), strict=True))
+    for (first, second), coefficient in correlations.items():
+        if coefficient:
+            set_correlation(coefficient, made[first], made[second])
+    return {source.name: made[source.name] for source in sources}
+
+
+def _as_uncertain(value: Any) -> Any:
+    from GTC import ureal  # noqa: PLC0415 - as above
+
+    return ureal(float(value), 0.0) if isinstance(value, int | float) else +value
+
+
+def _result(
+    name: str, output: Any, sources: Sequence[Source], quantities: Mapping[str, Any], confidence: float
+) -> Result:
+    from GTC import get_covariance  # noqa: PLC0415 - as above
+    from GTC.reporting import sensitivity  # noqa: PLC0415 - as above
+
+    u, dof = float(output.u), float(output.df)
+    lines = []
+    for source in sources:
+        quantity = quantities[source.name]
+        slope = float(sensitivity(output, quantity)) if source.u > 0.0 else 0.0
+        share = slope * float(get_covariance(output, quantity)) / u**2 if source.u > 0.0 and u > 0.0 else 0.0
+        lines.append(Contribution(source.name, source.u, source.dof, slope, slope * source.u, share))
+    lines.sort(key=lambda line: -abs(line.u))
+    return Result(name, float(output.x), u, dof, confidence, coverage_factor(dof, confidence), tuple(lines))
+
+
+def _applied(name: str, value: Any) -> Any:
+    """Apply a function to floats and arrays by NumPy, to uncertain numbers by GTC."""
+    if isinstance(value, float | int | np.ndarray):
+        return getattr(np, name)(value)
+    import GTC  # noqa: PLC0415 - as above
+
+    return getattr(GTC, name)(value)
+
+
+def sin(value: Any) -> Any:
+    """Return the sine, for models."""
+    return _applied("sin", value)
+
+
+def cos(value: Any) -> Any:
+    """Return the cosine, for models."""
+    return _applied("cos", value)
+
+
+def exp(value: Any) -> Any:
+    """Return the exponential, for models."""
+    return _applied("exp", value)
+
+
+def log(value: Any) -> Any:
+    """Return the natural logarithm, for models."""
+    return _applied("log", value)
+
+
+def sqrt(value: Any) -> Any:
+    """Return the square root, for models."""
+    return _applied("sqrt", value)

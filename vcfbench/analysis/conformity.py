@@ -1,0 +1,78 @@
+"""Whether results agree with each other and with a limit: E_n (ISO 13528) and guard bands (JCGM 106, ILAC-G8)."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vcfbench.analysis.budget import Result
+
+__all__ = ["Conformity", "conformity", "e_n", "e_n_of_difference"]
+
+
+class Conformity(Enum):
+    """What may be said about a limit, given the uncertainty."""
+
+    PASS = "pass"  # noqa: S105 - a verdict
+    """Within the limits, with the guard band to spare."""
+    MARGINAL = "marginal"
+    """Nearer to a limit than the guard band, on either side of it."""
+    FAIL = "fail"
+    """Beyond a limit by more than the guard band."""
+
+
+def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second: float) -> float:
+    """Return |second - first| over the root of the sum of the squared expanded uncertainties; above 1 they disagree.
+
+    Only for independent results. Those that share instruments: make the difference a result of the budget, and
+    :func:`e_n_of_difference`.
+
+    Raises:
+        ConfigError: neither has an uncertainty.
+
+    """
+    return _ratio(second - first, math.hypot(expanded_u_first, expanded_u_second))
+
+
+def e_n_of_difference(difference: Result) -> float:
+    """Return E_n of two results whose difference is a result of their budget; raises ConfigError as above."""
+    return _ratio(difference.value, difference.expanded_u)
+
+
+def _ratio(difference: float, expanded_u: float) -> float:
+    if not (expanded_u > 0.0 and math.isfinite(expanded_u) and math.isfinite(difference)):
+        raise ConfigError(f"E_n of a difference of {difference:g} needs a positive uncertainty, got {expanded_u:g}")
+    return abs(difference) / expanded_u
+
+
+def conformity(
+    value: float,
+    expanded_u: float,
+    low: float = -math.inf,
+    high: float = math.inf,
+    guard_factor: float = 1.0,
+) -> Conformity:
+    """Judge a value against limits with a guard band of `guard_factor` times its expanded uncertainty.
+
+    With 1 and 95 % a value passes that conforms with at least 97.5 %; with 0 the uncertainty is ignored (simple
+    acceptance), and nothing is marginal.
+
+    Raises:
+        ConfigError: a lower limit above the upper one, or an uncertainty or factor that is negative or not finite.
+
+    """
+    if not low <= high or not (0.0 <= expanded_u < math.inf and 0.0 <= guard_factor < math.inf):
+        raise ConfigError(
+            f"no verdict with limits {low:g} to {high:g}, U {expanded_u:g} and guard factor {guard_factor:g}"
+        )
+    if not math.isfinite(value):
+        raise ConfigError(f"no verdict on {value}")
+    guard = guard_factor * expanded_u
+    if value < low - guard or value > high + guard:
+        return Conformity.FAIL
+    inside = low + guard <= value <= high - guard
+    return Conformity.PASS if inside else Conformity.MARGINAL
