@@ -83,8 +83,8 @@ def test_resistance_and_reactance_of_the_gum() -> None:
 def test_the_same_from_the_raw_observations() -> None:
     """Table H.2 of the GUM: five sets observed together, so nothing is rounded: the printed digits.
 
-    But one: first order gives u(X) = 0.296, as here; the GUM prints 0.295, which its second way (the scatter of the five
-    reactances, 0.2955) gives as well.
+    But one: first order gives u(X) = 0.2956, as here; the GUM prints 0.295, which is what its second way gives, the
+    scatter of the five reactances (0.2955).
     """
     volts = np.array([5.007, 4.994, 5.005, 4.990, 4.999])
     amperes = np.array([19.663, 19.639, 19.640, 19.685, 19.678]) * 1e-3
