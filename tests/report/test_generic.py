@@ -66,6 +66,16 @@ def test_what_has_no_quantities_has_no_columns_for_them() -> None:
     ]
 
 
+def test_what_was_measured_of_v_vc_stands_beside_its_setting() -> None:
+    points = (*POINTS, Point(1, 0.0, 0.5, -0.25, 1e-4, 10, 0.501234, 2e-6))
+    assert table_text(points_table(points)).splitlines() == [
+        "step   rate / (deg/s)   V_Vc / V   output / V     s / V    n   V_Vc measured / V   its s / V",
+        "--------------------------------------------------------------------------------------------",
+        "   1               10          0     -0.12500   1.0e-04   10                   -           -",
+        "   1                0        0.5     -0.25000   1.0e-04   10            0.501234     2.0e-06",
+    ]
+
+
 def test_numbers_keep_all_their_digits_in_the_document() -> None:
     (table,) = results_table(RESULTS)
     assert table.rows[0] == ("width", Cell(0.123456789, ".6g"), Cell(0.001234, ".2g"), "deg/s")

@@ -28,12 +28,17 @@ def generic_report(_settings: object, points: Sequence[Point], results: object) 
 
 
 def points_table(points: Sequence[Point]) -> Table:
-    """Return every point in a row."""
+    """Return every point in a row; V_Vc as it was set, and as it was measured where it was."""
     columns = (
         *(Column("step"), Column("rate", "deg/s", ".6g"), Column("V_Vc", "V", ".6g")),
         *(Column("output", "V", ".5f"), Column("s", "V", ".1e"), Column("n")),
     )
-    return Table(columns, [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points])
+    rows = [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points]
+    if all(point.v_vc_measured_v is None for point in points):
+        return Table(columns, rows)
+    measured = (Column("V_Vc measured", "V", ".6f"), Column("its s", "V", ".1e"))
+    seen = ((point.v_vc_measured_v, point.v_vc_std_v) for point in points)
+    return Table((*columns, *measured), [(*row, *more) for row, more in zip(rows, seen, strict=True)])
 
 
 def results_table(results: object, title: str = "", head: str = "result") -> tuple[Table, ...]:
