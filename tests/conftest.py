@@ -1,4 +1,4 @@
-"""Which tests are quick, and that the slow ones come first: all processors are then busy to the end."""
+"""Which tests are quick and which are left out, what comes first, and how many workers there are."""
 
 from __future__ import annotations
 
@@ -10,34 +10,57 @@ import pytest
 
 HERE = Path(__file__).parent
 SLOW = (
-    "bench/test_holding.py",
-    "bench/test_open_simulated.py",
-    "cli/test_main.py",
-    "cli/test_paper_figures.py",
-    "cli/test_run_dialects.py",
-    "cli/test_run_served.py",
-    "cli/test_run_meters.py",
-    "cli/test_run_simulated.py",
-    "cli/test_streams.py",
     "faults/test_matrix.py",
-    "faults/test_owners.py",
     "faults/test_scripts.py",
-    "sim/gyro/test_bridge.py",
-    "sim/gyro/test_carrier.py",
-    "sim/gyro/test_noise.py",
-    "sim/gyro/test_played.py",
-    "sim/instruments/agilent33220a/test_modulation.py",
-    "sim/instruments/agilent33220a/test_playing.py",
-    "sim/instruments/hp34401a/test_ac.py",
-    "sim/instruments/hp34401a/test_counter.py",
-    "sim/rate_tables/test_host_gone.py",
-    "sim/serve/test_server.py",
+    "cli/test_run_served.py",
+    "cli/test_run_made_safe.py",
+    "bench/test_holding.py",
+    "cli/test_run_meters.py",
+    "cli/test_safe.py",
+    "faults/test_owners.py",
+    "faults/test_signals.py",
+    "bench/test_discovery.py",
+    "testing/test_wire_faults.py",
     "sim/serve/test_tables.py",
-    "testing/test_plugin.py",
     "test_docs.py",
+    "cli/test_streams.py",
+    "cli/test_main.py",
+    "cli/test_run_simulated.py",
+    "bench/test_open_simulated.py",
+    "sim/serve/test_server.py",
+    "sim/rate_tables/test_host_gone.py",
+    "test_run.py",
     "test_examples.py",
+    "testing/test_plugin.py",
+    "procedures/test_long_window.py",
+    "procedures/test_corrupted_replies.py",
+    "procedures/test_faults_in_mid_run.py",
+    "sim/gyro/test_bridge.py",
+    "sim/gyro/test_played.py",
+    "sim/gyro/test_noise.py",
+    "sim/test_world.py",
 )
-"""Modules that take more than some seconds: fresh interpreters, long records, every wire."""
+"""Modules that take more than some seconds, first of all those that wait: all processors are busy to the end then."""
+
+QUICK = (
+    "analysis/",
+    "bench/guard/",
+    "cli/test_paper_figures.py",
+    "conformance/test_dialect.py",
+    "conformance/test_errors.py",
+    "conformance/test_exchanges.py",
+    "conformance/test_walk.py",
+    "drivers/",
+    "record/",
+    "report/",
+    "sim/rate_tables/",
+    "sim/scpi/",
+    "test_face.py",
+    "test_files.py",
+    "test_models.py",
+    "test_specifications.py",
+)
+"""Half a minute of tests that tell most: drivers, command sets, analysis, records, and one whole calibration."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -56,15 +79,25 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Do not even import what is not quick when nothing else is wanted."""
+    is_test = collection_path.suffix == ".py" and collection_path.is_relative_to(HERE)
+    return True if config.option.markexpr == "quick" and is_test and not _is_quick(collection_path) else None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark every test slow or quick, put the slow ones first, and leave out what is only done when it is asked for."""
+    """Mark what is quick, put the slow modules first, and leave out what is only done when it is asked for."""
     if "exhaustive" not in config.option.markexpr:
         left_out = [item for item in items if item.get_closest_marker("exhaustive") is not None]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item.get_closest_marker("exhaustive") is None]
     for item in items:
-        if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).as_posix() in SLOW:
-            item.add_marker(pytest.mark.slow)
-        elif item.get_closest_marker("slow") is None:
+        if _is_quick(item.path) and item.get_closest_marker("slow") is None:
             item.add_marker(pytest.mark.quick)
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    order = {HERE / module: place for place, module in enumerate(SLOW)}
+    items.sort(key=lambda item: order.get(item.path, len(SLOW)))
+
+
+def _is_quick(path: Path) -> bool:
+    place = path.relative_to(HERE).as_posix() if path.is_relative_to(HERE) else ""
+    return place.startswith(QUICK) and place not in SLOW

@@ -22,6 +22,7 @@ LAB = ROOT / "examples" / "lab-tests"
 OWN = ROOT / "examples" / "own-instrument"
 
 
+@pytest.mark.exhaustive
 def test_the_labs_tests_pass_away_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))

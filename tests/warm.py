@@ -36,7 +36,7 @@ THIRD_PARTIES = ("numpy.random", "pydantic", "pytest", "pyvisa", "rich.live", "s
 def _context() -> Any:
     context: Any = multiprocessing.get_context("forkserver")
     ours = (module.name for module in pkgutil.walk_packages(vcfbench.__path__, "vcfbench."))
-    context.set_forkserver_preload([*THIRD_PARTIES, *(name for name in ours if "__main__" not in name)])
+    context.set_forkserver_preload([__name__, *THIRD_PARTIES, *(name for name in ours if "__main__" not in name)])
     return context
 
 

@@ -40,6 +40,7 @@ def readings(manager: Any, count: int, every_s: float) -> list[float]:
     return found
 
 
+@pytest.mark.exhaustive
 def test_an_hour_of_readings_takes_an_hour_of_bench_time_and_none_of_ours() -> None:
     with opened("?speed=max@vcfbench") as manager:
         values = readings(manager, 3600, 1.0)

@@ -230,6 +230,7 @@ print(execution.points[0].n)
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="getrusage of POSIX")
 def test_memory_stays_flat_over_ten_hours(tmp_path: Path) -> None:
     """10 h at 10 Hz in a process of its own: the most memory of the first hour is that of all ten."""

@@ -93,6 +93,7 @@ def test_a_path_begins_and_ends_where_its_step_did_and_has_its_mean(duration_s: 
         assert path.filtered(middles).mean() == pytest.approx(integral / duration_s, abs=3e-6 * size)
 
 
+@pytest.mark.exhaustive
 def test_noise_within_a_step_has_the_covariance_of_noise_that_nobody_cut() -> None:
     """At five instants of 60 ms against exp(A t) S of the plainly written system; 800 draws know it to 5 %."""
     chain, duration_s = noisy(), 0.06
@@ -211,6 +212,7 @@ def test_the_spectrum_of_a_record_is_the_closed_form() -> None:
     assert np.all(np.abs(ratio - 1) < 4 / np.sqrt(60.0 * np.minimum(widths, 3.0)))
 
 
+@pytest.mark.exhaustive
 def test_fast_readings_have_the_spectrum_of_the_record() -> None:
     """Means of 1 ms, one after the other for 10 s: the closed form times (sin(x)/x)^2, x = pi f 1 ms."""
     clock, world = powered(white_only(), 22)
@@ -279,6 +281,7 @@ def turned(bench: BenchParameters, rate_deg_s: float) -> tuple[VirtualClock, Wor
     return clock, world
 
 
+@pytest.mark.exhaustive
 def test_ac_volts_of_the_output_are_those_of_the_closed_form() -> None:
     """20 readings with the 20 Hz filter: the root of the density times the response squared, within five errors."""
     frequencies = np.arange(0.05, 400.0, 0.05)

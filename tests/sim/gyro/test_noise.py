@@ -183,6 +183,7 @@ def white_allan_variance(tau_s: float) -> float:
     return float(np.sum(gain * 2 * np.sin(x) ** 4 / x**2) * 1e-3)
 
 
+@pytest.mark.exhaustive
 def test_white_part_of_the_allan_deviation_is_0_21_deg_per_root_hour_within_3_percent(record_deg_h: np.ndarray) -> None:
     """Least squares of sigma^2 = N^2 w(tau) + (2 ln 2/pi) B^2 over 1 to 8 s, w the shape of the open-loop response."""
     taus = np.array([1, 2, 3, 4, 6, 8])
@@ -206,6 +207,7 @@ def test_flicker_alone_has_its_floor_at_3_7_deg_per_hour() -> None:
         assert math.sqrt(total) * 3600 == pytest.approx(3.7, rel=0.04)
 
 
+@pytest.mark.exhaustive
 def test_minimum_of_the_allan_deviation_is_3_7_deg_per_hour_within_its_spread(record_deg_h: np.ndarray) -> None:
     """Monte Carlo of one-hour records: minimum 3.53 deg/h on average, sd 0.47, 95 % between 2.58 and 4.37.
 
