@@ -47,7 +47,8 @@ class Bench:
 
     `instruments` has those that were opened; asking for another is a ConfigError that says what the bench file lacks.
     `clock` is bench time with a safe point at every wait; `identities` says by role who answered; `safe_reports`
-    fills when the bench is left: at the end of a ``with``, by :meth:`close`, or when Python ends.
+    fills when the bench is left: at the end of a ``with``, by :meth:`close`, or when Python ends. `adjust` changes a
+    simulated world as hands would, by the names of ``vcfbench sim ctl``; None on a real bench.
     """
 
     description: BenchDescription
@@ -56,6 +57,7 @@ class Bench:
     identities: Mapping[str, Identity]
     instruments: Mapping[str, Any]
     holding: Holding
+    adjust: Callable[[str, Any], None] | None = None
 
     @property
     def power(self) -> PowerSupply:
@@ -187,7 +189,7 @@ def open_bench(
         opened = _open_all(roles, description, stand, holding.safety, stops)
         if "rate_table" in opened.instruments:
             require_still(opened.instruments["rate_table"])
-        opened_bench = _bench(description, ControlClock(stand.clock, stops), stand.seed, opened, holding)
+        opened_bench = _bench(description, ControlClock(stand.clock, stops), stand, opened, holding)
         watch.end()
     except BaseException as error:
         holding.leave(error)
@@ -232,10 +234,10 @@ def _all(failures: list[BenchError]) -> BenchError:
     return error
 
 
-def _bench(description: BenchDescription, clock: Clock, seed: int | None, opened: _Opened, holding: Holding) -> Bench:
+def _bench(description: BenchDescription, clock: Clock, stand: Station, opened: _Opened, holding: Holding) -> Bench:
     checks = LimitChecks.of(description)
     instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
-    return Bench(description, clock, seed, opened.identities, instruments, holding)
+    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust)
 
 
 _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(

@@ -144,24 +144,7 @@ class Console:
 
     def read_line(self, read: Callable[[], str]) -> str:
         """Wait for a person's line; a signal meanwhile ends the conversation (Aborted)."""
-        typing = _Typing(read)
-        self._signals.wait(typing, 0.0)
-        return typing.line
-
-
-class _Typing:
-    """Waiting for a person, as a clock: the wait as a whole is a safe point."""
-
-    def __init__(self, read: Callable[[], str]) -> None:
-        self._read = read
-        self.line = ""
-
-    def now(self) -> float:
-        return 0.0
-
-    def sleep_until(self, instant_s: float) -> None:
-        del instant_s
-        self.line = self._read()
+        return self._signals.attend(read)
 
 
 @contextmanager

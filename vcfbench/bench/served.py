@@ -10,16 +10,17 @@ from __future__ import annotations
 
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
 from vcfbench.bench.description import Served
-from vcfbench.errors import ConnectFailed, LinkLost
+from vcfbench.errors import ConfigError, ConnectFailed, LinkLost
 from vcfbench.models import find_model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.models import Wire
@@ -67,6 +68,8 @@ class Led:
     """What it was built from."""
     rate_table: str | None
     """The port of its table, for pyserial; None when it has none."""
+    adjust: Callable[[str, Any], None]
+    """Changes something of its world, as ``vcfbench sim ctl set`` does."""
 
 
 @contextmanager
@@ -93,7 +96,16 @@ def led_bench(served: Served, rate_table: str | None) -> Iterator[Led]:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
         clock = LedClock(remote, served.control)
         with nullcontext(rate_table) if known is None else _led_port(control, clock, known) as url:
-            yield Led(clock, seed, url)
+            yield Led(clock, seed, url, partial(_adjust, control, served.control))
+
+
+def _adjust(control: Control, address: str, name: str, value: Any) -> None:
+    from vcfbench.sim.serve import ControlError  # noqa: PLC0415
+
+    try:
+        control.request("set", name=name, value=value)
+    except ControlError as error:
+        raise ConfigError(f"{name}: {error}", instrument=_CONTROL, resource=address) from error
 
 
 @contextmanager

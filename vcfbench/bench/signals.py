@@ -10,18 +10,20 @@ from __future__ import annotations
 import signal
 import threading
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from vcfbench.bench.safety import LeaveNow
 from vcfbench.errors import Aborted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from types import FrameType, TracebackType
 
     from vcfbench.clock import Clock
 
 __all__ = ["BrokenOff", "ControlClock", "StopSignals"]
+
+_T = TypeVar("_T")
 
 _WATCHED = (
     "SIGINT",
@@ -81,6 +83,15 @@ class StopSignals:
         try:
             self.safe_point()
             clock.sleep_until(instant_s)
+        finally:
+            self._at_safe_point = False
+
+    def attend(self, act: Callable[[], _T]) -> _T:
+        """Wait for what a person does; the wait as a whole is a safe point."""
+        self._at_safe_point = True
+        try:
+            self.safe_point()
+            return act()
         finally:
             self._at_safe_point = False
 

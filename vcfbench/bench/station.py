@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.bench.lock import instrument_locks
 from vcfbench.bench.roles import filled_roles
@@ -14,7 +15,7 @@ from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription, Served
@@ -40,7 +41,8 @@ class Station:
     """A bench before its instruments are opened.
 
     `rate_table` is the port of the table, None on a bench that has none. `patience` is how many seconds of wall time a
-    second of bench time may take; `seed` is None on a real bench.
+    second of bench time may take; `seed` is None on a real bench. `adjust` changes the simulated world by hand, name
+    and value as ``vcfbench sim ctl set`` takes them; None on a real bench, where hands do that.
     """
 
     clock: Clock
@@ -48,6 +50,7 @@ class Station:
     rate_table: str | None
     seed: int | None = None
     patience: float = 1.0
+    adjust: Callable[[str, Any], None] | None = None
 
 
 def station(
@@ -91,7 +94,7 @@ def table_port(description: BenchDescription) -> str | None:
 @contextmanager
 def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[Station]:
     with _locks(description, roles), led_bench(served, table_port(description)) as led:
-        yield Station(led.clock, description.visa_library, led.rate_table, led.seed)
+        yield Station(led.clock, description.visa_library, led.rate_table, led.seed, adjust=led.adjust)
 
 
 @contextmanager
@@ -106,7 +109,21 @@ def _simulated(
     with bench.registered() as handle:
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
         port = None if description.rate_table is None else f"sim://{handle}"
-        yield Station(bench.clock, f"{handle}@vcfbench", port, used, patience)
+        yield Station(bench.clock, f"{handle}@vcfbench", port, used, patience, partial(_adjust, bench))
+
+
+def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:
+    """Change the world of a bench that is simulated in this process."""
+    from vcfbench.sim.serve.adjust import adjustments_of  # noqa: PLC0415
+
+    known = adjustments_of(bench.world, bench.devices)
+    change = known[name].write if name in known else None
+    if change is None:
+        raise ConfigError(f"{name}: the simulated bench has nothing of that name that hands could change")
+    try:
+        change(value)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {error}") from error
 
 
 def checked_pace(description: BenchDescription, speed: str | float | None) -> float | None:

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from msgspec import to_builtins
 
 from vcfbench.errors import Aborted, BenchError
-from vcfbench.procedures.step import Context, abandon
+from vcfbench.procedures.step import Context, abandon, nobody
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from vcfbench.procedures.step import OpenBench, Plan, Step, StepResult
+    from vcfbench.procedures.step import OpenBench, Operator, Plan, Step, StepResult
     from vcfbench.procedures.steps.meter import Reading
     from vcfbench.record.schema import Point
 
@@ -128,6 +128,7 @@ class Executor:
     bench: OpenBench
     journal: StepJournal
     observers: Sequence[Observer] = ()
+    operator: Operator = nobody
     _context: Context = field(init=False)
     _started_s: float = field(init=False)
     _number: int = field(init=False, default=0)
@@ -140,7 +141,7 @@ class Executor:
     _walked: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
-        self._context = Context(self.bench, self._heard)
+        self._context = Context(self.bench, self._heard, operator=self.operator)
         self._started_s = self.bench.clock.now()
         self.observers = list(self.observers)
 

@@ -7,7 +7,7 @@ A step of one's own is a subclass in one's own file; nothing else has to know of
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from msgspec import to_builtins
 
-from vcfbench.errors import BenchError, FramingError, MeasurementError
+from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Sequence
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.clock import Clock
@@ -83,6 +83,31 @@ class OpenBench(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a person is asked to do with his hands.
+
+    `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
+    values as ``vcfbench sim ctl set`` takes them.
+    """
+
+    words: str
+    takes_s: float = 60.0
+    adjustments: Mapping[str, float | str | bool | None] = field(default_factory=dict)
+
+
+Operator = Callable[[Request], str]
+"""Does what is requested, or has it done, and returns when it is; what it says is kept in the record."""
+
+
+def nobody(request: Request) -> str:
+    """Refuse: nobody is there to be asked."""
+    raise PlanError(
+        f"somebody would have to {request.words}, and nobody is there to be asked",
+        hint="give the run an operator, or say --yes if all is done as asked",
+    )
+
+
 def _nowhere(readings: Sequence[Reading]) -> None:
     """Keep readings nowhere: nobody writes a journal."""
 
@@ -93,8 +118,9 @@ class Context:
 
     `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
     written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
-    has written. `asked_again` says what was answered, in the step under way, that could not be believed, so that it was
-    asked once more. `noise` is the scatter that the run has seen so far.
+    has written. `operator` is who does what only hands can do. `asked_again` says what was answered, in the step under
+    way, that could not be believed, so that it was asked once more. `noise` is the scatter that the run has seen so
+    far.
     """
 
     bench: OpenBench
@@ -104,6 +130,7 @@ class Context:
     noise: NoiseSeen | None = None
     keep: Callable[[Sequence[Reading]], None] = _nowhere
     chunks: int = 0
+    operator: Operator = nobody
 
     def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
         """Forget what the step before left; `keep` writes down each chunk of readings of the step that begins."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.executor import Event, Observer
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.procedures.settings import CalibrationSettings, Match
+    from vcfbench.procedures.step import Operator
 
     Display = Callable[[float], AbstractContextManager[Observer]]
     """Makes a display, told the estimate of the bench time, s."""
@@ -50,6 +51,7 @@ class Asked:
     speed: str | float | None = None
     observers: Sequence[Observer] = ()
     display: Display = no_display
+    operator: Operator | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.runs.asked import Asked, Checked, DryRun, prepare
+from vcfbench.runs.hands import operator_of, require_operator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.executor import Execution, Observer
     from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.procedures.step import Operator
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
@@ -43,6 +45,7 @@ def run(
     observers: Sequence[Observer] = (),
     runs: str | Path = "runs",
     speed: str | float | None = None,
+    operator: Operator | None = None,
 ) -> Run:
     """Run `procedure` on `bench`, record it, make the bench safe, and return what it came to.
 
@@ -58,6 +61,8 @@ def run(
             on, and :attr:`Run.observers_lost` says so.
         runs: directory of the records; this run gets one of its own in it.
         speed: of a simulated bench, times real time, or ``"max"``, the default.
+        operator: is called with what only hands can do (a ``Request``: words, seconds) and returns when it is done,
+            with words for the record. On a simulated bench None does it to the simulated world.
 
     Raises:
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
@@ -74,7 +79,9 @@ def run(
         "speed": speed,
         "settings": dict(settings or {}),
     }
-    asked = Asked(procedure, bench, seed, settings or {}, Path(runs), speed, observers, options=options)
+    asked = Asked(
+        procedure, bench, seed, settings or {}, Path(runs), speed, observers, operator=operator, options=options
+    )
     with StopSignals() as signals:
         return conduct(asked, signals)
 
@@ -163,6 +170,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
     with _PREPARING:
         prepared = prepare(asked, course.checked)
         planned = DryRun(asked.name, prepared.planned())
+        require_operator(asked, prepared.description, planned)
         if prepared.description.simulated:
             _load_numpy()
     record = _Record(course, prepared)
@@ -241,7 +249,7 @@ class _Record:
         course.checked.seed = bench.seed
         self.safe_reports = bench.safe_reports  # filled when the bench is left
         journal = self._open_journal(bench.identities)
-        executor = Executor(bench, journal, watchers)
+        executor = Executor(bench, journal, watchers, operator_of(course.asked, bench))
         try:
             execution = executor.execute(prepared.procedure.plan(prepared.settings))
         finally:

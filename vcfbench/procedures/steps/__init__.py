@@ -2,6 +2,7 @@
 
 from vcfbench.procedures.step import Effect, Outcome, Plan, Step, StepResult
 from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, Reading, VerifyZero, Window, ZeroWindow
+from vcfbench.procedures.steps.operator import AskOperator, OperatorAnswer, move_leads
 from vcfbench.procedures.steps.scope import (
     ConfigureScope,
     DriveAmplitudes,
@@ -33,6 +34,7 @@ from vcfbench.procedures.steps.wait import Done, NotChecked, Note, Settle
 __all__ = [
     "Acquire",
     "AcquireWithVvc",
+    "AskOperator",
     "AwaitRate",
     "CheckRails",
     "ConfigureGenerator",
@@ -55,6 +57,7 @@ __all__ = [
     "MeasureVvc",
     "NotChecked",
     "Note",
+    "OperatorAnswer",
     "Outcome",
     "PairedReading",
     "Plan",
@@ -74,4 +77,5 @@ __all__ = [
     "VvcWindow",
     "Window",
     "ZeroWindow",
+    "move_leads",
 ]

@@ -1,0 +1,37 @@
+"""Hands on a bench: on a simulated one what a person would do is done to the world, and takes its time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from vcfbench.bench.bench import Bench
+
+__all__ = ["simulated_hands"]
+
+
+class _Request(Protocol):
+    """What is asked for, as :class:`vcfbench.procedures.step.Request` says it."""
+
+    @property
+    def takes_s(self) -> float: ...
+
+    @property
+    def adjustments(self) -> Mapping[str, float | str | bool | None]: ...
+
+
+def simulated_hands(bench: Bench) -> Callable[[_Request], str] | None:
+    """Return who does what is asked for on a simulated `bench`, served ones too; None on a real one."""
+    adjust = bench.adjust
+    if adjust is None:
+        return None
+
+    def do(request: _Request) -> str:
+        for name, value in request.adjustments.items():
+            adjust(name, value)
+        bench.clock.sleep_until(bench.clock.now() + request.takes_s)
+        return "done to the simulated bench"
+
+    return do

@@ -1,0 +1,42 @@
+"""Who does what only hands can do in a run: a person, or on a simulated bench the simulation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import PlanError
+
+if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.procedures.step import Operator
+    from vcfbench.runs.asked import Asked, DryRun
+
+__all__ = ["operator_of", "require_operator"]
+
+
+def require_operator(asked: Asked, description: BenchDescription, planned: DryRun) -> None:
+    """See that somebody is there for what the plan asks hands to do; known before anything is opened.
+
+    Raises:
+        PlanError: the bench is real and nobody is.
+    """
+    from vcfbench.procedures.steps import AskOperator  # noqa: PLC0415
+
+    if description.simulated or asked.operator is not None:
+        return
+    requests = [each.step for each in planned.steps if isinstance(each.step, AskOperator)]
+    if requests:
+        more = "" if len(requests) == 1 else f", and {len(requests) - 1} more"
+        raise PlanError(
+            f"{planned.procedure} asks a person to {requests[0].words}{more}, and nobody is there to be asked",
+            hint="run it at a terminal, or with --yes if all is done as asked; from Python with an operator",
+        )
+
+
+def operator_of(asked: Asked, bench: Bench) -> Operator:
+    """Return who is asked: whoever the caller named, else on a simulated bench the simulation, else nobody."""
+    from vcfbench.bench.hands import simulated_hands  # noqa: PLC0415
+    from vcfbench.procedures.step import nobody  # noqa: PLC0415
+
+    return asked.operator or simulated_hands(bench) or nobody
