@@ -1,0 +1,240 @@
+"""K_Vc as a curve: the rate that a V_Vc stands for, ``k0 + k1 V + k2 V^2 + k3 V^3``, from matched pairs of both signs.
+
+At each rate of the table the V_Vc is found that gives the same output, zeros subtracted. Both have uncertainties, some
+in common (gain and offset of the meter, of the table). The fit is generalised least squares with errors in both, as in
+ISO 6143 for calibration gases. k1 is K_Vc for small signals, k2 and k3 are the modulator's even and odd curvature.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Curvature", "KVcCurve", "covariance_of", "fit_k_vc_curve"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_ROUNDS = 50
+_SETTLED = 1e-6
+"""A change of every coefficient by less than that of its uncertainty is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curvature:
+    """The modulator's own curve: it acts as ``V + second_per_v V^2 + third_per_v2 V^3``."""
+
+    second_per_v: float
+    u_second_per_v: float
+    third_per_v2: float
+    u_third_per_v2: float
+
+
+@dataclass(frozen=True, slots=True)
+class KVcCurve:
+    """A fitted curve; its uncertainty is that of what was measured, whether or not the curve fits."""
+
+    coefficients: tuple[float, ...]
+    """k0, k1, ... in (deg/s)/V^i."""
+    covariance: tuple[tuple[float, ...], ...]
+    """Of the coefficients."""
+    v_vc_low_v: float
+    """Least matched V_Vc; the curve holds from there ..."""
+    v_vc_high_v: float
+    """... to here."""
+    residuals_deg_s: tuple[float, ...]
+    """Rate less curve at the measured V_Vc, in the order of the pairs."""
+    chi_square: float
+    dof: int
+    lack_of_fit_p: float | None
+    """Probability of residuals as large or larger if the curve is right; below 0.01 it is not. None without dof."""
+    lack_of_fit_deg_s: float
+    """What the residuals hold beyond their uncertainties, root mean square; it is in no uncertainty."""
+
+    @property
+    def k_vc(self) -> float:
+        """K_Vc of small signals, (deg/s)/V."""
+        return self.coefficients[1]
+
+    @property
+    def u_k_vc(self) -> float:
+        """Standard uncertainty of that."""
+        return math.sqrt(self.covariance[1][1])
+
+    def rate_deg_s(self, v_vc_v: ArrayLike) -> Floats:
+        """Return the rate that each V_Vc stands for.
+
+        Raises:
+            ConfigError: a V_Vc more than 5 % outside what was matched: a cubic says nothing there.
+
+        """
+        return np.asarray(self._powers(v_vc_v) @ np.array(self.coefficients))
+
+    def rate_covariance(self, v_vc_v: ArrayLike, v_vc_covariance: ArrayLike) -> Floats:
+        """Return the covariance of those rates: the curve's, which all share, and that of the V_Vc through its slope.
+
+        The square roots of its diagonal are the standard uncertainties. `v_vc_covariance` of zeros asks for the curve
+        alone. A meter that also measured the pairs has its gain and offset in both: leave them out of one.
+
+        Raises:
+            ConfigError: as above, or a covariance of another size.
+
+        """
+        v = np.atleast_1d(np.asarray(v_vc_v, dtype=np.float64))
+        powers = self._powers(v)
+        between = _covariance(v_vc_covariance, v.size, "V_Vc")
+        slope = _slope(np.array(self.coefficients), v)
+        return np.asarray(powers @ np.array(self.covariance) @ powers.T + between * np.outer(slope, slope))
+
+    def curvature(self) -> Curvature:
+        """Return the modulator's curve, with k1 as its unit; raises ConfigError for a fit below the third order."""
+        if len(self.coefficients) < 4:
+            raise ConfigError(f"a fit of order {len(self.coefficients) - 1} has no second and third order")
+        k = np.array(self.coefficients)
+        covariance = np.array(self.covariance)
+        found = []
+        for place in (2, 3):
+            gradient = np.zeros(k.size)
+            gradient[1], gradient[place] = -k[place] / k[1] ** 2, 1.0 / k[1]
+            found += [float(k[place] / k[1]), math.sqrt(gradient @ covariance @ gradient)]
+        return Curvature(*found)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values ready for JSON."""
+        return asdict(self)
+
+    def _powers(self, v_vc_v: ArrayLike) -> Floats:
+        v = np.atleast_1d(np.asarray(v_vc_v, dtype=np.float64))
+        margin = 0.05 * (self.v_vc_high_v - self.v_vc_low_v) / 2.0
+        outside = (v < self.v_vc_low_v - margin) | (v > self.v_vc_high_v + margin) | ~np.isfinite(v)
+        if outside.any():
+            raise ConfigError(
+                f"V_Vc {v[outside][0]:g} V lies outside the matched {self.v_vc_low_v:g} to {self.v_vc_high_v:g} V"
+            )
+        return np.vander(v, len(self.coefficients), increasing=True)
+
+
+def covariance_of(values: ArrayLike, u: ArrayLike, u_gain: float = 0.0, u_offset: float = 0.0) -> Floats:
+    """Return the covariance of readings of one instrument.
+
+    Args:
+        values: the readings.
+        u: standard uncertainty of each by itself (or one for all), in their unit.
+        u_gain: relative standard uncertainty that all share.
+        u_offset: standard uncertainty of an offset that all share.
+
+    """
+    read = np.asarray(values, dtype=np.float64)
+    alone = np.broadcast_to(np.asarray(u, dtype=np.float64), read.shape) ** 2
+    return np.asarray(np.diag(alone) + u_gain**2 * np.outer(read, read) + u_offset**2)
+
+
+def fit_k_vc_curve(
+    rate_deg_s: ArrayLike,
+    v_vc_v: ArrayLike,
+    rate_covariance: ArrayLike,
+    v_vc_covariance: ArrayLike,
+    order: int = 3,
+) -> KVcCurve:
+    """Fit the curve to matched pairs.
+
+    Args:
+        rate_deg_s: rates of the table, of both signs.
+        v_vc_v: V_Vc, as measured, with the same zero-subtracted output.
+        rate_covariance: of the rates, with what the matching of the outputs leaves; see :func:`covariance_of`.
+        v_vc_covariance: of the V_Vc.
+        order: of the polynomial.
+
+    Raises:
+        ConfigError: fewer pairs than coefficients, rates of one sign, covariances that are none, or no solution.
+
+    """
+    rate, v = np.asarray(rate_deg_s, dtype=np.float64), np.asarray(v_vc_v, dtype=np.float64)
+    _check(rate, v, order)
+    scale = float(np.abs(v).max())
+    of_rate = _covariance(rate_covariance, rate.size, "rate")
+    of_v = _covariance(v_vc_covariance, v.size, "V_Vc") / scale**2
+    found, covariance, weight = _solve(rate, v / scale, of_rate, of_v, order)
+    units = scale ** np.arange(order + 1)
+    residuals = rate - np.vander(v / scale, order + 1, increasing=True) @ found
+    chi_square = float(residuals @ weight @ residuals)
+    dof = rate.size - order - 1
+    return KVcCurve(
+        coefficients=tuple((found / units).tolist()),
+        covariance=tuple(tuple(row) for row in (covariance / np.outer(units, units)).tolist()),
+        v_vc_low_v=float(v.min()),
+        v_vc_high_v=float(v.max()),
+        residuals_deg_s=tuple(residuals.tolist()),
+        chi_square=chi_square,
+        dof=dof,
+        lack_of_fit_p=_tail(chi_square, dof),
+        lack_of_fit_deg_s=_excess(residuals, weight, covariance, np.vander(v / scale, order + 1, increasing=True)),
+    )
+
+
+def _check(rate: Floats, v: Floats, order: int) -> None:
+    if rate.ndim != 1 or rate.shape != v.shape or order < 1 or rate.size < order + 1:
+        raise ConfigError(f"{rate.size} rates and {v.size} V_Vc do not determine a curve of order {order}")
+    if not (np.isfinite(rate).all() and np.isfinite(v).all()):
+        raise ConfigError("a rate or a V_Vc is not a finite number")
+    if not (rate.min() < 0.0 < rate.max() and v.min() < 0.0 < v.max()):
+        raise ConfigError("pairs of both signs are needed: from one sign alone the even order goes into K_Vc")
+    if np.unique(v).size < order + 1:
+        raise ConfigError(f"{np.unique(v).size} different V_Vc do not determine a curve of order {order}")
+
+
+def _covariance(given: ArrayLike, count: int, what: str) -> Floats:
+    matrix = np.asarray(given, dtype=np.float64)
+    if matrix.shape != (count, count) or not np.allclose(matrix, matrix.T) or (np.diag(matrix) < 0.0).any():
+        raise ConfigError(f"the covariance of the {what} must be symmetric, {count} by {count}, got {matrix.shape}")
+    return matrix
+
+
+def _slope(coefficients: Floats, v: Floats) -> Floats:
+    return np.asarray(np.polynomial.polynomial.polyval(v, np.polynomial.polynomial.polyder(coefficients)))
+
+
+def _solve(rate: Floats, v: Floats, of_rate: Floats, of_v: Floats, order: int) -> tuple[Floats, Floats, Floats]:
+    """Return coefficients, covariance and the inverse covariance of the residuals: most likely true V_Vc included.
+
+    Gauss and Newton about the adjusted V_Vc: there the curve is linear in what it is still off.
+    """
+    adjusted = v.copy()
+    found: Floats = np.asarray(
+        np.linalg.lstsq(np.vander(v, order + 1, increasing=True), rate, rcond=None)[0], np.float64
+    )
+    for _ in range(_ROUNDS):
+        powers, slope = np.vander(adjusted, order + 1, increasing=True), _slope(found, adjusted)
+        try:
+            weight: Floats = np.asarray(np.linalg.inv(of_rate + of_v * np.outer(slope, slope)), np.float64)
+            covariance: Floats = np.asarray(np.linalg.inv(powers.T @ weight @ powers), np.float64)
+        except np.linalg.LinAlgError as error:
+            raise ConfigError("the uncertainties of the pairs are zero or depend on each other completely") from error
+        target = rate - slope * (v - adjusted)
+        step = covariance @ powers.T @ weight @ target - found
+        found = found + step
+        left = target - powers @ found
+        adjusted = v + of_v @ (slope * (weight @ left))
+        if (np.abs(step) <= _SETTLED * np.sqrt(np.diag(covariance))).all():
+            return found, covariance, weight
+    raise ConfigError("the curve of K_Vc does not settle: the uncertainties of V_Vc are as large as the V_Vc")
+
+
+def _tail(chi_square: float, dof: int) -> float | None:
+    from scipy.special import chdtrc  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    return float(chdtrc(dof, chi_square)) if dof > 0 else None
+
+
+def _excess(residuals: Floats, weight: Floats, covariance: Floats, powers: Floats) -> float:
+    """Return the root of the mean square of the residuals beyond that which their uncertainties leave after the fit."""
+    expected = np.linalg.inv(weight) - powers @ covariance @ powers.T
+    beyond = float(residuals @ residuals) - float(np.trace(expected))
+    return math.sqrt(max(0.0, beyond) / residuals.size)
