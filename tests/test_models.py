@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from vcfbench import models
+from vcfbench.bench.check import check_bench
 from vcfbench.bench.discovery import recognise
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.guard import guard_of
@@ -126,6 +127,25 @@ def test_what_speaks_the_same_words_is_one_line_of_the_bench_file() -> None:
     assert driver.model == "34410A"
     assert issubclass(driver, Hp34401A)
     assert twins(described)["multimeter"].__name__ == "Hp34401A"
+
+
+@pytest.mark.parametrize("model", [row.name for row in MODELS])
+def test_the_simulated_instrument_in_its_place_bears_its_name(model: str) -> None:
+    """A driver that checks who answers opens it, in every role of a simulated bench."""
+    row = find_model(model)
+    assert row is not None
+    role = row.roles[0]
+    described = bench(f'[{role}]\nmodel = "{_at(role)}"', f'[{role}]\nmodel = "{model}X"\nlike = "{model}"')
+    checked = check_bench(described)
+    assert checked.failure() is None, checked
+    (seen,) = [each.identity for each in checked.instruments if each.role == role]
+    assert seen is not None
+    assert seen.model == f"{model}X"
+
+
+def _at(role: str) -> str:
+    """Return the model of the paper bench in `role`."""
+    return str(getattr(parse_bench(embedded_text("paper"), "lab.toml"), role).model)
 
 
 @pytest.mark.parametrize(

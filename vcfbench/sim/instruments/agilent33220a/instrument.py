@@ -59,13 +59,22 @@ class GeneratorWorld(Protocol):
 
 
 class Agilent33220A(ScpiInstrument):
-    """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own."""
+    """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own.
+
+    `model` is what it calls itself, where it stands for a generator that speaks the same words.
+    """
 
     errors_class: ClassVar = GeneratorErrors
 
     def __init__(
-        self, world: GeneratorWorld, errors: GeneratorErrors, interface: str = "usb", noise_seed: int = 0
+        self,
+        world: GeneratorWorld,
+        errors: GeneratorErrors,
+        interface: str = "usb",
+        noise_seed: int = 0,
+        model: str = "33220A",
     ) -> None:
+        self._model = model
         self._world = world
         self.state: dict[str, Any] = dict(RESET)
         self._stored: dict[int, dict[str, Any]] = {}
@@ -104,8 +113,8 @@ class Agilent33220A(ScpiInstrument):
         return self._questionable
 
     def identity(self) -> str:
-        """Return the reply of a real unit."""
-        return "Agilent Technologies,33220A,MY44021876,2.02-2.02-22-2"
+        """Return the reply of a real unit, but for the model that it stands for."""
+        return f"Agilent Technologies,{self._model},MY44021876,2.02-2.02-22-2"
 
     def reset(self) -> None:
         """Take the *RST state: output off; stored waveforms and states stay."""

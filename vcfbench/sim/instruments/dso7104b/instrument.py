@@ -87,13 +87,22 @@ TABLE = CommandTable(
 
 
 class Dso7104B(ScpiInstrument):
-    """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan."""
+    """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan.
+
+    `model` is what it calls itself, where it stands for an oscilloscope that speaks the same words.
+    """
 
     errors_class: ClassVar = ScopeErrors
 
     def __init__(
-        self, world: ScopeWorld, channels: Mapping[int, str], errors: ScopeErrors, interface: str = "usb"
+        self,
+        world: ScopeWorld,
+        channels: Mapping[int, str],
+        errors: ScopeErrors,
+        interface: str = "usb",
+        model: str = "DSO7104B",
     ) -> None:
+        self._model = model
         self._world = world
         self._nodes = dict(channels)
         self._errors = errors
@@ -135,8 +144,8 @@ class Dso7104B(ScpiInstrument):
     # --- the instrument ---------------------------------------------------------------------------------------------
 
     def identity(self) -> str:
-        """Return the reply of a real unit."""
-        return "AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003"
+        """Return the reply of a real unit, but for the model that it stands for."""
+        return f"AGILENT TECHNOLOGIES,{self._model},MY49520121,06.00.0003"
 
     def reset(self) -> None:
         """Take the default setup, running."""

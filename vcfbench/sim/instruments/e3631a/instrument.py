@@ -80,13 +80,21 @@ class E3631A(ScpiInstrument):
         rails: output to power pin of the PCB; outputs that are not in it have no load.
         errors: imperfections of this specimen.
         interface: "gpib" or "rs232", one of which is selected on the front panel.
+        model: what it calls itself, where it stands for a supply that speaks the same words.
     """
 
     errors_class: ClassVar = SupplyErrors
 
     def __init__(
-        self, world: World, *, rails: Mapping[str, str] = _RAILS, errors: SupplyErrors, interface: str = "gpib"
+        self,
+        world: World,
+        *,
+        rails: Mapping[str, str] = _RAILS,
+        errors: SupplyErrors,
+        interface: str = "gpib",
+        model: str = "E3631A",
     ) -> None:
+        self._model = model
         self.world = world
         self.errors = errors
         self.questionable = Register()
@@ -117,7 +125,7 @@ class E3631A(ScpiInstrument):
 
     def identity(self) -> str:
         """Return the identity; the firmware numbers are typical, unverified."""
-        return "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
+        return f"HEWLETT-PACKARD,{self._model},0,2.1-5.0-1.0"
 
     def reset(self) -> None:
         """*RST (p. 97)."""
