@@ -36,6 +36,7 @@ __all__ = [
     "Regulation",
     "Rotates",
     "SafeReport",
+    "SamplesVoltage",
     "SetsSine",
     "SetsVoltage",
     "SwitchesOutput",
@@ -240,6 +241,23 @@ class BeginsReadings(ReadsVoltage, Protocol):
 
     def begun_reading_v(self) -> float:
         """Wait for the reading that was begun last and return it, V; asked again, it gives the same reading again."""
+        ...
+
+
+@runtime_checkable
+class SamplesVoltage(ReadsVoltage, Protocol):
+    """Takes readings by itself, on an interval of its own, and keeps them until they are asked for."""
+
+    def start_sampling(self, samples: int, interval_s: float) -> float:
+        """Begin to take `samples` readings, one every `interval_s`; return how long they take, s.
+
+        Range and integration time are those configured; a zero is taken once, before the first. An interval of one
+        integration time leaves no gap between the readings. Nothing may be asked of it until they are taken.
+        """
+        ...
+
+    def sampled_voltages_v(self) -> tuple[float, ...]:
+        """Return the readings of the sampling that was begun last, V; raises MeasurementError on overload."""
         ...
 
 

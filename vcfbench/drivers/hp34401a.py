@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, safely
+from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
 from vcfbench.errors import FramingError, InstrumentError, LimitError
 
 if TYPE_CHECKING:
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Hp34401A"]
 
+_LONGEST_DELAY_S = 3600.0
+"""Trigger delay between readings (guide p. 80)."""
+_TRANSFER_S = 0.02
+"""One reading on a 9600-baud line, 16 characters."""
 _OVERHEAD_S = 0.05
 """Settling delay 1.5 ms (guide p. 81), about 20 ms into wait-for-trigger, and a 9600-baud line's 17 ms."""
 
@@ -35,6 +39,9 @@ class Hp34401A(ScpiInstrument):
     ranges_v: ClassVar[tuple[float, ...]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
     integration_times_nplc: ClassVar[tuple[float, ...]] = (0.02, 0.2, 1.0, 10.0, 100.0)
     autozero_on: ClassVar[str] = "ZERO:AUTO ON"
+    autozero_once: ClassVar[str] = "ZERO:AUTO ONCE"
+    memory_readings: ClassVar[int] = 512
+    """What INITiate can store (guide p. 84)."""
     abort_words: ClassVar[tuple[str, ...]] = ()
     """What ends a measurement where a device clear does not; a 34401A takes no command while it measures (p. 116)."""
 
@@ -43,6 +50,7 @@ class Hp34401A(ScpiInstrument):
         self._mains_hz = mains_hz
         self._nplc = 10.0
         self._range_v: float | None = None
+        self._sampled = 0
 
     @classmethod
     def opened(cls, session: Session, settings: VisaSettings) -> Self:
@@ -117,12 +125,70 @@ class Hp34401A(ScpiInstrument):
             first_v, again_v = (self._session.query_reading("FETC?", deadline, self.reading_form) for _ in range(2))
         if first_v != again_v:
             raise self._unbelievable(f"one reading was answered as {first_v:.9g} V and as {again_v:.9g} V")
-        if self._range_v is not None and abs(first_v) > self.over_range * self._range_v:
+        self._require_in_range(first_v)
+        return first_v
+
+    def start_sampling(self, samples: int, interval_s: float) -> float:
+        """Begin to take `samples` readings by itself, one every `interval_s`; return how long they take, s.
+
+        They go to its memory, whence :meth:`sampled_voltages_v` takes them; until they are taken it hears nothing. What
+        it needs beside delay and integration is not known below a millisecond (unverified).
+
+        Raises:
+            LimitError: more than the memory holds, or an interval below one integration time; nothing was sent.
+        """
+        aperture_s = self._nplc / self._mains_hz
+        require_within(self, "a number of readings", samples, (1, self.memory_readings), "readings")
+        require_within(self, "an interval", interval_s, (aperture_s, aperture_s + _LONGEST_DELAY_S), "s")
+        delay_s = round(interval_s - aperture_s, 6)
+        self._session.write(
+            self.autozero_once,
+            f"SAMP:COUN {samples}",
+            f"TRIG:DEL {decimal(delay_s)}",
+            deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
+        )
+        self._verify_count(samples)
+        self._session.send("INIT")
+        self._sampled = samples
+        return samples * interval_s + _OVERHEAD_S
+
+    def _verify_count(self, samples: int) -> None:
+        if (found := self._session.query_int("SAMP:COUN?")) != samples:
+            raise InstrumentError(
+                f"was set to {samples} readings but reads back {found}",
+                instrument=self.name,
+                resource=self.resource,
+                command="SAMP:COUN?",
+            )
+
+    def sampled_voltages_v(self) -> tuple[float, ...]:
+        """Return the readings of the sampling that was begun last, V, and set the meter back to single ones.
+
+        They are fetched twice, as in :meth:`read_voltage_v`.
+
+        Raises:
+            DeadlineExceeded: it is still taking them.
+            FramingError: the answers differ, are too few, are not in form, or lie beyond the range.
+            MeasurementError: one of them is an overload.
+        """
+        deadline = self._session.deadline(self._session.timeout_s + 2.0 * self._sampled * _TRANSFER_S)
+        with self._session.exclusive():
+            first_v, again_v = (self._session.query_readings("FETC?", deadline, self.reading_form) for _ in range(2))
+        if first_v != again_v:
+            raise self._unbelievable("the same readings were answered differently when they were fetched again")
+        if len(first_v) != self._sampled:
+            raise self._unbelievable(f"{len(first_v)} readings came, {self._sampled} were taken")
+        for voltage_v in first_v:
+            self._require_in_range(voltage_v)
+        self._session.write("SAMP:COUN 1", "TRIG:DEL:AUTO ON", self.autozero_on)
+        return first_v
+
+    def _require_in_range(self, voltage_v: float) -> None:
+        if self._range_v is not None and abs(voltage_v) > self.over_range * self._range_v:
             raise self._unbelievable(
-                f"a reading of {first_v:.9g} V, which the {self._range_v:g} V range cannot give "
+                f"a reading of {voltage_v:.9g} V, which the {self._range_v:g} V range cannot give "
                 f"(at most {self.over_range * self._range_v:g} V)"
             )
-        return first_v
 
     def _unbelievable(self, what: str) -> FramingError:
         return FramingError(what, instrument=self.name, resource=self.resource, command="FETC?")

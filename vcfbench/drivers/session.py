@@ -196,6 +196,16 @@ class Session:
         """Ask for comma-separated numbers."""
         return self._ask(command, lambda line: replies.numbers(replies.text(line)), deadline)
 
+    def query_readings(
+        self, command: str, deadline: Deadline | None = None, form: NumberForm = replies.ANY_NUMBER
+    ) -> tuple[float, ...]:
+        """Ask for comma-separated measured values, each in the `form`; raises MeasurementError for a 9.9E37."""
+
+        def read(line: bytes) -> tuple[float, ...]:
+            return tuple(replies.reading(field, form) for field in replies.text(line).split(","))
+
+        return self._ask(command, read, deadline)
+
     def query_int(self, command: str, deadline: Deadline | None = None) -> int:
         """Ask for a whole number."""
         return self._ask(command, lambda line: replies.integer(replies.text(line)), deadline)

@@ -19,6 +19,9 @@ class Keysight34461A(Hp34401A):
     model: ClassVar[str] = "34461A"
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT", "AGILENT")
     autozero_on: ClassVar[str] = "VOLT:DC:ZERO:AUTO ON"
+    autozero_once: ClassVar[str] = "VOLT:DC:ZERO:AUTO ONCE"
+    memory_readings: ClassVar[int] = 10_000
+    """Guide p. 306."""
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
     """A raw socket has no device clear, and *OPC? waits for a measurement that is under way."""
 
@@ -28,4 +31,5 @@ class Keysight34465A(Keysight34461A):
 
     model: ClassVar[str] = "34465A"
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
+    memory_readings: ClassVar[int] = 50_000
     integration_times_nplc: ClassVar[tuple[float, ...]] = (0.001, 0.002, 0.006, 0.02, 0.06, 0.2, 1.0, 10.0, 100.0)
