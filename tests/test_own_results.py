@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -17,7 +19,6 @@ from vcfbench.procedures.settings import CalibrationSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from vcfbench import Plan, Point, Run
 
@@ -75,6 +76,15 @@ def test_any_frozen_value_is_a_result_and_is_written_by_its_fields(own: Run) -> 
     assert written["width"] == {"value": own.results.width.value, "u": 1e-5, "unit": "V"}
     assert written["outputs_v"] == [point.output_v for point in own.points]
     assert own.as_json()["results"] == written
+
+
+def test_every_field_of_the_result_is_documented(own: Run) -> None:
+    assert own.directory is not None
+    page = (Path(__file__).parents[1] / "docs" / "records.md").read_text(encoding="utf-8")
+    table = page.partition("## Beside the journal\n")[2].partition("\n## ")[0]
+    documented = re.findall(r"^\| `(\w+)` ", table, re.MULTILINE)
+    written = json.loads((own.directory / "result.json").read_text())
+    assert [name for name in documented if name not in {"not_checked", "error"}] == list(written)
 
 
 def test_a_procedure_without_a_report_has_points_and_fields(own: Run) -> None:
