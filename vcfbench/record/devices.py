@@ -1,0 +1,355 @@
+"""What is known of each gyroscope, by its serial number: certificates and self-calibrations, never changed, only added.
+
+A directory a device (``devices/G-0042``), a JSON file an entry (``0001.json``), numbered in the order in
+which they were made. An entry appears whole or not at all, and no entry replaces another.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import secrets
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import MOST_SETTINGS, read_text, shown
+
+__all__ = [
+    "FORMAT",
+    "Certificate",
+    "Conditions",
+    "DeviceStore",
+    "Entry",
+    "KvcCurve",
+    "Measured",
+    "SelfCalibration",
+]
+
+FORMAT = 1
+"""Version of the entries' layout; raised when a reader of the old one would misread the new one."""
+
+_SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}(?:\.[A-Za-z0-9_-]{1,63}){0,7}", re.ASCII)
+_RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for itself."""
+_ENTRY = re.compile(r"(\d{4,})\.json", re.ASCII)
+
+Uncertainty = Annotated[float, Meta(ge=0.0)]
+Text = Annotated[str, Meta(min_length=1, max_length=1000)]
+Instant = Annotated[datetime, Meta(tz=True)]
+
+
+class _Value(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A part of an entry: frozen, strict."""
+
+
+class Measured(_Value, frozen=True, kw_only=True):
+    """A value with its standard uncertainty; the unit is in the name of the field that holds it."""
+
+    value: float
+    u: Uncertainty
+    """Standard uncertainty (k = 1), in the unit of the value."""
+    dof: Annotated[float, Meta(gt=0.0)] | None = None
+    """Effective degrees of freedom of `u`; None is as many as one likes."""
+
+
+class KvcCurve(_Value, frozen=True, kw_only=True):
+    """The rate that a V_Vc stands for: the sum of ``coefficients[i] * V_Vc**i``, deg/s for V_Vc in V."""
+
+    coefficients: Annotated[tuple[float, ...], Meta(min_length=2, max_length=8)]
+    """k0 (deg/s), k1 (deg/s/V), k2 (deg/s/V^2), ..."""
+    covariance: tuple[tuple[float, ...], ...]
+    """Of the coefficients, row by row, in the products of their units."""
+    v_vc_min_v: float
+    """Lowest V_Vc at which it was measured; the curve says nothing below."""
+    v_vc_max_v: float
+    """Highest V_Vc at which it was measured."""
+
+    def __post_init__(self) -> None:
+        """See that the parts fit together; ValueError when they do not."""
+        size, rows = len(self.coefficients), self.covariance
+        if len(rows) != size or any(len(row) != size for row in rows):
+            raise ValueError(f"expected a covariance of {size} rows of {size} numbers")
+        for i in range(size):
+            if rows[i][i] < 0.0 or any(not math.isclose(rows[i][j], rows[j][i], rel_tol=1e-6) for j in range(i)):
+                raise ValueError("expected a covariance that is symmetric, with variances of at least 0")
+        if not self.v_vc_min_v < self.v_vc_max_v:
+            raise ValueError("expected v_vc_min_v below v_vc_max_v")
+
+    def rate_deg_s(self, v_vc_v: float) -> float:
+        """Return the rate that `v_vc_v` stands for.
+
+        Raises:
+            ValueError: it lies outside of what was measured.
+        """
+        return math.fsum(c * p for c, p in zip(self.coefficients, self._powers(v_vc_v), strict=True))
+
+    def u_rate_deg_s(self, v_vc_v: float) -> float:
+        """Return the standard uncertainty of that rate, from the covariance; ValueError as above."""
+        powers = self._powers(v_vc_v)
+        rows = zip(powers, self.covariance, strict=True)
+        terms = [power * c * other for power, row in rows for other, c in zip(powers, row, strict=True)]
+        return math.sqrt(max(0.0, math.fsum(terms)))
+
+    def _powers(self, v_vc_v: float) -> list[float]:
+        if not self.v_vc_min_v <= v_vc_v <= self.v_vc_max_v:
+            raise ValueError(
+                f"V_Vc of {v_vc_v:g} V is outside of {self.v_vc_min_v:g} to {self.v_vc_max_v:g} V, where K_Vc is known"
+            )
+        return [v_vc_v**power for power in range(len(self.coefficients))]
+
+
+class Conditions(_Value, frozen=True, kw_only=True):
+    """Under what it was measured."""
+
+    bench: Text
+    """Name of the station."""
+    run: Text
+    """Name of the record."""
+    simulated: bool
+    """Whether the bench was a simulated one."""
+    positive_rail_v: float
+    """Positive rail of the PCB, V."""
+    negative_rail_v: float
+    """Negative rail, V."""
+    temperature_c: float | None = None
+    """Temperature of the device or of the air at it, degC; None where nobody measured it."""
+    instruments: dict[str, str] = {}
+    """Who measured: ``*IDN?`` by role."""
+
+
+class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
+    """What a calibration on a rate table found of a device, so that it can calibrate itself from then on."""
+
+    serial: str
+    """Serial number of the device."""
+    issued: Instant
+    """When it was measured."""
+    valid_until: Instant | None = None
+    """After that it is out of date; None is no end."""
+    procedure: Text
+    """Name of the procedure."""
+    k_vc: KvcCurve
+    """The rate against V_Vc."""
+    conditions: Conditions
+    """Under what it was measured."""
+    scale_factor_v_per_deg_s: Measured | None = None
+    """Scale factor on the table on that day, to compare with."""
+    bias_v: Measured | None = None
+    """Output at rest on that day, V."""
+    unseen: tuple[Text, ...] = ()
+    """What a self-calibration by this certificate cannot see when it changes, in words."""
+    remarks: tuple[Text, ...] = ()
+    """What else is to be said."""
+
+    def valid_at(self, instant: datetime) -> bool:
+        """Tell whether it is valid at `instant`, which has a time zone."""
+        return self.issued <= instant and (self.valid_until is None or instant <= self.valid_until)
+
+
+class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="self-calibration"):
+    """What a calibration without a table found: one entry of the device's history."""
+
+    serial: str
+    """Serial number of the device."""
+    done: Instant
+    """When it was measured."""
+    procedure: Text
+    """Name of the procedure."""
+    certificate: Text | None
+    """Name of the entry whose K_Vc it used; None where that came from elsewhere, which `remarks` tells."""
+    scale_factor_v_per_deg_s: Measured
+    """Scale factor."""
+    bias_v: Measured
+    """Output at rest, V."""
+    nonlinearity_ppm: Measured | None = None
+    """Largest residual over the span of the outputs, ppm."""
+    conditions: Conditions
+    """Under what it was measured."""
+    drift_ppm: Measured | None = None
+    """Change of the scale factor since the certificate, or else the entry before, ppm of it."""
+    e_n: float | None = None
+    """Normalised error of that change."""
+    verdict: Literal["pass", "marginal", "fail"] | None = None
+    """What the acceptance limits made of it."""
+    remarks: tuple[Text, ...] = ()
+    """What else is to be said."""
+
+
+DeviceRecord = Certificate | SelfCalibration
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One entry of a device, and the file that it stands in."""
+
+    path: Path
+    record: DeviceRecord
+
+    @property
+    def name(self) -> str:
+        """Its name, by which other entries refer to it: ``0001``."""
+        return self.path.stem
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceStore:
+    """The devices under one directory, which need not be there before the first entry."""
+
+    root: Path = Path("devices")
+
+    def serials(self) -> tuple[str, ...]:
+        """Return the serial numbers of the devices that have entries, in the order of the alphabet."""
+        return tuple(sorted(each.name for each in self._directories() if any(_numbered(each))))
+
+    def entries(self, serial: str) -> tuple[Entry, ...]:
+        """Return all entries of a device, oldest first; none when it has none.
+
+        Raises:
+            ConfigError: the serial number cannot be one, or an entry cannot be read.
+        """
+        _require_serial(serial)
+        return tuple(Entry(path, _read(path, serial)) for _, path in _numbered(self.root / serial))
+
+    def certificate(self, serial: str) -> Entry:
+        """Return the last certificate of a device; ConfigError when it has none."""
+        found = [each for each in self.entries(serial) if isinstance(each.record, Certificate)]
+        if not found:
+            raise ConfigError(
+                f"{shown(self.root)}: device {serial!r} has no certificate",
+                hint=f"known devices: {', '.join(self.serials()) or 'none'}",
+            )
+        return found[-1]
+
+    def history(self, serial: str) -> tuple[Entry, ...]:
+        """Return the self-calibrations of a device, oldest first."""
+        return tuple(each for each in self.entries(serial) if isinstance(each.record, SelfCalibration))
+
+    def add(self, record: DeviceRecord) -> Entry:
+        """Add an entry after all others of its device; it is on the disk, whole, when this returns.
+
+        Raises:
+            ConfigError: a number in it is none, its serial number cannot be one, or it cannot be written.
+        """
+        _require_serial(record.serial)
+        text = _text(record)
+        directory = self.root / record.serial
+        self._require_own(record.serial)
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            path = _placed(directory, text)
+        except OSError as error:
+            raise ConfigError(f"{shown(directory)}: no entry can be kept there: {error.strerror}") from error
+        return Entry(path, record)
+
+    def _require_own(self, serial: str) -> None:
+        """See that no other device has a name that some file systems take for the same."""
+        others = (each.name for each in self._directories() if each.name != serial)
+        if same := next((each for each in others if each.lower() == serial.lower()), None):
+            raise ConfigError(f"{shown(self.root)}: there is a device {same!r}; {serial!r} differs in case alone")
+
+    def _directories(self) -> list[Path]:
+        try:
+            return [each for each in self.root.iterdir() if each.is_dir()]
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise ConfigError(f"{shown(self.root)}: expected a directory of devices: {error.strerror}") from error
+
+
+def _kind(record: DeviceRecord) -> str:
+    return "certificate" if isinstance(record, Certificate) else "self-calibration"
+
+
+def _require_serial(serial: str) -> None:
+    if not _SERIAL.fullmatch(serial) or _RESERVED.fullmatch(serial):
+        raise ConfigError(
+            f"serial number {serial!a}: expected letters, digits, '-', '_' and '.' within: it names a directory"
+        )
+
+
+def _numbered(directory: Path) -> list[tuple[int, Path]]:
+    """Return the files of entries with their numbers, in order."""
+    try:
+        found = [(match, path) for path in directory.iterdir() if (match := _ENTRY.fullmatch(path.name))]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    return sorted((int(match[1]), path) for match, path in found)
+
+
+def _text(record: DeviceRecord) -> str:
+    """Return the entry as JSON, if it comes back from there as it is: what is no number does not."""
+    values = {"format": FORMAT, **msgspec.to_builtins(record)}
+    text = msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n"
+    source = f"the {_kind(record)} of {record.serial}"
+    if _record(text, source) != record:
+        raise ConfigError(f"{source}: it cannot be written so that it comes back as it is")
+    return text
+
+
+def _record(text: str, source: str) -> DeviceRecord:
+    try:
+        values: Any = msgspec.json.decode(text)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise ConfigError(f"{source}: expected JSON: {error}") from error
+    if not isinstance(values, dict) or type(values.get("format")) is not int:
+        raise ConfigError(f"{source}: expected an entry of a device, with a key format")
+    if values.pop("format") != FORMAT:
+        raise ConfigError(f"{source}: expected format {FORMAT}; it was written by another version of vcfbench")
+    try:
+        made: DeviceRecord = msgspec.convert(values, DeviceRecord)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{source}: {error}") from error
+    return made
+
+
+def _read(path: Path, serial: str) -> DeviceRecord:
+    record = _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))
+    if record.serial != serial:
+        raise ConfigError(f"{shown(path)}: it is of device {record.serial!r}, and lies with {serial!r}")
+    return record
+
+
+def _placed(directory: Path, text: str) -> Path:
+    """Write a new file under the next number that is free, whole or not at all; return where."""
+    draft = directory / f".draft-{secrets.token_hex(6)}"
+    try:
+        with draft.open("xb") as file:
+            file.write(text.encode())
+            file.flush()
+            os.fsync(file.fileno())
+        while True:
+            number = max((taken for taken, _ in _numbered(directory)), default=0) + 1
+            path = directory / f"{number:04d}.json"
+            with suppress(FileExistsError):  # another program took the number meanwhile
+                _name(draft, path)
+                _synchronise(directory)
+                return path
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
+def _name(draft: Path, path: Path) -> None:
+    """Give `draft` its name; FileExistsError if there is one of that name: an entry replaces no other."""
+    if os.name == "nt":
+        draft.rename(path)  # which refuses there what it would replace elsewhere
+    else:
+        path.hardlink_to(draft)
+
+
+def _synchronise(directory: Path) -> None:
+    """Have the new name on the disk as well, where the system can do that."""
+    with suppress(OSError):  # Windows opens no directories
+        descriptor = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
