@@ -22,7 +22,8 @@ from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.models import LANGUAGES, MODELS, Model, TableLanguage, find_language, find_model, resolve
-from vcfbench.procedures.settings import settings_of
+from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.specifications import HP_34401A
 
 if TYPE_CHECKING:
@@ -182,7 +183,7 @@ def test_a_model_without_a_twin_serves_on_real_benches_alone(monkeypatch: pytest
 
 def test_a_meter_without_a_data_sheet_is_no_meter_for_a_calibration() -> None:
     with pytest.raises(ConfigError, match="nothing tells the resolution of a M1") as caught:
-        settings_of(bench('"34401A"', '"M1"'))
+        settings_of(TURNTABLE, bench('"34401A"', '"M1"'))
     assert "names a data sheet" in str(caught.value)
 
 
@@ -194,7 +195,7 @@ def test_an_integration_time_that_the_data_sheet_has_not_is_a_mistake_of_the_ben
     )
     monkeypatch.setattr(sys.modules["acme_of_a_test"], "MODEL", row)
     with pytest.raises(ConfigError, match=r"procedure\.nplc: a 34401A integrates over 1 cycles, not 10"):
-        settings_of(bench('"34401A"', '"M1"'))
+        settings_of(TURNTABLE, bench('"34401A"', '"M1"'))
 
 
 def test_of_words_that_nobody_has_rules_for_only_questions_pass() -> None:

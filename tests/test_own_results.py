@@ -15,7 +15,7 @@ import pytest
 
 import vcfbench
 from vcfbench.bench.file import embedded_text
-from vcfbench.procedures.settings import CalibrationSettings
+from vcfbench.procedures.settings import ProcedureSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -50,11 +50,11 @@ def swing(_settings: object, points: Sequence[Point]) -> Swing:
 def procedure(results: Callable[[Any, Sequence[Point]], Any], **changes: Any) -> vcfbench.Procedure[Any, Any]:
     turntable = vcfbench.PROCEDURES["turntable"]
 
-    def plan(settings: CalibrationSettings) -> Plan:
+    def plan(settings: ProcedureSettings) -> Plan:
         return turntable.plan(settings)
 
     own = vcfbench.Procedure(
-        name="swing", title="Measure how far it swings.", settings=CalibrationSettings, plan=plan, results=results
+        name="swing", title="Measure how far it swings.", settings=ProcedureSettings, plan=plan, results=results
     )
     return replace(own, **changes)
 

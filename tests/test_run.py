@@ -16,7 +16,6 @@ import pytest
 import vcfbench
 from tests import warm
 from vcfbench.bench.file import embedded_text, template
-from vcfbench.procedures.settings import CalibrationSettings
 from vcfbench.procedures.steps import SetRate, Settle
 
 if TYPE_CHECKING:
@@ -318,7 +317,7 @@ def test_an_observer_that_fails_is_left_out_and_the_run_goes_on(quick: Run, tmp_
         ({"settle_s": float("nan")}, "settings: procedure.settle_s: expected a finite number, came nan"),
         ({"drive": {"start_up_s": 1e9}}, "settings: procedure.drive.start_up_s: expected a number"),
         ({"rates_deg_s": [1.0]}, "settings: procedure.rates_deg_s: expected a list of 3 to 1000 numbers"),
-        ({"match": "nearly"}, "--match nearly: expected zero or absolute"),
+        ({"match": "nearly"}, "settings: procedure.match: expected 'zero' or 'absolute', came 'nearly'"),
     ],
 )
 def test_settings_are_checked_like_those_of_a_bench_file(
@@ -362,7 +361,7 @@ def test_what_a_bench_cannot_bear_is_refused_before_anything_is_opened(tmp_path:
     spin = vcfbench.Procedure(
         name="spin",
         title="Turn too fast after an hour.",
-        settings=CalibrationSettings,
+        settings=vcfbench.ProcedureSettings,
         plan=too_fast,
         results=lambda _settings, _points: {},
     )

@@ -60,7 +60,10 @@ if TYPE_CHECKING:
     from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
-    from vcfbench.procedures.step import Outcome, Plan, Step, StepResult
+    from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
+    from vcfbench.procedures.settings import ProcedureSettings
+    from vcfbench.procedures.step import Outcome, Plan, Routine, Step, StepResult
+    from vcfbench.procedures.steps import Note, Settle
     from vcfbench.record.schema import Point, Status
     from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
     from vcfbench.report.text import text_of
@@ -107,6 +110,7 @@ __all__ = [
     "Multimeter",
     "Nonlinearity",
     "NotSafe",
+    "Note",
     "Observer",
     "Oscilloscope",
     "OutOfSync",
@@ -119,6 +123,7 @@ __all__ = [
     "PowerSupply",
     "PowersRails",
     "Procedure",
+    "ProcedureSettings",
     "Quantity",
     "RateTable",
     "RawReading",
@@ -127,6 +132,7 @@ __all__ = [
     "Regulation",
     "Report",
     "Rotates",
+    "Routine",
     "Run",
     "SafeReport",
     "SamplesVoltage",
@@ -136,6 +142,7 @@ __all__ = [
     "Series",
     "SetsSine",
     "SetsVoltage",
+    "Settle",
     "Status",
     "Step",
     "StepFailed",
@@ -158,14 +165,20 @@ __all__ = [
     "characterise",
     "compare",
     "dry_run",
+    "go_to_rate",
     "list_runs",
     "load_bench",
     "load_run",
     "open_bench",
+    "powered",
+    "ramp_to",
     "run",
     "safe_bench",
+    "set_v_vc",
     "sleep",
+    "take",
     "text_of",
+    "v_vc_on",
 ]
 
 _HOMES = {
@@ -261,11 +274,25 @@ _HOMES = {
         "TurntableResult",
         "VirtualCoriolisResult",
     ),
+    "procedures.routines": (
+        "go_to_rate",
+        "powered",
+        "ramp_to",
+        "set_v_vc",
+        "take",
+        "v_vc_on",
+    ),
+    "procedures.settings": ("ProcedureSettings",),
     "procedures.step": (
         "Outcome",
         "Plan",
+        "Routine",
         "Step",
         "StepResult",
+    ),
+    "procedures.steps": (
+        "Note",
+        "Settle",
     ),
     "record.schema": (
         "Point",

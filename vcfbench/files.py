@@ -32,6 +32,7 @@ __all__ = [
     "read_file",
     "read_text",
     "shown",
+    "unfit_numbers",
 ]
 
 MOST_SETTINGS = 1 << 20
@@ -135,12 +136,21 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 def require_numbers(table: dict[str, Any], source: str) -> None:
     """Raise ConfigError if a number of `table` cannot be a setting, or if it is nested too deeply; see `parse_toml`."""
+    for keys, expected, came in unfit_numbers(table):
+        raise ConfigError(f"{source}: {dotted(keys)}: expected {expected}, came {came}")
+
+
+def unfit_numbers(table: dict[str, Any]) -> Iterator[tuple[Keys, str, str]]:
+    """Yield the keys of every number that cannot be a setting, what is expected there and what came; as `parse_toml`.
+
+    A table that is nested too deeply is told at its first keys.
+    """
     for keys, value in _values(table):
         if len(keys) > DEEPEST:
-            raise ConfigError(f"{source}: {dotted(keys[:3])}: expected TOML: nested too deeply, {DEEPEST} at most")
+            yield keys[:3], f"TOML: nested too deeply, {DEEPEST} at most", "more"
+            return
         if (expected := _number_expected(value)) is not None:
-            came = repr(value) if isinstance(value, float) else "a longer one"
-            raise ConfigError(f"{source}: {dotted(keys)}: expected {expected}, came {came}")
+            yield keys, expected, repr(value) if isinstance(value, float) else "a longer one"
 
 
 def _values(table: dict[str, Any]) -> Iterator[tuple[Keys, Any]]:

@@ -16,6 +16,11 @@ from msgspec import inspect, structs
 from vcfbench.bench.description import BenchDescription, SerialSettings, Served, Simulation
 from vcfbench.bench.file import EMBEDDED, embedded_text, load_bench, parse_bench, template
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.keys import settable_keys
+from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.settings import ProcedureSettings
+from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -92,6 +97,8 @@ def refusal(raw: dict[str, Any]) -> str:
 
 FULL = full_file()
 LEAVES = leaves(FULL)
+KEYS = {key for path in LEAVES for key in path} | set(FULL)
+VC = ("virtual-coriolis",)
 REQUIRED = [
     *((role, key) for role in ("power", "rate_source", "multimeter", "oscilloscope") for key in ("model", "resource")),
     *(("rate_table", key) for key in ("dialect", "resource")),
@@ -105,7 +112,8 @@ def test_the_template_names_every_key_once_and_shows_the_defaults() -> None:
     written = parse_bench(to_toml(FULL), "full")
     apart = {"served", *full_template()["served"]}
     assert apart == {"served", *keys_of(Served)}
-    assert keys_of(BenchDescription) - {"override"} - apart <= {key for path in LEAVES for key in path} | set(FULL)
+    settable = {key.path.rpartition(".")[2] for key in settable_keys(VirtualCoriolisSettings)}
+    assert keys_of(BenchDescription) | settable - {"override"} - apart <= KEYS | {"override"} | apart
     bare = parse_bench(template(), "template")
     assert written.procedure == bare.procedure
     assert written.wiring == bare.wiring
@@ -168,6 +176,8 @@ def test_the_embedded_benches_load_and_none_is_the_paper_bench() -> None:
 def test_the_embedded_benches_agree_with_themselves(name: str) -> None:
     """Which load_bench takes for granted, so that nothing heavy is imported to see it."""
     assert parse_bench(embedded_text(name), name) == load_bench(name)
+    for procedure in PROCEDURES.values():
+        settings_of(procedure, load_bench(name))
 
 
 def test_a_bench_is_loaded_without_the_simulation() -> None:
@@ -285,7 +295,11 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
     [
         (("procedure", "rates_deg_s"), [0, 10, 301], "procedure.rates_deg_s[2]: expected a rate of at most 300 deg/s"),
         (("procedure", "rates_deg_s"), [5, 5, 5], "procedure.rates_deg_s: expected at least three different rates"),
-        (("procedure", "match_rate_deg_s"), 0, "procedure.match_rate_deg_s: expected a rate of at most 300"),
+        (
+            ("procedure", *VC, "match_rate_deg_s"),
+            0,
+            "procedure.virtual-coriolis.match_rate_deg_s: expected",
+        ),
         (("procedure", "acceleration_deg_s2"), 201, "procedure.acceleration_deg_s2: expected at most 200"),
         (("procedure", "k_vc_guess_deg_s_per_v"), -19, "procedure.k_vc_guess_deg_s_per_v: expected at least 20"),
         (("limits", "min_rail_v"), 11, "limits.min_rail_v: expected less than limits.max_rail_v = 10.5 V, came 11"),
@@ -298,7 +312,7 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         (("wiring", "oscilloscope", "channel_1"), "sense", "wiring.oscilloscope: expected a channel that sees 'drive'"),
         (("procedure", "nplc"), 100, "procedure.sample_interval_s: expected at least 4 s"),
         (("procedure", "drive", "phase_deg"), [5, 5], "procedure.drive.phase_deg: expected a window [low, high]"),
-        (("procedure", "match_rate_deg_s"), 0.05, "procedure.match_rate_deg_s: expected a rate of at most 300"),
+        (("procedure", *VC, "match_rate_deg_s"), 0.05, "procedure.virtual-coriolis.match_rate_deg_s: expected"),
         (("procedure", "k_vc_guess_deg_s_per_v"), 10001, "procedure.k_vc_guess_deg_s_per_v: expected at most 10000"),
         (("limits", "min_rail_v"), 1e-7, "limits.min_rail_v: expected 0, or at least 1e-06 either sign, came 1e-07"),
         (("procedure", "rates_deg_s"), [1, 2, -1e-300], "procedure.rates_deg_s[2]: expected 0, or at least 1e-06"),
@@ -424,7 +438,10 @@ def bounds(node: object, path: str = "") -> dict[str, tuple[float, float]]:
     found: dict[str, tuple[float, float]] = {}
     if isinstance(node, inspect.StructType):
         for field in node.fields:
-            found |= bounds(field.type, f"{path}.{field.encode_name}".removeprefix("."))
+            if field.name != "station":
+                found |= bounds(field.type, f"{path}.{field.encode_name}".removeprefix("."))
+    elif isinstance(node, inspect.Metadata):
+        found |= bounds(node.type, path)
     elif isinstance(node, inspect.UnionType):
         for part in node.types:
             found |= bounds(part, path)
@@ -446,7 +463,10 @@ def test_the_documented_bounds_are_those_of_the_types() -> None:
         key.strip("`"): tuple(map(float, limits.split(" to "))) for keys, limits, *_ in rows for key in keys.split(", ")
     }
     others = ("rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter")
-    types = bounds(inspect.type_info(BenchDescription))
+    types = bounds(inspect.type_info(BenchDescription)) | bounds(inspect.type_info(ProcedureSettings), "procedure")
+    for path, limits in bounds(inspect.type_info(VirtualCoriolisSettings), "procedure.virtual-coriolis").items():
+        if path.replace(".virtual-coriolis", "") not in types:
+            types[path] = limits
     known = {path: limits for path, limits in types.items() if not path.startswith(others)}
     assert told == known
 

@@ -6,12 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 from typer.testing import CliRunner
 
 from tests.bench.fakes import FakeRack
 from vcfbench.bench import check as check_module
 from vcfbench.bench.file import EMBEDDED, load_bench, parse_bench, template
 from vcfbench.cli.main import app
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +57,10 @@ def test_the_template_is_printed_as_it_is() -> None:
 def test_what_show_prints_is_a_bench_file_of_the_same_bench(name: str) -> None:
     shown = vcfbench("bench", "show", "--bench", name)
     assert shown.exit_code == 0
-    assert parse_bench(shown.stdout, "shown") == load_bench(name)
+    again, bench = parse_bench(shown.stdout, "shown"), load_bench(name)
+    assert structs.replace(again, procedure_table=bench.procedure_table) == bench
+    for procedure in PROCEDURES.values():
+        assert settings_of(procedure, again) == settings_of(procedure, bench)
 
 
 def test_show_without_a_file_is_the_paper_bench_with_its_defaults() -> None:

@@ -51,7 +51,7 @@ class Station:
         bench: Any = FakeBench(Gyro(noise_v=1e-4))
         bench.description, bench.simulated, bench.seed = description, description.simulated, options["seed"]
         bench.identities = {"power": bench.power.identify()}
-        bench.safe_reports = []
+        bench.safe_reports, bench.adjust = [], None
         drive = description.procedure.drive
         bench.oscilloscope.amplitude_v = sum(drive.amplitude_v) / 2.0
         bench.oscilloscope.phase_deg = sum(drive.phase_deg) / 2.0
@@ -308,7 +308,7 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
         "runs": "runs",
         "speed": None,
         "quiet": True,
-        "match": "zero",
+        "settings": {},
     }
     assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])
     assert footer["status"] == "complete"

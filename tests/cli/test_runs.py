@@ -75,7 +75,7 @@ def test_settings_of_another_version_cost_the_reckoning_and_nothing_else(station
     """Results are those that were stored, the settings are shown as they are."""
     ran = json.loads(call("run", "turntable", "--quiet", "--json").stdout)
     journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
-    words = journal.read_bytes().replace(b'"settings":{', b'"settings":{"before":{"that":7},', 1)
+    words = journal.read_bytes().replace(b'"settings":{"', b'"settings":{"before":{"that":7},"', 1)
     journal.write_bytes(words.replace(b'"samples":', b'"sample_count":', 1))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert (shown["results"], shown["points"]) == (ran["results"], ran["points"])
@@ -87,16 +87,19 @@ def test_settings_of_another_version_cost_the_reckoning_and_nothing_else(station
     assert station.opened
 
 
-def test_a_record_without_a_resolution_is_that_of_a_34401a(station: Station, tmp_path: Path) -> None:
-    """Records of before data sheets were kept by model."""
+@pytest.mark.parametrize("keys", [("samples",), ("station", "meter_resolution_v")])
+def test_settings_that_lack_a_key_are_not_filled_in(keys: tuple[str, ...], station: Station, tmp_path: Path) -> None:
     call("run", "turntable", "--quiet")
-    now = json.loads(call("runs", "show", "last", "--json").stdout)["results"]
     journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
     first, rest = journal.read_text().split("\n", 1)
     header = json.loads(first)
-    assert header["settings"].pop("meter_resolution_v") == pytest.approx(1e-5)
+    holder = header["settings"]
+    for key in keys[:-1]:
+        holder = holder[key]
+    del holder[keys[-1]]
     journal.write_text(json.dumps(header, separators=(",", ":")) + "\n" + rest)
-    assert json.loads(call("runs", "show", "last", "--json").stdout)["results"] == now
+    shown = json.loads(call("runs", "show", "last", "--json").stdout)
+    assert shown["no_results"] == f"its settings are not those of this version: {keys[-1]} missing"
     assert station.opened
 
 

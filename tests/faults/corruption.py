@@ -15,8 +15,8 @@ from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.executor import Executor
+from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
-from vcfbench.procedures.settings import settings_of
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
@@ -171,7 +171,8 @@ def perform(
 
     `changes` by role; what `at_point` has for the number of a point happens when that point has been taken.
     """
-    behind, settings, work = Behind(changes or {}), settings_of(bench), procedure(name)
+    behind, work = Behind(changes or {}), procedure(name)
+    settings = settings_of(work, bench)
     try:
         with open_bench(bench, seed=7, build=behind) as opened:
             later = {number: partial(act, behind) for number, act in (at_point or {}).items()}

@@ -10,29 +10,21 @@ import numpy as np
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import LinkLost, MeasurementError
 from vcfbench.interfaces import Identity, Regulation, SafeReport, Told, Waveform
-from vcfbench.procedures.settings import CalibrationSettings, DriveWindows, RailSettings
+from vcfbench.procedures.settings import DriveWindow, Expected, Station
+from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
 
-def make_settings(**changes: Any) -> CalibrationSettings:
+def make_settings(*, expected: Expected | None = None, **changes: Any) -> VirtualCoriolisSettings:
+    """Return settings of both calibrations; turntable takes no notice of those that are not its own."""
     values: dict[str, Any] = {
-        "rails": (RailSettings("positive", "P25V", 10.0, 0.1), RailSettings("negative", "N25V", -10.0, 0.1)),
-        "rail_tolerance_v": 0.1,
-        "drive": DriveWindows(1, 2, (3480.0, 3498.0), (0.5, 4.0), (-10.0, 10.0)),
-        "meter_range_v": 10.0,
-        "nplc": 10.0,
-        "meter_resolution_v": 1e-5,
-        "samples": 10,
-        "sample_interval_s": 1.0,
-        "settle_s": 2.0,
-        "start_up_s": 2.0,
-        "acceleration_deg_s2": 100.0,
-        "rate_tolerance_deg_s": 0.05,
-        "k_vc_guess": 36.0,
+        "drive": DriveWindow(frequency_hz=(3480.0, 3498.0), amplitude_v=(0.5, 4.0), phase_deg=(-10.0, 10.0)),
+        "k_vc_guess_deg_s_per_v": 36.0,
+        "station": Station(meter_resolution_v=1e-5, expected=expected or Expected()),
     }
-    return CalibrationSettings(**{**values, **changes})
+    return VirtualCoriolisSettings(**{**values, **changes})
 
 
 @dataclass

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,8 +10,8 @@ import pytest
 from tests.cells import few
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.procedures.executor import Execution, Executor
-from vcfbench.procedures.settings import settings_of
-from vcfbench.procedures.turntable import turntable
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.turntable import TURNTABLE, turntable
 from vcfbench.testing import open_simulated
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def run(nth: int, spoil: Callable[[bytes], bytes]) -> Execution:
     with open_simulated(seed=3) as lab:
         session: Any = lab.bench.multimeter.session  # type: ignore[attr-defined]
         session._wire = SpoilingWire(session._wire, nth, spoil)
-        settings = replace(settings_of(lab.bench.description), rates_deg_s=(10.0, 0.0, -10.0))
+        settings = settings_of(TURNTABLE, lab.bench.description, asked_in_python({"rates_deg_s": (10.0, 0.0, -10.0)}))
         return Executor(lab.bench, MemoryJournal(), []).execute(turntable(settings))
 
 

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
@@ -64,7 +64,7 @@ def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
 @pytest.mark.parametrize("name", PROCEDURES)
 def test_estimate_is_within_five_per_cent_of_the_run(name: str) -> None:
     settings = make_settings()
-    planned = list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess)))
+    planned = list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess_deg_s_per_v)))
     estimate_s = planned[-1].t_s + planned[-1].step.duration_s
     assert estimate_s == pytest.approx(run(name, FakeBench()).bench_seconds, rel=0.05)
 
@@ -73,7 +73,7 @@ def test_walking_a_plan_touches_nothing() -> None:
     bench = FakeBench()
     settings = make_settings()
     for name in PROCEDURES:
-        assert len(list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess)))) > 80
+        assert len(list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess_deg_s_per_v)))) > 80
     assert bench.calls == []
     assert bench.clock.now() == 0.0
 

@@ -11,7 +11,7 @@ from tests.procedures.fakes import MemoryJournal
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.executor import Execution, Executor, StepStarted
-from vcfbench.procedures.settings import settings_of
+from vcfbench.procedures.layers import settings_of
 from vcfbench.testing import SimulatedLab, open_simulated
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ class At:
 
 def run(name: str, at_s: float, change: Callable[[SimulatedLab], None]) -> Execution:
     with open_simulated(seed=3) as lab:
-        plan = PROCEDURES[name].plan(settings_of(lab.bench.description))
+        procedure = PROCEDURES[name]
+        plan = procedure.plan(settings_of(procedure, lab.bench.description))
         return Executor(lab.bench, MemoryJournal(), [At(lab, at_s, change)]).execute(plan)
 
 

@@ -37,7 +37,7 @@ K_VC = 40.0
 
 
 def steps_of(name: str) -> list[Step]:
-    settings = make_settings(k_vc_guess=K_VC)
+    settings = make_settings(k_vc_guess_deg_s_per_v=K_VC)
     plan = PROCEDURES[name].plan(settings)
     return [each.step for each in walk(plan, LinearGyro(K_VC))]
 

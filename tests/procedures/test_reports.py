@@ -41,7 +41,7 @@ K_Vc = 40 (deg/s)/V,"""
 
 
 def reported(name: str) -> Report:
-    settings = make_settings(k_vc_guess=40.0)
+    settings = make_settings(k_vc_guess_deg_s_per_v=40.0)
     procedure = PROCEDURES[name]
     points = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings)).points
     return procedure.report(settings, points, procedure.results(settings, points))

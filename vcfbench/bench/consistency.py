@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from itertools import chain
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from msgspec import Struct, structs
 
-from vcfbench.bench.bounds import LEAST, LEAST_V_VC_V
+from vcfbench.bench.bounds import LEAST
 from vcfbench.bench.misfit import Misfit
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription, LimitKey, Node
 
-__all__ = ["misfits"]
+__all__ = ["lost_digits", "misfits", "turned_windows"]
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
@@ -38,12 +37,8 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
     return chain(
         _roles(description),
         _models(description),
-        _rates(description),
-        _acceleration(description),
-        _v_vc(description),
         _rails(description),
         _wiring(description),
-        _sampling(description),
         _windows(description),
         _resources(description),
         _simulation(description),
@@ -84,68 +79,10 @@ def _unfit(role: str, key: str, model: str) -> Iterator[Misfit]:
         yield Misfit(f"{role}.{key}", f"{known}{speaks}", model)
 
 
-def _rates(description: BenchDescription) -> Iterator[Misfit]:
-    limit, allowed = math.inf, "a rate"
-    if description.limits.max_rate_deg_s is not None:
-        limit = description.limits.max_rate_deg_s
-        allowed = f"a rate of at most {limit:g} deg/s either way (limits.max_rate_deg_s)"
-    for index, rate in enumerate(description.procedure.rates_deg_s):
-        if abs(rate) > limit:
-            yield Misfit(f"procedure.rates_deg_s[{index}]", allowed, rate)
-    if len(set(description.procedure.rates_deg_s)) < 3:
-        yield Misfit("procedure.rates_deg_s", "at least three different rates", list(description.procedure.rates_deg_s))
-    match = description.procedure.match_rate_deg_s
-    at_rest = description.procedure.rate_tolerance_deg_s
-    if not at_rest < abs(match) <= limit:
-        expected = f"{allowed}, and above {at_rest:g} deg/s (procedure.rate_tolerance_deg_s): less is at rest"
-        yield Misfit("procedure.match_rate_deg_s", expected, match)
-
-
-def _acceleration(description: BenchDescription) -> Iterator[Misfit]:
-    limit = description.limits.max_acceleration_deg_s2
-    wanted = description.procedure.acceleration_deg_s2
-    if limit is not None and wanted > limit:
-        expected = f"at most {limit:g} deg/s^2 (limits.max_acceleration_deg_s2)"
-        yield Misfit("procedure.acceleration_deg_s2", expected, wanted)
-
-
-def _v_vc(description: BenchDescription) -> Iterator[Misfit]:
-    """Check that every rate has a V_Vc within the limits: |rate| / |K_Vc| <= max V_Vc."""
-    procedure, limit = description.procedure, description.limits.max_v_vc_v
-    largest = max(map(abs, procedure.rates_deg_s))
-    if limit is not None and abs(procedure.k_vc_guess_deg_s_per_v) * limit < largest:
-        expected = f"at least {largest / limit:g}, so that {largest:g} deg/s needs at most {limit:g} V of V_Vc"
-        yield Misfit(
-            "procedure.k_vc_guess_deg_s_per_v",
-            f"{expected} (limits.max_v_vc_v)",
-            procedure.k_vc_guess_deg_s_per_v,
-        )
-    if abs(procedure.k_vc_guess_deg_s_per_v) * LEAST_V_VC_V > abs(procedure.match_rate_deg_s):
-        most, match = abs(procedure.match_rate_deg_s) / LEAST_V_VC_V, abs(procedure.match_rate_deg_s)
-        expected = (
-            f"at most {most:g}, so that {match:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
-        )
-        yield Misfit("procedure.k_vc_guess_deg_s_per_v", expected, procedure.k_vc_guess_deg_s_per_v)
-
-
 def _rails(description: BenchDescription) -> Iterator[Misfit]:
-    limits, procedure = description.limits, description.procedure
-    if limits.max_rail_current_a is not None and procedure.rail_current_limit_a > limits.max_rail_current_a:
-        expected = f"at most {limits.max_rail_current_a:g} A (limits.max_rail_current_a)"
-        yield Misfit("procedure.rail_current_limit_a", expected, procedure.rail_current_limit_a)
-    if limits.min_rail_v is None or limits.max_rail_v is None:
-        return
-    low, high = limits.min_rail_v, limits.max_rail_v
-    if low >= high:
+    low, high = description.limits.min_rail_v, description.limits.max_rail_v
+    if low is not None and high is not None and low >= high:
         yield Misfit("limits.min_rail_v", f"less than limits.max_rail_v = {high:g} V", low)
-        return
-    window = f"a rail of {low:g} to {high:g} V either sign (limits)"
-    for key, voltage in (
-        ("positive_rail_v", procedure.positive_rail_v),
-        ("negative_rail_v", procedure.negative_rail_v),
-    ):
-        if not low <= abs(voltage) <= high:
-            yield Misfit(f"procedure.{key}", window, voltage)
 
 
 def _wiring(description: BenchDescription) -> Iterator[Misfit]:
@@ -154,37 +91,21 @@ def _wiring(description: BenchDescription) -> Iterator[Misfit]:
         yield Misfit("wiring.rails.positive", "'P6V' or 'P25V', outputs above ground", rails.positive)
     if rails.negative != "N25V":
         yield Misfit("wiring.rails.negative", "'N25V', the output below ground", rails.negative)
-    if rails.positive == "P6V" and description.procedure.positive_rail_v > 6.18:  # E3631A: programming range of +6 V
-        yield Misfit(
-            "procedure.positive_rail_v", "at most 6.18 V from output P6V", description.procedure.positive_rail_v
-        )
     for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if description.wiring.oscilloscope.channel_of(node) is None:
             yield Misfit("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)
 
 
-def _sampling(description: BenchDescription) -> Iterator[Misfit]:
-    """Check that a reading with its autozero, two integration times, ends before the next is due."""
-    procedure = description.procedure
-    reading_s = 2.0 * procedure.nplc / description.site.mains_hz
-    if reading_s > procedure.sample_interval_s:
-        expected = (
-            f"at least {reading_s:g} s, which a reading of {procedure.nplc} power-line cycles with autozero takes"
-        )
-        yield Misfit("procedure.sample_interval_s", expected, procedure.sample_interval_s)
-
-
 def _windows(description: BenchDescription) -> Iterator[Misfit]:
-    drive = description.procedure.drive
-    tables: tuple[tuple[str, Struct], ...] = (
-        ("procedure.drive", drive),
-        ("expected", description.expected),
-        ("acceptance", description.acceptance),
-    )
-    for name, table in tables:
-        for key, window in structs.asdict(table).items():
-            if isinstance(window, tuple) and not window[0] < window[1]:
-                yield Misfit(f"{name}.{key}", "a window [low, high] with low below high", list(window))
+    yield from turned_windows(description.expected, "expected")
+    yield from turned_windows(description.acceptance, "acceptance")
+
+
+def turned_windows(table: Struct, path: str) -> Iterator[Misfit]:
+    """Yield every window of `table`, which stands at `path`, whose low is not below its high."""
+    for key, window in structs.asdict(table).items():
+        if isinstance(window, tuple) and not window[0] < window[1]:
+            yield Misfit(f"{path}.{key}", "a window [low, high] with low below high", list(window))
 
 
 def _resources(description: BenchDescription) -> Iterator[Misfit]:
@@ -256,15 +177,19 @@ def _table(description: BenchDescription) -> Iterator[Misfit]:
 
 
 def _lost_digits(description: BenchDescription) -> Iterator[Misfit]:
-    """Check that no number is so close to zero that it must be a slip; physical parameters have units of their own."""
-    waiting: list[tuple[str, Any]] = [
-        (name, part) for name, part in structs.asdict(description).items() if name != "simulation"
-    ]
-    while waiting:
-        path, value = waiting.pop()
-        if isinstance(value, Struct):
-            waiting += [(f"{path}.{name}", below) for name, below in structs.asdict(value).items()]
-        elif isinstance(value, tuple):
-            waiting += [(f"{path}[{index}]", below) for index, below in enumerate(value)]
-        elif isinstance(value, float) and 0.0 < abs(value) < LEAST:
-            yield Misfit(path, f"0, or at least {LEAST:g} either sign", value)
+    """Check all but physical parameters, which have units of their own, and settings of procedures."""
+    for name, part in structs.asdict(description).items():
+        if name not in {"simulation", "procedure_table"}:
+            yield from lost_digits(part, name)
+
+
+def lost_digits(value: object, path: str) -> Iterator[Misfit]:
+    """Yield every number at or below `value`, which stands at `path`, that is so close to zero that it is a slip."""
+    if isinstance(value, Struct):
+        for name, below in structs.asdict(value).items():
+            yield from lost_digits(below, f"{path}.{name}" if path else name)
+    elif isinstance(value, tuple):
+        for index, below in enumerate(value):
+            yield from lost_digits(below, f"{path}[{index}]")
+    elif isinstance(value, float) and 0.0 < abs(value) < LEAST:
+        yield Misfit(path, f"0, or at least {LEAST:g} either sign", value)

@@ -1,57 +1,45 @@
-"""What a bench is: roles, wiring, limits, site, procedure settings, and what stands in for it when simulated.
+"""What a bench is: roles, wiring, limits, site, and what stands in for it when simulated.
 
 A bench file decodes into these frozen structs and nothing else; every range is in the type (`bounds`). What a station
-must decide itself (resources, limits, latitude) has no default. Every role may be missing, and with it its limits. The
-defaults of the procedure are the paper's: +-10 V rails, 17 rates, 1 Hz samples, means of 10.
+must decide itself (resources, limits, latitude) has no default. Every role may be missing, and with it its limits.
+Settings of procedures are those of their own classes (:mod:`vcfbench.procedures.settings`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
 
 from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     Acceleration,
-    AmplitudeWindow,
     BaudRate,
     Current,
-    FrequencyWindow,
-    Interval,
     Latitude,
     LeastRail,
-    NegativeRail,
     NoiseWindow,
     OutputDrift,
     OutputSlopeWindow,
     OutputWindow,
     Pause,
     PercentWindow,
-    PhaseWindow,
     PositiveRail,
     PpmWindow,
-    Rate,
     RateLimit,
-    Rates,
-    RateTolerance,
     RateWindow,
-    Samples,
     Seconds,
-    Settling,
-    Slope,
     SlopeWindow,
-    StartUp,
     StepsPerDegree,
-    VoltageTolerance,
     VVcLimit,
-    WarmUp,
 )
 from vcfbench.errors import LimitError
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.settings import ProcedureSettings
 
 __all__ = [
     "Acceptance",
     "BenchDescription",
-    "DriveWindow",
     "Expected",
     "FunctionGeneratorRole",
     "Limits",
@@ -60,7 +48,6 @@ __all__ = [
     "OscilloscopeRole",
     "OscilloscopeWiring",
     "PowerRole",
-    "ProcedureSettings",
     "RailWiring",
     "RateTableRole",
     "SerialSettings",
@@ -221,39 +208,6 @@ class Site(_Part, frozen=True, kw_only=True):
     mains_hz: Literal[50, 60] = 50
 
 
-class DriveWindow(_Part, frozen=True, kw_only=True):
-    """What the drive signal must look like on the oscilloscope before anything is measured; each ``[low, high]``."""
-
-    frequency_hz: FrequencyWindow = (3475.0, 3503.0)
-    amplitude_v: AmplitudeWindow = (0.05, 10.0)
-    phase_deg: PhaseWindow = (-180.0, 180.0)
-    start_up_s: StartUp = 5.0
-
-
-class ProcedureSettings(_Part, frozen=True, kw_only=True):
-    """How the calibrations are done; the defaults are the paper's."""
-
-    positive_rail_v: PositiveRail = 10.0
-    negative_rail_v: NegativeRail = -10.0
-    rail_current_limit_a: Current = 0.1
-    rail_tolerance_v: VoltageTolerance = 0.1
-    warm_up_s: WarmUp = 0.0
-    acceleration_deg_s2: Acceleration = 100.0
-    rate_tolerance_deg_s: RateTolerance = 0.05
-    settle_s: Settling = 2.0
-    sample_interval_s: Interval = 1.0
-    samples: Samples = 10
-    nplc: Literal[1, 10, 100] = 10
-    meter_range_v: Literal[1, 10, 100] = 10
-    rates_deg_s: Rates = (
-        *(200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0),
-        *(-1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0),
-    )
-    match_rate_deg_s: Rate = 10.0
-    k_vc_guess_deg_s_per_v: Slope = 150.0
-    drive: DriveWindow = field(default_factory=DriveWindow)
-
-
 class Expected(_Part, frozen=True, kw_only=True):
     """What this gyroscope should show: a run that shows something else is ended. Each window ``[low, high]``."""
 
@@ -328,11 +282,21 @@ class BenchDescription(_Part, frozen=True, kw_only=True):
     wiring: Wiring = field(default_factory=Wiring)
     limits: Limits = field(default_factory=Limits)
     site: Site
-    procedure: ProcedureSettings = field(default_factory=ProcedureSettings)
+    procedure_table: dict[str, Any] = field(default_factory=dict, name="procedure")
+    """``[procedure]`` as it stands in the bench file: settings of all procedures, and a table for each that has some
+    of its own; :mod:`vcfbench.procedures.layers` makes settings of it."""
+
     expected: Expected = field(default_factory=Expected)
     acceptance: Acceptance = field(default_factory=Acceptance)
     simulation: Simulation | None = None
     served: Served | None = None
+
+    @property
+    def procedure(self) -> ProcedureSettings:
+        """What ``[procedure]`` says to every procedure, defaults filled in."""
+        from vcfbench.procedures.layers import shared_settings  # noqa: PLC0415  # it needs what stands above
+
+        return shared_settings(self)
 
     @property
     def simulated(self) -> bool:

@@ -12,12 +12,24 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["bench_text"]
+__all__ = ["as_resolved", "bench_text", "resolved_text", "value_text"]
 
 
 def bench_text(description: BenchDescription) -> str:
-    """Return the bench file of `description`: every key, defaults included."""
+    """Return the bench file of `description`: every key, defaults included; of ``[procedure]`` what was given."""
     return "\n".join(_lines(msgspec.to_builtins(description), "")) + "\n"
+
+
+def resolved_text(description: BenchDescription) -> str:
+    """Return the same with every key of ``[procedure]``, defaults included."""
+    return "\n".join(_lines(as_resolved(description), "")) + "\n"
+
+
+def as_resolved(description: BenchDescription) -> dict[str, Any]:
+    """Return `description` as nested tables, with the settings of procedures that come to be in ``[procedure]``."""
+    from vcfbench.procedures.layers import resolved_table  # noqa: PLC0415  # it reads descriptions
+
+    return {**msgspec.to_builtins(description), "procedure": resolved_table(description)}
 
 
 def _lines(table: dict[str, Any], path: str) -> Iterator[str]:
@@ -26,15 +38,16 @@ def _lines(table: dict[str, Any], path: str) -> Iterator[str]:
     if path and plain:
         yield f"\n[{path}]"
     for key, value in plain.items():
-        yield f"{key} = {_value(value)}"
+        yield f"{key} = {value_text(value)}"
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _lines(value, f"{path}.{key}" if path else key)
 
 
-def _value(value: object) -> str:
+def value_text(value: object) -> str:
+    """Return a plain value as TOML."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+        return f"{{ {', '.join(f'{key} = {value_text(item)}' for key, item in value.items())} }}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(value_text, value))}]"
     return dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

@@ -41,15 +41,13 @@ def show(
     if template:
         typer.echo(file.template(), nl=False)
         return
-    import msgspec  # noqa: PLC0415
-
-    from vcfbench.bench.writing import bench_text  # noqa: PLC0415
+    from vcfbench.bench.writing import as_resolved, resolved_text  # noqa: PLC0415
 
     description = file.load_bench(bench)
     if json:
-        print_json(msgspec.to_builtins(description))
+        print_json(as_resolved(description))
     else:
-        typer.echo(bench_text(description), nl=False)
+        typer.echo(resolved_text(description), nl=False)
 
 
 @app.command("check")

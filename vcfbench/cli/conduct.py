@@ -12,10 +12,13 @@ from vcfbench.cli.answer import given, print_json
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.ending import EarlyAndLate
+    from vcfbench.procedures.layers import Layer
+    from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.progress import NoProgress
     from vcfbench.runs.asked import DryRun
     from vcfbench.runs.run import Run
@@ -34,21 +37,21 @@ class RunOptions:
     runs: Path
     speed: str | None
     quiet: bool
-    match: str
+    settings: Mapping[str, Any]
 
 
-def conduct(name: str, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
+def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
     """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell.
 
     `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
     """
     if options.dry_run:
-        _dry_run(name, options)
+        _dry_run(procedure, settings, options)
         return
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
 
     with StopSignals() as signals:  # until all is written: a second Ctrl-C shall not cost the results
-        run = _conducted(name, options, signals)
+        run = _conducted(procedure, settings, options, signals)
         unwritten = given(lambda: _show(run, options))
         if ending is not None:
             ending.answered()
@@ -61,16 +64,16 @@ def conduct(name: str, options: RunOptions, ending: EarlyAndLate | None = None) 
         raise unwritten
 
 
-def _conducted(name: str, options: RunOptions, signals: StopSignals) -> Run:
+def _conducted(procedure: AnyProcedure, settings: Layer, options: RunOptions, signals: StopSignals) -> Run:
     """Return the run, also one that an error ended."""
     from vcfbench.runs.asked import Asked  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
     asked = Asked(
-        procedure=name,
+        procedure=procedure,
         bench=options.bench,
         seed=options.seed,
-        settings={"match": options.match},
+        settings=settings,
         runs=options.runs,
         speed=options.speed,
         display=lambda estimate_s: _progress(options, estimate_s),
@@ -116,15 +119,15 @@ def _show_text(run: Run, physical_minimum_s: float) -> None:
         typer.echo(f"record: {run.directory}")
 
 
-def _dry_run(name: str, options: RunOptions) -> None:
-    from vcfbench.runs.asked import dry_run  # noqa: PLC0415
+def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:
+    from vcfbench.runs.asked import Asked, Checked, prepare  # noqa: PLC0415
 
-    settings = {"match": options.match}
     try:
-        planned = dry_run(name, options.bench, seed=options.seed, settings=settings, speed=options.speed)
+        asked = Asked(procedure, options.bench, options.seed, settings, speed=options.speed)
+        planned = prepare(asked, Checked()).planned()
     except BenchError as error:
         if options.json:
-            print_json({"procedure": name, "dry_run": True, "error": str(error)})
+            print_json({"procedure": procedure.name, "dry_run": True, "error": str(error)})
         raise
     if options.json:
         print_json(_dry_run_json(planned))

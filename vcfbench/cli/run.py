@@ -1,31 +1,77 @@
-"""``vcfbench run``: a calibration, from the bench file to the record and the table."""
+"""``vcfbench run``: a procedure, from the bench file to the record and the table.
+
+The commands are made of the procedures: those that come along, those that installed packages bring, and the one that a
+file of one's own defines. A list of them imports none.
+"""
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from vcfbench.cli.ending import EarlyAndLate
 from vcfbench.errors import ConfigError, PlanError
+from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from vcfbench.procedures.keys import SettableKey
+    from vcfbench.procedures.procedure import AnyProcedure
 
 __all__ = ["app"]
 
 
-class KnownProcedures(TyperGroup):
+class Procedures(TyperGroup):
     """The group of procedures; an unknown one is answered with the list of those that there are."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the known procedures."""
+        del ctx
+        return list(PROCEDURES)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of a procedure, which is imported for it; None when there is none of that name."""
+        del ctx
+        known = cmd_name in PROCEDURES or is_file(cmd_name)
+        return _command(procedure(cmd_name), cmd_name) if known else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command named by the first of `args`."""
-        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
-            known = ", ".join(self.list_commands(ctx))
-            raise PlanError(f"there is no procedure {args[0]!r}; known are {known}")
+        if args and not args[0].startswith("-") and args[0] not in PROCEDURES and not is_file(args[0]):
+            raise PlanError(f"there is no procedure {args[0]!r}; known are {', '.join(PROCEDURES)}")
         return super().resolve_command(ctx, args)
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the names and titles, without importing a procedure."""
+        del ctx
+        with formatter.section("Commands"):
+            rows = [(name, PROCEDURES.title(name)) for name in PROCEDURES]
+            formatter.write_dl([*rows, ("FILE.py", "The procedure that a file of your own defines.")])
 
-app = typer.Typer(cls=KnownProcedures, no_args_is_help=True, help="Run a calibration procedure on a bench.")
+
+class ProcedureCommand(TyperCommand):
+    """The command of one procedure; its help ends with the keys that can be set."""
+
+    keys: tuple[SettableKey, ...] = ()
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write every key with its default, what it may be and what it means."""
+        super().format_epilog(ctx, formatter)
+        with formatter.section("Settings (--set KEY=VALUE, or the bench file's [procedure])"):
+            formatter.write_dl([_key_row(key) for key in self.keys])
+
+
+def _key_row(key: SettableKey) -> tuple[str, str]:
+    default = f"; default {key.default}" if key.default else ""
+    return key.path, f"{key.meaning + ': ' if key.meaning else ''}{key.expected}{default}"
+
+
+app = typer.Typer(cls=Procedures, no_args_is_help=True, help="Run a calibration procedure on a bench.")
 
 Bench_ = Annotated[
     Path | None,
@@ -56,72 +102,62 @@ Speed_ = Annotated[
     typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
 ]
 Quiet_ = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-Match_ = Annotated[
-    str,
-    typer.Option(
-        "--match",
-        metavar="zero|absolute",
-        help="How step 2 compares outputs: each from its own zero, or as they are (the paper's words).",
-    ),
+Set_ = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A setting, of those listed below; repeatable."),
 ]
 
 
-@app.command("turntable")
-def turntable(
+def _common(
     bench: Bench_ = None,
     seed: Seed_ = None,
     runs: Runs_ = Path("runs"),
     speed: Speed_ = None,
+    settings: Set_ = None,
     *,
     context: typer.Context,
     json: Json_ = False,
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
 ) -> None:
-    """Calibrate on the rate table: 17 rates, generator off."""
-    _conduct(
-        context,
-        "turntable",
-        bench=bench,
-        seed=seed,
-        json=json,
-        dry_run=dry_run,
-        runs=runs,
-        speed=speed,
-        quiet=quiet,
-        match="zero",
-    )
+    """Take what every procedure's command takes; each command has this signature, with its own options added."""
 
 
-@app.command("virtual-coriolis")
-def virtual_coriolis(
-    bench: Bench_ = None,
-    seed: Seed_ = None,
-    runs: Runs_ = Path("runs"),
-    speed: Speed_ = None,
-    match: Match_ = "zero",
-    *,
-    context: typer.Context,
-    json: Json_ = False,
-    dry_run: DryRun_ = False,
-    quiet: Quiet_ = False,
-) -> None:
-    """Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force."""
-    _conduct(
-        context,
-        "virtual-coriolis",
-        bench=bench,
-        seed=seed,
-        json=json,
-        dry_run=dry_run,
-        runs=runs,
-        speed=speed,
-        quiet=quiet,
-        match=match,
-    )
+def _command(chosen: AnyProcedure, name: str) -> Any:
+    """Return the command of a procedure."""
+    from vcfbench.procedures.keys import settable_keys  # noqa: PLC0415
+
+    keys = tuple(settable_keys(chosen.settings))
+    own = {key.path: f"--{key.path.replace('_', '-')}" for key in keys if key.is_option}
+
+    def run(context: typer.Context, **options: Any) -> None:
+        from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+        from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
+
+        given = {key: value for key in own if (value := options.pop(key)) is not None}
+        settings = asked_by_command(options.pop("settings") or (), given, own)
+        conduct(chosen, settings, RunOptions(**options, settings=settings.values), context.find_object(EarlyAndLate))
+
+    _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.is_option})
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    alone.command(name, cls=ProcedureCommand, help=chosen.title)(run)
+    command: Any = typer.main.get_command(alone)
+    command.keys = keys
+    return command
 
 
-def _conduct(context: typer.Context, name: str, **options: Any) -> None:
-    from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+def _option(name: str, key: SettableKey) -> Any:
+    metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
+    return Annotated[str | None, typer.Option(name, metavar=metavar, help=f"{key.meaning.capitalize()}.")]
 
-    conduct(name, RunOptions(**options), context.find_object(EarlyAndLate))
+
+def _sign(function: Callable[..., None], options: Mapping[str, Any]) -> None:
+    """Give `function` the parameters that every command has, and `options` beside them; typer reads them there."""
+    common = inspect.signature(_common, eval_str=True)
+    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in common.parameters.values()]
+    parameters += [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+        for name, annotation in options.items()
+    ]
+    function.__signature__ = common.replace(parameters=parameters)  # type: ignore[attr-defined]
+    function.__annotations__ = {each.name: each.annotation for each in parameters}

@@ -19,7 +19,7 @@ from vcfbench.errors import MeasurementError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from vcfbench.procedures.settings import CalibrationSettings, Expected
+    from vcfbench.procedures.settings import Expected, ProcedureSettings
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -73,7 +73,7 @@ def _span_v(points: Iterable[Point]) -> float:
     return max(outputs) - min(outputs)
 
 
-def require_agreement(points: Sequence[Point], settings: CalibrationSettings, drift: float) -> None:
+def require_agreement(points: Sequence[Point], settings: ProcedureSettings, drift: float) -> None:
     """See that the setting of the last point gave the same output each time that it was measured.
 
     Args:

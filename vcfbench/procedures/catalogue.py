@@ -1,30 +1,148 @@
-"""The procedures that this version knows, by the names of the command line."""
+"""The procedures that can be run by name: those that come along, and those that installed packages bring.
+
+Another package brings its own as entry points::
+
+    [project.entry-points."vcfbench.procedures"]
+    hysteresis = "acme.hysteresis:HYSTERESIS"
+
+Names are known without importing anything; a procedure is imported when it is asked for. One that cannot be loaded is
+an error when it is asked for and keeps no other from being run.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING
 
-from vcfbench.errors import PlanError
-from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.errors import ConfigError, PlanError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from importlib.metadata import EntryPoint
+    from pathlib import Path
+
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["PROCEDURES", "procedure"]
+__all__ = ["BUILT_IN", "PROCEDURES", "Catalogue", "is_file", "procedure"]
+
+_GROUP = "vcfbench.procedures"
+
+BUILT_IN = {
+    "turntable": ("vcfbench.procedures.turntable:TURNTABLE", "Calibrate on the rate table: 17 rates, generator off."),
+    "virtual-coriolis": (
+        "vcfbench.procedures.virtual_coriolis:VIRTUAL_CORIOLIS",
+        "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
+    ),
+}
+"""The procedures that come along: where each is, and its title, which a list shows without importing it."""
 
 
-PROCEDURES: dict[str, AnyProcedure] = {each.name: each for each in (TURNTABLE, VIRTUAL_CORIOLIS)}
+class Catalogue(Mapping[str, "AnyProcedure"]):
+    """Every known procedure by name; each is imported when it is looked up."""
+
+    def __getitem__(self, name: str) -> AnyProcedure:
+        """Return the procedure called `name`.
+
+        Raises:
+            KeyError: there is none.
+            ConfigError: its package cannot be loaded, or two bring one of this name.
+        """
+        entries = _installed().get(name, ())
+        if name not in BUILT_IN and not entries:
+            raise KeyError(name)
+        if len(entries) + (name in BUILT_IN) > 1:
+            raise ConfigError(f"the name {name!r} is taken twice: {self.origin(name)}; one of them has to be renamed")
+        if not entries:
+            module, _, variable = BUILT_IN[name][0].partition(":")
+            built_in: AnyProcedure = getattr(import_module(module), variable)
+            return built_in
+        return _load(entries[0])
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names: those that come along first."""
+        yield from BUILT_IN
+        yield from sorted(set(_installed()) - set(BUILT_IN))
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return sum(1 for _ in self)
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a procedure called `name`, whether or not it can be loaded."""
+        return name in BUILT_IN or name in _installed()
+
+    def title(self, name: str) -> str:
+        """Return the title of the procedure called `name` as far as it is known without importing it."""
+        return BUILT_IN[name][1] if name in BUILT_IN else f"Of {self.origin(name)}."
+
+    def origin(self, name: str) -> str:
+        """Say where the procedure called `name` comes from."""
+        own = ["vcfbench itself"] if name in BUILT_IN else []
+        return " and ".join([*own, *map(_origin, _installed().get(name, ()))])
+
+    def loaded(self) -> list[AnyProcedure]:
+        """Return every procedure that can be loaded."""
+        found = []
+        for name in self:
+            try:
+                found.append(self[name])
+            except ConfigError:  # it is told when it is asked for
+                continue
+        return found
+
+
+PROCEDURES = Catalogue()
 """Every known procedure by name."""
 
 
-def procedure(name: str) -> AnyProcedure:
-    """Return the procedure called `name`.
+def is_file(name: str) -> bool:
+    """Tell whether `name`, of a procedure that is to be run, is that of a file."""
+    return name.endswith(".py") or "/" in name or "\\" in name
+
+
+def procedure(name: str | Path) -> AnyProcedure:
+    """Return the procedure called `name`, or the one that the file `name` defines.
 
     Raises:
         PlanError: there is none; the words list those that there are.
+        ConfigError: its file or its package cannot be used, or its name is taken twice.
     """
+    if not isinstance(name, str) or is_file(name):
+        from vcfbench.procedures.own_code import procedure_in  # noqa: PLC0415
+
+        return procedure_in(name)
     try:
         return PROCEDURES[name]
     except KeyError:
         raise PlanError(f"there is no procedure {name!r}; known are {', '.join(PROCEDURES)}") from None
+
+
+@cache  # looking through the installed packages takes milliseconds
+def _installed() -> dict[str, tuple[EntryPoint, ...]]:
+    from importlib.metadata import entry_points  # noqa: PLC0415
+
+    found: dict[str, tuple[EntryPoint, ...]] = {}
+    for entry in entry_points(group=_GROUP):
+        found[entry.name] = (*found.get(entry.name, ()), entry)
+    return found
+
+
+def _origin(entry: EntryPoint) -> str:
+    package = "a package" if entry.dist is None else f"the package {entry.dist.name}"
+    return f"{package} ({entry.value})"
+
+
+def _load(entry: EntryPoint) -> AnyProcedure:
+    from vcfbench.procedures.own_code import mistake_in  # noqa: PLC0415  # few have any
+    from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415
+
+    said = f"the procedure {entry.name!r} of {_origin(entry)}"
+    try:
+        loaded = entry.load()
+    except (Exception, SystemExit) as error:  # another package is anyone's code
+        raise ConfigError(f"{said} cannot be loaded: {mistake_in(error)}") from error
+    if isinstance(loaded, Procedure) and loaded.name == entry.name:
+        return loaded
+    raise ConfigError(f"{said}: expected a Procedure of that name, came {loaded!r}")

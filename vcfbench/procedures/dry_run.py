@@ -6,15 +6,15 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from vcfbench.errors import LimitError
-from vcfbench.procedures.step import abandon
+from vcfbench.errors import LimitError, PlanError
+from vcfbench.procedures.step import Step, abandon
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.procedures.linear_gyro import LinearGyro
-    from vcfbench.procedures.step import Plan, Step
+    from vcfbench.procedures.step import Plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,8 @@ def walk(plan: Plan, gyro: LinearGyro) -> Generator[PlannedStep, None, None]:
         step = next(plan)
         while True:
             number += 1
+            if not isinstance(step, Step):
+                raise PlanError(f"step {number}: expected a step, the plan yields {step!r}")
             yield PlannedStep(number, t_s, step)
             t_s += step.duration_s
             step = plan.send(step.predict(gyro))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from vcfbench.errors import ConfigError
 from vcfbench.interfaces import (
     FunctionGenerator,
     MeasuresWaveforms,
@@ -18,6 +20,7 @@ from vcfbench.interfaces import (
     Rotates,
     SetsVoltage,
 )
+from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Report
 
-S = TypeVar("S")
+S = TypeVar("S", bound=ProcedureSettings)
 R = TypeVar("R")
 
 PAPER_BENCH: Mapping[str, type] = MappingProxyType(
@@ -74,6 +77,17 @@ class Procedure(Generic[S, R]):
     report: Callable[[S, Sequence[Point], R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_BENCH)
     uses: Mapping[str, type] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", self.name):
+            raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', came {self.name!r}")
+        if not issubclass(self.settings, ProcedureSettings):
+            raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings")
+        if self.name in self.settings.__struct_fields__:
+            raise ConfigError(
+                f"procedure {self.name!r}: its name is that of a setting, [procedure.{self.name}] is both"
+            )
 
     def __repr__(self) -> str:
         return f"<Procedure {self.name}>"

@@ -37,22 +37,26 @@ from vcfbench.procedures.steps import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.settings import CalibrationSettings, DriveWindows
+    from vcfbench.procedures.settings import DriveWindow, ProcedureSettings
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
 T = TypeVar("T")
 
+_DRIVE_STEADY = 0.03
+"""Two looks at the drive's amplitude that differ by less, relative, are the same: somewhat above what 8 bit resolve."""
+_DRIVE_INTERVAL_S = 0.5
+"""Between two looks: four time constants of the drive loop (0.13 s, gyro-metrology 1.3)."""
 
-def power_up(settings: CalibrationSettings) -> Routine[None]:
+def power_up(settings: ProcedureSettings) -> Routine[None]:
     """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
-    yield ConfigureMeter(settings.meter_range_v, settings.nplc)
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield DisableVvc()
     yield ConfigureGenerator(0.0)
     yield from rails_on(settings)
 
 
-def rails_on(settings: CalibrationSettings) -> Routine[None]:
+def rails_on(settings: ProcedureSettings) -> Routine[None]:
     """Set levels and limits, then switch on, wait, and read the rails back."""
     rails = rails_of(settings)
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
@@ -62,62 +66,62 @@ def rails_on(settings: CalibrationSettings) -> Routine[None]:
     yield CheckRails(rails, settings.rail_tolerance_v)
 
 
-def rails_of(settings: CalibrationSettings) -> tuple[ConfigureRail, ...]:
+def rails_of(settings: ProcedureSettings) -> tuple[ConfigureRail, ...]:
     """Return what each rail is set to."""
     return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
 
 
-def look_at_drive(settings: CalibrationSettings) -> Routine[None]:
+def look_at_drive(settings: ProcedureSettings) -> Routine[None]:
     """Check the drive signal where the bench has an oscilloscope; where it has none, have the run say so."""
-    if settings.drive is None:
+    if settings.station.oscilloscope is None:
         yield NotChecked("the drive signal", "the bench has no oscilloscope")
     else:
-        yield from check_drive(settings.drive)
+        yield from check_drive(settings)
 
 
-def check_drive(drive: DriveWindows) -> Routine[DriveReading]:
+def check_drive(settings: ProcedureSettings) -> Routine[DriveReading]:
     """Wait for the AGC: look at the drive signal until it has settled and everything lies in its window.
 
-    Settled: two looks in a row differ by less than `amplitude_tolerance` (relative).
+    Settled: two looks in a row differ by less than 3 %.
 
     Raises:
         MeasurementError: it does not come to that in time.
     """
-    ready = answer(
-        (yield ConfigureScope(_one_two_five(2.0 / sum(drive.frequency_hz)), drive.drive_channel)), ScopeReady
-    )
-    found = yield from _find_drive(drive)
+    drive = settings.drive
+    channels = settings.station.channel_of("drive"), settings.station.channel_of("carrier")
+    ready = answer((yield ConfigureScope(_one_two_five(2.0 / sum(drive.frequency_hz)), channels[0])), ScopeReady)
+    found = yield from _find_drive(drive, channels)
     while True:
-        reading = yield from _measure_drive(drive, found)
+        reading = yield from _measure_drive(drive, channels, found)
         complaint = reading.trouble or _complaint(reading, drive, found.drive_v)
         if not complaint:
             return reading
-        if reading.t_s - ready.t_s >= drive.deadline_s:
+        if reading.t_s - ready.t_s >= drive.start_up_s:
             raise MeasurementError(
-                f"drive signal not as it should be after {drive.deadline_s:g} s: {complaint}",
+                f"drive signal not as it should be after {drive.start_up_s:g} s: {complaint}",
                 instrument="oscilloscope",
                 step="the check of the drive signal",
             )
         if reading.trouble:
-            found = yield from _find_drive(drive)
+            found = yield from _find_drive(drive, channels)
         else:
             found = DriveAmplitudes(reading.amplitude_v, found.carrier_v)
-        yield Settle(drive.interval_s, "drive loop settles")
+        yield Settle(_DRIVE_INTERVAL_S, "drive loop settles")
 
 
-def _find_drive(drive: DriveWindows) -> Routine[DriveAmplitudes]:
-    step = FindDrive(drive.drive_channel, drive.carrier_channel, drive.amplitude_v[1], _middle(drive.amplitude_v))
+def _find_drive(drive: DriveWindow, channels: tuple[int, int]) -> Routine[DriveAmplitudes]:
+    step = FindDrive(*channels, drive.amplitude_v[1], _middle(drive.amplitude_v))
     return answer((yield step), DriveAmplitudes)
 
 
-def _measure_drive(drive: DriveWindows, found: DriveAmplitudes) -> Routine[DriveReading]:
+def _measure_drive(drive: DriveWindow, channels: tuple[int, int], found: DriveAmplitudes) -> Routine[DriveReading]:
     least_v = drive.amplitude_v[0]
     expected = (_middle(drive.frequency_hz), _middle(drive.amplitude_v), _middle(drive.phase_deg))
     scales_v = (max(found.drive_v, least_v), max(found.carrier_v, least_v))
-    return answer((yield MeasureDrive(drive.drive_channel, drive.carrier_channel, *scales_v, expected)), DriveReading)
+    return answer((yield MeasureDrive(*channels, *scales_v, expected)), DriveReading)
 
 
-def _complaint(reading: DriveReading, drive: DriveWindows, previous_v: float) -> str:
+def _complaint(reading: DriveReading, drive: DriveWindow, previous_v: float) -> str:
     """Say what is wrong with the drive signal; empty when nothing is."""
     low_deg = drive.phase_deg[0]
     for name, value, (low, high), unit in (
@@ -127,7 +131,7 @@ def _complaint(reading: DriveReading, drive: DriveWindows, previous_v: float) ->
     ):
         if not low <= value <= high:
             return f"{name} {value:.6g} {unit}, expected {low:g}...{high:g} {unit}"
-    if abs(reading.amplitude_v - previous_v) > drive.amplitude_tolerance * reading.amplitude_v:
+    if abs(reading.amplitude_v - previous_v) > _DRIVE_STEADY * reading.amplitude_v:
         return f"amplitude still moving, {previous_v:.4g} to {reading.amplitude_v:.4g} V"
     return ""
 
@@ -142,7 +146,7 @@ def _one_two_five(least: float) -> float:
     return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= least * (1.0 - 1e-9))
 
 
-def ramp_to(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
+def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
     """Ramp the table and wait until it is at its rate."""
     ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, previous_deg_s)
     yield ramp
@@ -150,7 +154,7 @@ def ramp_to(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s:
     yield AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
 
 
-def go_to_rate(settings: CalibrationSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
+def go_to_rate(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
     """Ramp the table, wait until it is at its rate, then let the gyro settle."""
     yield from ramp_to(settings, rate_deg_s, previous_deg_s=previous_deg_s)
     yield Settle(settings.settle_s, "gyro settles after the rate step")
@@ -162,7 +166,7 @@ def v_vc_on() -> Routine[None]:
     yield EnableVvc()
 
 
-def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Routine[float]:
+def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
     """Set V_Vc and let the gyro settle; return the level read back, V."""
     setting = answer((yield SetVvc(v_vc_v)), VvcSetting)
     yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
@@ -170,20 +174,20 @@ def set_v_vc(settings: CalibrationSettings, v_vc_v: float) -> Routine[float]:
 
 
 def take(
-    settings: CalibrationSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
+    settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
     """Average one window and return its point; `table_deg_s` is what the table must read back, None asks no table."""
     acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **_window_of(settings))
     return answer((yield acquire), Window).point
 
 
-def take_zero_again(settings: CalibrationSettings, step: int) -> Routine[Point]:
+def take_zero_again(settings: ProcedureSettings, step: int) -> Routine[Point]:
     """Average one window more at zero and return what it gives; it is for comparison and no point of the run."""
     verify = VerifyZero(step, 0.0, 0.0, 0.0, **_window_of(settings))
     return answer((yield verify), Window).point
 
 
-def _window_of(settings: CalibrationSettings) -> dict[str, Any]:
+def _window_of(settings: ProcedureSettings) -> dict[str, Any]:
     """Return what all windows of a run have in common."""
     return {
         "tolerance_deg_s": settings.rate_tolerance_deg_s,
@@ -196,17 +200,17 @@ def _window_of(settings: CalibrationSettings) -> dict[str, Any]:
     }
 
 
-def powered(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
+def powered(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off."""
     return (yield from energised(settings, _with_drive(settings, under_servo(settings, work))))
 
 
-def _with_drive(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
+def _with_drive(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     yield from look_at_drive(settings)
     return (yield from work)
 
 
-def energised(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
+def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with meter, generator and rails up, V_Vc off; whatever happens, outputs off, then supply off.
 
     It asks for no table and no oscilloscope. The bench's own safety stack does what switches off once more, and proves
@@ -220,7 +224,7 @@ def energised(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
         yield from power_down()
 
 
-def under_servo(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
+def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the table under servo; whatever happens, bring it to rest and open the servo."""
     yield EnableTable()
     try:
@@ -231,11 +235,10 @@ def under_servo(settings: CalibrationSettings, work: Routine[T]) -> Routine[T]:
         yield DisableTable()
 
 
-def table_to_rest(settings: CalibrationSettings) -> Routine[None]:
+def table_to_rest(settings: ProcedureSettings) -> Routine[None]:
     """Demand zero from whatever rate the table has, and see it come to rest."""
-    fastest_deg_s = max(abs(rate) for rate in (*settings.rates_deg_s, settings.match_rate_deg_s))
     yield SetRate(0.0, settings.acceleration_deg_s2, 0.0)
-    deadline_s = 2.0 * fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
+    deadline_s = 2.0 * settings.fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
     yield AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
 
 

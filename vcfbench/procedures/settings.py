@@ -1,32 +1,56 @@
-"""What a calibration procedure is told before it starts: frozen numbers, no instruments."""
+"""What a procedure is told before it starts: frozen numbers, no instruments.
+
+:class:`ProcedureSettings` is what all procedures share; a procedure with keys of its own adds them in a subclass. Each
+key has its range in its type, and what it means in the `description` beside it. `station` is what the place gives.
+"""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from msgspec import Meta, Struct, field, structs
+
+from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
+    Acceleration,
+    AmplitudeWindow,
+    Current,
+    FrequencyWindow,
+    Interval,
+    NegativeRail,
+    PhaseWindow,
+    PositiveRail,
+    Rates,
+    RateTolerance,
+    Samples,
+    Seconds,
+    Settling,
+    Slope,
+    StartUp,
+    VoltageTolerance,
+    WarmUp,
+)
+from vcfbench.bench.consistency import lost_digits, turned_windows
+from vcfbench.bench.description import Acceptance, Expected, Limits, OscilloscopeWiring, RailWiring
+from vcfbench.bench.misfit import Misfit
 from vcfbench.errors import ConfigError
-from vcfbench.models import find_model, resolve
 from vcfbench.procedures.linear_gyro import LinearGyro
-from vcfbench.specifications import HP_34401A
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator
 
-    from vcfbench.bench.description import BenchDescription, Node
-    from vcfbench.specifications import VoltmeterSpecification
+    from vcfbench.bench.description import Node
 
 __all__ = [
     "PAPER_RATES_DEG_S",
-    "CalibrationSettings",
-    "DriveWindows",
+    "DriveWindow",
     "Expected",
     "Limit",
     "Match",
+    "ProcedureSettings",
     "RailSettings",
-    "settings_of",
+    "Station",
 ]
 
 PAPER_RATES_DEG_S = (
@@ -58,40 +82,6 @@ class RailSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveWindows:
-    """Where the drive signal must lie at the start-up check, each (least, most), and the channels that see it.
-
-    It counts as settled when two records, `interval_s` apart, differ by less than `amplitude_tolerance`: 3 %, somewhat
-    above what 8 bit resolve. The drive loop's time constant is 0.13 s (gyro-metrology 1.3), so 0.5 s is four of them.
-    """
-
-    drive_channel: int
-    carrier_channel: int
-    frequency_hz: tuple[float, float]
-    amplitude_v: tuple[float, float]
-    phase_deg: tuple[float, float]
-    amplitude_tolerance: float = 0.03
-    interval_s: float = 0.5
-    deadline_s: float = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """What this gyroscope should show, each (least, most); None where nothing is known of it.
-
-    `scale_factor_v_per_deg_s` and `bias_v` (V) are those of the output on the table, `k_vc_deg_s_per_v` is K_Vc,
-    `reading_noise_v` the standard deviation of one reading within a window, V; `zero_drift_v` is the most that the
-    output may drift at one setting from one time it is measured to another, V.
-    """
-
-    scale_factor_v_per_deg_s: tuple[float, float] | None = None
-    bias_v: tuple[float, float] | None = None
-    k_vc_deg_s_per_v: tuple[float, float] | None = None
-    reading_noise_v: tuple[float, float] | None = None
-    zero_drift_v: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Limit:
     """A result, by its key in the bench file's ``[acceptance]``, passes from `low` to `high`, both included."""
 
@@ -100,135 +90,159 @@ class Limit:
     high: float
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationSettings:
-    """All that turntable and virtual Coriolis calibration need to know.
+class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the place gives: wiring, limits, what is expected and what passes; nothing that a procedure could choose.
 
-    `k_vc_guess` is the K_Vc from which step 2 starts, (deg/s)/V; `match_iterations` is the most settings of V_Vc it
-    may take, `match_windows` how many windows each mean that K_Vc hangs on is made of. `start_up_s` is the wait after
-    power-on, `rate_deadline_s` what a table may take beyond twice its ramp. A run that does not show what is `expected`
-    is ended; `acceptance` are the limits that its results are judged by. `meter_resolution_v` is that of one reading.
-    `drive` is None where no oscilloscope sees the drive signal.
+    `oscilloscope` is what its channels see, None on a bench that has none.
+    `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
     """
 
-    rails: tuple[RailSettings, ...]
-    rail_tolerance_v: float
-    drive: DriveWindows | None
-    meter_range_v: float
-    nplc: float
-    meter_resolution_v: float
-    samples: int
-    sample_interval_s: float
-    settle_s: float
-    start_up_s: float
-    acceleration_deg_s2: float
-    rate_tolerance_deg_s: float
-    k_vc_guess: float
-    rates_deg_s: tuple[float, ...] = PAPER_RATES_DEG_S
-    match: Match = Match.ZERO
-    match_rate_deg_s: float = 10.0
-    match_iterations: int = 4
-    match_windows: int = 4
-    rate_deadline_s: float = 10.0
-    expected: Expected = Expected()
-    acceptance: tuple[Limit, ...] = ()
+    rails: RailWiring = field(default_factory=RailWiring)
+    oscilloscope: OscilloscopeWiring | None = field(default_factory=OscilloscopeWiring)
+    mains_hz: Literal[50, 60] = 50
+    meter_resolution_v: float | None = None
+    limits: Limits = field(default_factory=Limits)
+    expected: Expected = field(default_factory=Expected)
+    acceptance: Acceptance = field(default_factory=Acceptance)
 
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> CalibrationSettings:
-        """Return the settings that were written into a record; those without a meter's resolution had a 34401A."""
-        import msgspec  # noqa: PLC0415  # only records need it
+    def channel_of(self, node: Node) -> int:
+        """Return the oscilloscope's channel that sees `node`.
 
-        known = {"meter_resolution_v": math.nan, **values} if isinstance(values, dict) else values
-        told = msgspec.convert(known, cls)
-        if not math.isnan(told.meter_resolution_v):
-            return told
-        return replace(told, meter_resolution_v=HP_34401A.resolution.get(told.nplc, 1e-6) * told.meter_range_v)
+        Raises:
+            ConfigError: none does.
+        """
+        channel = None if self.oscilloscope is None else self.oscilloscope.channel_of(node)
+        if channel is None:
+            raise ConfigError(f"wiring.oscilloscope: the start-up check needs a channel that sees {node!r}, none does")
+        return channel
+
+
+class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the drive signal must look like on the oscilloscope before anything is measured; each ``[low, high]``."""
+
+    frequency_hz: Annotated[FrequencyWindow, Meta(description="frequency of the drive signal")] = (3475.0, 3503.0)
+    amplitude_v: Annotated[AmplitudeWindow, Meta(description="its amplitude")] = (0.05, 10.0)
+    phase_deg: Annotated[PhaseWindow, Meta(description="phase of the carrier against it")] = (-180.0, 180.0)
+    start_up_s: Annotated[StartUp, Meta(description="time given to the drive loop after power-on")] = 5.0
+
+
+class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What every procedure is told; the defaults are the paper's.
+
+    A subclass adds the keys of one procedure, each with a default::
+
+        class HysteresisSettings(ProcedureSettings, frozen=True):
+            loops: Annotated[int, Meta(ge=1, le=100, description="times up and down")] = 1
+    """
+
+    positive_rail_v: Annotated[PositiveRail, Meta(description="level of the positive rail")] = 10.0
+    negative_rail_v: Annotated[NegativeRail, Meta(description="level of the negative rail")] = -10.0
+    rail_current_limit_a: Annotated[Current, Meta(description="set before the outputs go on")] = 0.1
+    rail_tolerance_v: Annotated[VoltageTolerance, Meta(description="of the read-back of a rail")] = 0.1
+    warm_up_s: Annotated[WarmUp, Meta(description="wait after power-on")] = 0.0
+    acceleration_deg_s2: Annotated[Acceleration, Meta(description="of every ramp")] = 100.0
+    rate_tolerance_deg_s: Annotated[RateTolerance, Meta(description="of the read-back of the table")] = 0.05
+    rate_deadline_s: Annotated[Seconds, Meta(description="for a rate to settle, beyond twice its ramp")] = 10.0
+    settle_s: Annotated[Settling, Meta(description="wait after each step of rate or V_Vc")] = 2.0
+    sample_interval_s: Annotated[Interval, Meta(description="from reading to reading")] = 1.0
+    samples: Annotated[Samples, Meta(description="readings a mean")] = 10
+    nplc: Annotated[Literal[1, 10, 100], Meta(description="integration time in power-line cycles")] = 10
+    meter_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the multimeter")] = 10
+    rates_deg_s: Annotated[Rates, Meta(description="rates of the table, in their order")] = PAPER_RATES_DEG_S
+    k_vc_guess_deg_s_per_v: Annotated[Slope, Meta(description="rate that 1 V of V_Vc stands for, roughly")] = 150.0
+    drive: DriveWindow = field(default_factory=DriveWindow)
+    station: Station = field(default_factory=Station)
+
+    @property
+    def start_up_s(self) -> float:
+        """Wait after power-on, s: at least that after any other step."""
+        return max(self.warm_up_s, self.settle_s)
+
+    @property
+    def rails(self) -> tuple[RailSettings, ...]:
+        """What the rails are set to."""
+        wiring, limit_a = self.station.rails, self.rail_current_limit_a
+        return (
+            RailSettings("positive", wiring.positive, self.positive_rail_v, limit_a),
+            RailSettings("negative", wiring.negative, self.negative_rail_v, limit_a),
+        )
+
+    @property
+    def expected(self) -> Expected:
+        """What this gyroscope should show; a run that does not show it is ended."""
+        return self.station.expected
+
+    @property
+    def acceptance(self) -> tuple[Limit, ...]:
+        """The limits that the results are judged by."""
+        given = structs.asdict(self.station.acceptance)
+        return tuple(Limit(key, *window) for key, window in given.items() if window)
+
+    @property
+    def meter_resolution_v(self) -> float:
+        """Resolution of one reading, V.
+
+        Raises:
+            ConfigError: these settings are those of no multimeter.
+        """
+        if self.station.meter_resolution_v is None:
+            raise ConfigError("multimeter: nothing tells the resolution of its readings")
+        return self.station.meter_resolution_v
+
+    @property
+    def fastest_deg_s(self) -> float:
+        """The fastest that the table is asked to turn, deg/s, either way."""
+        return max(map(abs, self.rates_deg_s))
 
     def expected_gyro(self) -> LinearGyro:
         """Return the gyro that the bench file expects: the middle of what it should show, or the guess of K_Vc."""
         expected = self.expected
         return LinearGyro(
-            self.k_vc_guess if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
+            self.k_vc_guess_deg_s_per_v if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
             -0.0125 if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
             0.0 if expected.bias_v is None else _middle(expected.bias_v),
         )
 
+    def contradictions(self) -> Iterator[Misfit]:
+        """Yield what the ranges cannot say: values that contradict each other, or the limits of the station."""
+        yield from lost_digits(structs.replace(self, station=Station()), "")
+        yield from turned_windows(self.drive, "drive")
+        if len(set(self.rates_deg_s)) < 3:
+            yield Misfit("rates_deg_s", "at least three different rates", list(self.rates_deg_s))
+        if self.station.rails.positive == "P6V" and self.positive_rail_v > 6.18:  # E3631A: programming range of +6 V
+            yield Misfit("positive_rail_v", "at most 6.18 V from output P6V", self.positive_rail_v)
+        reading_s = 2.0 * self.nplc / self.station.mains_hz  # with its autozero it is two integration times long
+        if reading_s > self.sample_interval_s:
+            expected = f"at least {reading_s:g} s, which a reading of {self.nplc} power-line cycles with autozero takes"
+            yield Misfit("sample_interval_s", expected, self.sample_interval_s)
+        yield from self._beyond(self.station.limits)
+
+    def _beyond(self, limits: Limits) -> Iterator[Misfit]:
+        """Yield what the limits of the station do not bear; it has those of what is on it."""
+        if limits.max_rate_deg_s is not None:
+            for index, rate_deg_s in enumerate(self.rates_deg_s):
+                if abs(rate_deg_s) > limits.max_rate_deg_s:
+                    yield Misfit(f"rates_deg_s[{index}]", rate_words(limits.max_rate_deg_s), rate_deg_s)
+        fastest, current_a = limits.max_acceleration_deg_s2, limits.max_rail_current_a
+        if fastest is not None and self.acceleration_deg_s2 > fastest:
+            expected = f"at most {fastest:g} deg/s^2 (limits.max_acceleration_deg_s2)"
+            yield Misfit("acceleration_deg_s2", expected, self.acceleration_deg_s2)
+        if current_a is not None and self.rail_current_limit_a > current_a:
+            expected = f"at most {current_a:g} A (limits.max_rail_current_a)"
+            yield Misfit("rail_current_limit_a", expected, self.rail_current_limit_a)
+        low_v, high_v = limits.min_rail_v, limits.max_rail_v
+        if low_v is None or high_v is None:
+            return
+        window = f"a rail of {low_v:g} to {high_v:g} V either sign (limits)"
+        for key, voltage_v in (("positive_rail_v", self.positive_rail_v), ("negative_rail_v", self.negative_rail_v)):
+            if not low_v <= abs(voltage_v) <= high_v:
+                yield Misfit(key, window, voltage_v)
+
+
+def rate_words(limit_deg_s: float) -> str:
+    """Say which rates the station bears."""
+    return f"a rate of at most {limit_deg_s:g} deg/s either way (limits.max_rate_deg_s)"
+
 
 def _middle(window: tuple[float, float]) -> float:
     return 0.5 * (window[0] + window[1])
-
-
-def settings_of(description: BenchDescription, match: Match = Match.ZERO) -> CalibrationSettings:
-    """Take the settings of both calibrations from a bench file.
-
-    Raises:
-        ConfigError: the oscilloscope does not see the drive signal or the carrier, or the meter has no data sheet.
-    """
-    from msgspec import structs  # noqa: PLC0415  # the description is made of it, so it is there
-
-    told, wiring = description.procedure, description.wiring.rails
-    limit_a = told.rail_current_limit_a
-    return CalibrationSettings(
-        rails=(
-            RailSettings("positive", wiring.positive, told.positive_rail_v, limit_a),
-            RailSettings("negative", wiring.negative, told.negative_rail_v, limit_a),
-        ),
-        rail_tolerance_v=told.rail_tolerance_v,
-        drive=_drive_windows(description),
-        meter_range_v=float(told.meter_range_v),
-        nplc=float(told.nplc),
-        meter_resolution_v=_meter_resolution_v(description),
-        samples=told.samples,
-        sample_interval_s=told.sample_interval_s,
-        settle_s=told.settle_s,
-        start_up_s=max(told.warm_up_s, told.settle_s),
-        acceleration_deg_s2=told.acceleration_deg_s2,
-        rate_tolerance_deg_s=told.rate_tolerance_deg_s,
-        k_vc_guess=told.k_vc_guess_deg_s_per_v,
-        rates_deg_s=told.rates_deg_s,
-        match=match,
-        match_rate_deg_s=told.match_rate_deg_s,
-        expected=Expected(**structs.asdict(description.expected)),
-        acceptance=tuple(
-            Limit(key, *window) for key, window in structs.asdict(description.acceptance).items() if window
-        ),
-    )
-
-
-def _meter_resolution_v(description: BenchDescription) -> float:
-    """Return the resolution of one reading of the bench's meter, V, after its data sheet."""
-    part, told = description.multimeter, description.procedure
-    if part is None:
-        raise ConfigError("the bench has no multimeter", instrument="multimeter")
-    row = find_model(part.like or part.model)
-    if row is None or row.specifications is None:
-        raise ConfigError(
-            f"multimeter.model: nothing tells the resolution of a {part.model}",
-            hint="its row in vcfbench.models names a data sheet (specifications)",
-        )
-    sheet: VoltmeterSpecification = resolve(row.specifications)
-    try:
-        return sheet.resolution_v(float(told.meter_range_v), float(told.nplc))
-    except ValueError as error:
-        raise ConfigError(f"procedure.nplc: {error}") from error
-
-
-def _drive_windows(description: BenchDescription) -> DriveWindows | None:
-    if description.oscilloscope is None:
-        return None
-    window = description.procedure.drive
-    return DriveWindows(
-        drive_channel=_channel(description, "drive"),
-        carrier_channel=_channel(description, "carrier"),
-        frequency_hz=window.frequency_hz,
-        amplitude_v=window.amplitude_v,
-        phase_deg=window.phase_deg,
-        deadline_s=window.start_up_s,
-    )
-
-
-def _channel(description: BenchDescription, node: Node) -> int:
-    channel = description.wiring.oscilloscope.channel_of(node)
-    if channel is None:
-        raise ConfigError(f"wiring.oscilloscope: the start-up check needs a channel that sees {node!r}, none does")
-    return channel

@@ -10,11 +10,12 @@ from vcfbench.procedures.agreement import (
     require_expected_column,
     require_steady_slope,
 )
+from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import CALIBRATION_NEEDS, CALIBRATION_USES, Procedure
 from vcfbench.procedures.reports import turntable_report
 from vcfbench.procedures.results import TurntableResult, turntable_results
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
-from vcfbench.procedures.settings import CalibrationSettings
+from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
@@ -29,12 +30,12 @@ STEP = 1
 """The number that the points of this procedure carry: it has one step."""
 
 
-def turntable(settings: CalibrationSettings) -> Plan:
+def turntable(settings: ProcedureSettings) -> Plan:
     """Calibrate on the rate table, the PCB holding V_Vc at 0 V."""
     return (yield from powered(settings, _calibrate(settings)))
 
 
-def _calibrate(settings: CalibrationSettings) -> Routine[Outcome]:
+def _calibrate(settings: ProcedureSettings) -> Routine[Outcome]:
     yield Note("Step 1: the table turns at each rate, generator off")
     points = yield from table_sweep(settings, STEP)
     require_expected_column(points, settings.expected)
@@ -44,7 +45,7 @@ def _calibrate(settings: CalibrationSettings) -> Routine[Outcome]:
     return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates")
 
 
-def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
+def table_sweep(settings: ProcedureSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
     """Visit the rates in their order from rest, take a point at each, and go back to rest.
 
     Points must agree with each other, and with those that were measured `earlier` with the generator off: the zero and
@@ -64,14 +65,14 @@ def table_sweep(settings: CalibrationSettings, step: int, earlier: Sequence[Poin
     return points
 
 
-def _results(settings: CalibrationSettings, points: Sequence[Point]) -> TurntableResult:
+def _results(settings: ProcedureSettings, points: Sequence[Point]) -> TurntableResult:
     return turntable_results(points, settings.meter_resolution_v)
 
 
 TURNTABLE = Procedure(
     name="turntable",
-    title="Calibrate on the rate table: 17 rates, generator off.",
-    settings=CalibrationSettings,
+    title=BUILT_IN["turntable"][1],
+    settings=ProcedureSettings,
     plan=turntable,
     results=_results,
     report=turntable_report,

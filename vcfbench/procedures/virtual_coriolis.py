@@ -7,8 +7,13 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Annotated
 
+from msgspec import Meta
+
+from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
+from vcfbench.bench.misfit import Misfit
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.agreement import (
     MATCH_DRIFT,
@@ -19,6 +24,7 @@ from vcfbench.procedures.agreement import (
     require_same_zero,
     require_steady_slope,
 )
+from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.procedure import CALIBRATION_NEEDS, CALIBRATION_USES, Procedure
 from vcfbench.procedures.reports import virtual_coriolis_report
@@ -32,7 +38,7 @@ from vcfbench.procedures.routines import (
     take_zero_again,
     v_vc_on,
 )
-from vcfbench.procedures.settings import CalibrationSettings
+from vcfbench.procedures.settings import Match, ProcedureSettings, rate_words
 from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 
@@ -42,15 +48,51 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["VIRTUAL_CORIOLIS", "virtual_coriolis"]
+__all__ = ["VIRTUAL_CORIOLIS", "VirtualCoriolisSettings", "virtual_coriolis"]
 
 
-def virtual_coriolis(settings: CalibrationSettings) -> Plan:
+class VirtualCoriolisSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What the virtual Coriolis calibration is told beside what all procedures are."""
+
+    match: Annotated[
+        Match,
+        Meta(
+            description="how step 2 compares outputs: each from its own zero, or as they are (the paper's words)",
+            extra={"option": True},
+        ),
+    ] = Match.ZERO
+    match_rate_deg_s: Annotated[Rate, Meta(description="rate at which K_Vc is found")] = 10.0
+    match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that step 2 may take")] = 4
+    match_windows: Annotated[int, Meta(ge=1, le=1000, description="windows of each mean that K_Vc hangs on")] = 4
+
+    @property
+    def fastest_deg_s(self) -> float:
+        """The fastest that the table is asked to turn, deg/s, either way."""
+        return max(super().fastest_deg_s, abs(self.match_rate_deg_s))
+
+    def contradictions(self) -> Iterator[Misfit]:
+        """Yield what the ranges cannot say; every rate must have a V_Vc within the limits, |rate| / |K_Vc|."""
+        yield from super().contradictions()
+        limits, guess, match_deg_s = self.station.limits, self.k_vc_guess_deg_s_per_v, abs(self.match_rate_deg_s)
+        most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
+        if not self.rate_tolerance_deg_s < match_deg_s <= most_deg_s:
+            at_rest = f"above {self.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
+            yield Misfit("match_rate_deg_s", f"{rate_words(most_deg_s)}, and {at_rest}", self.match_rate_deg_s)
+        limit_v, largest = limits.max_v_vc_v, max(map(abs, self.rates_deg_s))
+        if limit_v is not None and abs(guess) * limit_v < largest:
+            expected = f"at least {largest / limit_v:g}, so that {largest:g} deg/s needs at most {limit_v:g} V of V_Vc"
+            yield Misfit("k_vc_guess_deg_s_per_v", f"{expected} (limits.max_v_vc_v)", guess)
+        if abs(guess) * LEAST_V_VC_V > match_deg_s:
+            needs = f"{match_deg_s:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
+            yield Misfit("k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess)
+
+
+def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     """Calibrate on the rate table and by the virtual Coriolis force, and compare."""
     return (yield from powered(settings, _four_steps(settings)))
 
 
-def _four_steps(settings: CalibrationSettings) -> Routine[Outcome]:
+def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
     yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
     points = yield from _table_reference(settings)
     yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
@@ -63,7 +105,7 @@ def _four_steps(settings: CalibrationSettings) -> Routine[Outcome]:
     return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates")
 
 
-def _table_reference(settings: CalibrationSettings) -> Routine[list[Point]]:
+def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
     """Step 1: the zero output and the output at the matching rate, in turn."""
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     points: list[Point] = []
@@ -81,7 +123,7 @@ def _table_reference(settings: CalibrationSettings) -> Routine[list[Point]]:
     return points
 
 
-def _match(settings: CalibrationSettings, table: list[Point]) -> Routine[tuple[list[Point], Matching]]:
+def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tuple[list[Point], Matching]]:
     """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal.
 
     Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
@@ -90,7 +132,7 @@ def _match(settings: CalibrationSettings, table: list[Point]) -> Routine[tuple[l
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
     points = [(yield from _take_virtual(settings, 0.0))]
     require_same_zero(table[0], points[0], table[1])
-    v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess
+    v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
     for number in range(settings.match_iterations):
         v_vc_v = yield from set_v_vc(settings, v_vc_v)
         points.append((yield from _take_virtual(settings, v_vc_v)))
@@ -100,14 +142,14 @@ def _match(settings: CalibrationSettings, table: list[Point]) -> Routine[tuple[l
         v_vc_v = matching.v_vc_equal_v
     if not matching.usable():
         raise _no_match(matching, settings)
-    require_expected_k_vc(matching.k_vc, settings.k_vc_guess, settings.expected)
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     yield from _confirm(settings, points)
     matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
-    require_expected_k_vc(matching.k_vc, settings.k_vc_guess, settings.expected)
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     return points, matching
 
 
-def _confirm(settings: CalibrationSettings, points: list[Point]) -> Routine[None]:
+def _confirm(settings: VirtualCoriolisSettings, points: list[Point]) -> Routine[None]:
     """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn, and add them to `points`."""
     equal_v = previous_v = points[-1].v_vc_v
     for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
@@ -130,11 +172,11 @@ def _in_turn(windows: int) -> Iterator[bool]:
         yield from (not second, second)
 
 
-def _take_virtual(settings: CalibrationSettings, v_vc_v: float) -> Routine[Point]:
+def _take_virtual(settings: VirtualCoriolisSettings, v_vc_v: float) -> Routine[Point]:
     return (yield from take(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
-def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementError:
+def _no_match(matching: Matching, settings: VirtualCoriolisSettings) -> MeasurementError:
     return MeasurementError(
         f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
         f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
@@ -144,7 +186,7 @@ def _no_match(matching: Matching, settings: CalibrationSettings) -> MeasurementE
     )
 
 
-def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Point]) -> Routine[None]:
+def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[Point]) -> Routine[None]:
     """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for K_Vc times the V_Vc that was read back.
 
     The points must agree with those of step 2, `driven`, and so must the zero when all is done.
@@ -163,14 +205,14 @@ def _virtual_sweep(settings: CalibrationSettings, k_vc: float, driven: list[Poin
     require_agreement([*driven, *points], settings, SWEEP_DRIFT)
 
 
-def _results(settings: CalibrationSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
+def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
     return virtual_coriolis_results(points, settings.match, settings.match_rate_deg_s, settings.meter_resolution_v)
 
 
 VIRTUAL_CORIOLIS = Procedure(
     name="virtual-coriolis",
-    title="Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
-    settings=CalibrationSettings,
+    title=BUILT_IN["virtual-coriolis"][1],
+    settings=VirtualCoriolisSettings,
     plan=virtual_coriolis,
     results=_results,
     report=virtual_coriolis_report,

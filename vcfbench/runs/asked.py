@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Generator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, PlanError
+from vcfbench.files import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Event, Observer
+    from vcfbench.procedures.layers import Layer
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.procedures.settings import CalibrationSettings, Match
-    from vcfbench.procedures.step import Operator
+    from vcfbench.procedures.settings import ProcedureSettings
+    from vcfbench.procedures.step import Operator, Plan
 
     Display = Callable[[float], AbstractContextManager[Observer]]
     """Makes a display, told the estimate of the bench time, s."""
@@ -41,12 +44,12 @@ def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What was asked for; `options` are the words of it that the record keeps."""
+    """What was asked for; `settings` with the words for errors, `options` are the words of it that the record keeps."""
 
-    procedure: str | AnyProcedure
+    procedure: str | Path | AnyProcedure
     bench: BenchDescription | Path | str | None = None
     seed: int | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Layer | None = None
     runs: Path = Path("runs")
     speed: str | float | None = None
     observers: Sequence[Observer] = ()
@@ -54,16 +57,15 @@ class Asked:
     operator: Operator | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    @property
-    def name(self) -> str:
-        """Name of the procedure."""
-        return self.procedure if isinstance(self.procedure, str) else self.procedure.name
-
 
 @dataclass(slots=True)
 class Checked:
-    """What was asked, as far as it has been checked: bench and seed are told also where the rest cannot be."""
+    """What was asked, as far as it has been checked: bench and seed are told also where the rest cannot be.
 
+    `name` is that of the procedure; until that is found, what was asked for.
+    """
+
+    name: str = ""
     description: BenchDescription | None = None
     seed: int | None = None
 
@@ -74,15 +76,23 @@ class Prepared:
 
     description: BenchDescription
     procedure: AnyProcedure
-    settings: CalibrationSettings
+    settings: ProcedureSettings
 
-    def planned(self) -> tuple[PlannedStep, ...]:
+    def plan(self) -> Plan:
+        """Return the plan, from its beginning."""
+        plan = self.procedure.plan(self.settings)
+        if not isinstance(plan, Generator):
+            raise PlanError(f"procedure {self.procedure.name!r}: expected a plan that yields steps, came {plan!r}")
+        return plan
+
+    def planned(self) -> DryRun:
         """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
         from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
         from vcfbench.procedures.dry_run import dry_run as walked  # noqa: PLC0415
 
-        plan, gyro = self.procedure.plan(self.settings), self.settings.expected_gyro()
-        return tuple(walked(plan, gyro, LimitChecks.of(self.description)))
+        with blamed_on(self.procedure):
+            steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))
+        return DryRun(self.procedure.name, tuple(steps))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +117,7 @@ class DryRun:
 
 
 def dry_run(
-    procedure: str | AnyProcedure,
+    procedure: str | Path | AnyProcedure,
     bench: BenchDescription | Path | str | None = None,
     *,
     seed: int | None = None,
@@ -123,8 +133,9 @@ def dry_run(
         PlanError: there is no such procedure.
         LimitError: a step would leave a limit of the bench; it names step, limit and the time in the plan.
     """
-    asked = Asked(procedure, bench, seed, settings or {}, speed=speed)
-    return DryRun(asked.name, prepare(asked, Checked()).planned())
+    from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
+
+    return prepare(Asked(procedure, bench, seed, asked_in_python(settings or {}), speed=speed), Checked()).planned()
 
 
 def prepare(asked: Asked, checked: Checked) -> Prepared:
@@ -132,22 +143,39 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
 
     What was found out is put into `checked` as it comes to be known.
     """
-    from vcfbench.bench.file import described, with_settings  # noqa: PLC0415
+    from vcfbench.bench.file import described  # noqa: PLC0415
     from vcfbench.bench.station import checked_pace  # noqa: PLC0415
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
-    from vcfbench.procedures.settings import settings_of  # noqa: PLC0415
+    from vcfbench.procedures.layers import settings_of, with_settings  # noqa: PLC0415
     from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
-    told = dict(asked.settings)
-    match = told.pop("match", "zero")
-    description = checked.description = described(asked.bench)
-    if told:
-        description = checked.description = with_settings(description, told)
+    checked.name = getattr(asked.procedure, "name", str(asked.procedure))
+    checked.description = description = described(asked.bench)
+    chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
+    checked.name = chosen.name
     checked.seed = _seed(description, asked.seed)
     checked_pace(description, asked.speed)
-    chosen = procedure(asked.procedure) if isinstance(asked.procedure, str) else asked.procedure
     require_needs(chosen, description)
-    return Prepared(description, chosen, settings_of(description, _match(match)))
+    with blamed_on(chosen):
+        settings = settings_of(chosen, description, asked.settings, _source(asked.bench))
+    return Prepared(with_settings(description, settings), chosen, settings)
+
+
+@contextmanager
+def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
+    """Raise mistakes in the code of a procedure that did not come along as PlanError, with file and line."""
+    try:
+        yield
+    except Exception as error:
+        from vcfbench.procedures.own_code import mistake_of  # noqa: PLC0415
+
+        if (mistake := mistake_of(procedure, error)) is not None:
+            raise mistake from error
+        raise
+
+
+def _source(bench: BenchDescription | Path | str | None) -> str | None:
+    return shown(bench) if isinstance(bench, str | Path) else None
 
 
 def _seed(description: BenchDescription, seed: int | None) -> int | None:
@@ -165,13 +193,3 @@ def _seed(description: BenchDescription, seed: int | None) -> int | None:
     if not 0 <= whole <= _LARGEST_SEED:
         raise ConfigError(f"--seed {seed!r}: expected a whole number from 0 to {_LARGEST_SEED}")
     return whole
-
-
-def _match(name: str | Match) -> Match:
-    from vcfbench.procedures.settings import Match  # noqa: PLC0415
-
-    try:
-        return Match(name)
-    except ValueError:
-        known = " or ".join(match.value for match in Match)
-        raise ConfigError(f"--match {name}: expected {known}") from None

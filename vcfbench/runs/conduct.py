@@ -10,7 +10,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
-from vcfbench.runs.asked import Asked, Checked, DryRun, prepare
+from vcfbench.runs.asked import Asked, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _PREPARING: Final = Lock()
 
 
 def run(
-    procedure: str | AnyProcedure,
+    procedure: str | Path | AnyProcedure,
     bench: BenchDescription | Path | str | None = None,
     *,
     seed: int | None = None,
@@ -52,10 +52,10 @@ def run(
     SIGINT and SIGTERM stop the run as they do the command: the first at its next wait, the second at once.
 
     Args:
-        procedure: its name, as on the command line, or the procedure itself.
+        procedure: its name, the file that defines it (``"./hysteresis.py"``), or the procedure itself.
         bench: a bench file, the name of an embedded bench, or a description; None is the simulated paper bench.
         seed: of a simulated bench; None is that of the bench file. The same seed gives the same results.
-        settings: keys of the bench file's ``[procedure]``, checked as they are there, and ``match``:
+        settings: of the procedure, in place of those of the bench file and checked as they are there:
             ``{"samples": 20, "drive": {"start_up_s": 8.0}}``.
         observers: are told what happens (``handle(event)``). One that raises is left out from then on; the run goes
             on, and :attr:`Run.observers_lost` says so.
@@ -69,6 +69,7 @@ def run(
         NotSafe: something could not be made safe; whatever else went wrong is in its words.
     """
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
     if not str(runs).strip():
         raise ConfigError("runs: expected a directory, came an empty name")
@@ -79,9 +80,8 @@ def run(
         "speed": speed,
         "settings": dict(settings or {}),
     }
-    asked = Asked(
-        procedure, bench, seed, settings or {}, Path(runs), speed, observers, operator=operator, options=options
-    )
+    told = asked_in_python(settings or {})
+    asked = Asked(procedure, bench, seed, told, Path(runs), speed, observers, operator=operator, options=options)
     with StopSignals() as signals:
         return conduct(asked, signals)
 
@@ -140,7 +140,7 @@ class _Course:
         points = () if execution is None else execution.points
         came_to = nothing(points) if self.came_to is None else self.came_to
         return Run(
-            procedure=self.asked.name,
+            procedure=self.checked.name,
             status=status,
             points=points,
             results=came_to.results,
@@ -169,7 +169,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
     asked = course.asked
     with _PREPARING:
         prepared = prepare(asked, course.checked)
-        planned = DryRun(asked.name, prepared.planned())
+        planned = prepared.planned()
         require_operator(asked, prepared.description, planned)
         if prepared.description.simulated:
             _load_numpy()
@@ -251,7 +251,8 @@ class _Record:
         journal = self._open_journal(bench.identities)
         executor = Executor(bench, journal, watchers, operator_of(course.asked, bench))
         try:
-            execution = executor.execute(prepared.procedure.plan(prepared.settings))
+            with blamed_on(prepared.procedure):
+                execution = executor.execute(prepared.plan())
         finally:
             course.execution = executor.so_far()
         if execution.error is not None:
@@ -272,12 +273,13 @@ class _Record:
         return {
             "run": name,
             "procedure": self.prepared.procedure.name,
+            "title": self.prepared.procedure.title,
             "simulated": description.simulated,
             "seed": course.checked.seed,
             "versions": _versions(),
             "identities": msgspec.to_builtins(identities),
             "options": msgspec.to_builtins(course.asked.options, enc_hook=str),
-            "settings": asdict(self.prepared.settings),
+            "settings": msgspec.to_builtins(self.prepared.settings),
             "bench": msgspec.to_builtins(description),
             **_profile_of(description),
         }

@@ -108,18 +108,19 @@ def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, st
 def _computed(record: JournalRecord) -> tuple[CameTo, str | None]:
     """Compute the results; LookupError where procedure or settings are not those of this version."""
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
-    from vcfbench.procedures.settings import CalibrationSettings  # noqa: PLC0415
+    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
     from vcfbench.runs.results import come_to, nothing  # noqa: PLC0415
 
     name = record.header.get("procedure")
     if not isinstance(name, str) or name not in PROCEDURES:
         raise LookupError(f"the procedure {name!r} is not known here")
     try:
-        settings = CalibrationSettings.from_json(record.header["settings"])
-    except (KeyError, ValueError) as error:  # msgspec.ValidationError is a ValueError
-        raise LookupError(f"its settings are not those of this version: {printable(repr(error))}") from None
+        procedure = PROCEDURES[name]
+        settings = recorded_settings(procedure, record.header.get("settings"))
+    except ConfigError as error:
+        raise LookupError(printable(error.what)) from None
     try:
-        return come_to(PROCEDURES[name], settings, settings.acceptance, record.points), None
+        return come_to(procedure, settings, settings.acceptance, record.points), None
     except BenchError as error:
         return nothing(record.points), f"the points give no result: {printable(error.what)}"
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.executor import Execution, Executor
-from vcfbench.procedures.settings import settings_of
+from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ class Lines:
 
 
 def run(bench: Bench) -> Execution:
-    settings = settings_of(bench.description)
-    return Executor(bench, Lines()).execute(procedure("turntable").plan(settings))
+    settings = settings_of(TURNTABLE, bench.description)
+    return Executor(bench, Lines()).execute(TURNTABLE.plan(settings))
 
 
 def test_the_turntable_calibration_gives_this_labs_seven_points(simulated_bench: Bench) -> None:

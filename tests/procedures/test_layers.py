@@ -1,0 +1,149 @@
+"""Where settings come from, and what goes before what."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import pytest
+from msgspec import Meta
+
+import vcfbench
+from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.cli.set_option import asked_by_command
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.keys import settable_keys
+from vcfbench.procedures.layers import asked_in_python, recorded_settings, setting_keys, settings_of, with_settings
+from vcfbench.procedures.settings import Match
+from vcfbench.procedures.steps import Note, Outcome, Plan
+from vcfbench.procedures.turntable import TURNTABLE
+from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+
+if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+
+
+class LoopSettings(vcfbench.ProcedureSettings, frozen=True, kw_only=True):
+    samples: int = 30
+    loops: Annotated[int, Meta(ge=1, le=9, description="times up and down")] = 1
+    quick: bool = False
+
+
+def plan(_settings: LoopSettings) -> Plan:
+    yield Note("nothing")
+    return Outcome("nothing")
+
+
+LOOP = vcfbench.Procedure(
+    name="loop", title="Go up and down.", settings=LoopSettings, plan=plan, results=lambda _s, _p: {}
+)
+
+
+def bench(*lines: str) -> BenchDescription:
+    tables = "\n".join(lines)
+    return parse_bench(embedded_text("ideal").replace("[procedure.drive]", f"{tables}\n[procedure.drive]"), "lab.toml")
+
+
+def refusal(call: Any) -> str:
+    with pytest.raises(ConfigError) as caught:
+        call()
+    return str(caught.value)
+
+
+def test_each_place_goes_before_the_one_above_it() -> None:
+    lab = bench("[procedure]", "samples = 3", "settle_s = 3", "[procedure.turntable]", "samples = 4", "nplc = 1")
+    chosen = settings_of(TURNTABLE, lab, asked_in_python({"samples": 5}))
+    assert (chosen.rail_tolerance_v, chosen.settle_s, chosen.nplc, chosen.samples) == (0.1, 3.0, 1, 5)
+    assert settings_of(TURNTABLE, lab).samples == 4
+    assert settings_of(VIRTUAL_CORIOLIS, lab).samples == 3
+    assert settings_of(VIRTUAL_CORIOLIS, lab).nplc == 10
+
+
+def test_a_default_of_ones_own_gives_way_to_the_bench_file() -> None:
+    assert settings_of(LOOP, bench()).samples == 30
+    assert settings_of(LOOP, bench("[procedure]", "samples = 7")).samples == 7
+    assert settings_of(LOOP, bench("[procedure]", "samples = 7", "[procedure.loop]", "samples = 8")).samples == 8
+
+
+def test_tables_within_are_merged() -> None:
+    lab = bench("[procedure.turntable.drive]", "start_up_s = 7")
+    drive = settings_of(TURNTABLE, lab, asked_in_python({"drive": {"phase_deg": (0, 100)}})).drive
+    assert (drive.start_up_s, drive.phase_deg) == (7.0, (0.0, 100.0))
+    assert drive.amplitude_v == settings_of(VIRTUAL_CORIOLIS, lab).drive.amplitude_v
+
+
+def test_bench_files_of_before_keep_keys_of_one_procedure_among_those_of_all() -> None:
+    lab = bench("[procedure]", "match_rate_deg_s = 20", 'match = "absolute"', "k_vc_guess_deg_s_per_v = 40")
+    chosen = settings_of(VIRTUAL_CORIOLIS, lab)
+    assert (chosen.match_rate_deg_s, chosen.match, chosen.k_vc_guess_deg_s_per_v) == (20.0, Match.ABSOLUTE, 40.0)
+    assert settings_of(TURNTABLE, lab).k_vc_guess_deg_s_per_v == 40.0
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (["[procedure]", "sample = 3"], "procedure.sample: expected a known key ('samples'?), came an unknown key"),
+        (["[procedure]", "loops = 3"], "procedure.loops: expected"),
+        (["[procedure]", 'match = "nearly"'], "procedure.match: expected 'zero' or 'absolute', came 'nearly'"),
+        (["[procedure]", "match_rate_deg_s = 400"], "procedure.match_rate_deg_s: expected a rate of at most 300"),
+        (["[procedure.turntable]", "sample = 3"], "procedure.turntable.sample: expected a known key ('samples'?)"),
+        (["[procedure.turntable]", "match = 3"], "procedure.turntable.match: expected"),
+        (["[procedure.turntable]", "rates_deg_s = [1, 2, 400]"], "procedure.turntable.rates_deg_s[2]: expected a rate"),
+        (["[procedure.turntable]", "station = 3"], "procedure.turntable.station: expected one of"),
+        (["[procedure.turntabel]", "samples = 3"], "procedure.turntabel: expected a known key ('turntable'?)"),
+        (["[procedure]", "turntable = 3"], "procedure.turntable: expected a table, came 3"),
+        (["[procedure]", "station = 3"], "procedure.station: expected"),
+    ],
+)
+def test_what_cannot_be_is_one_line_with_file_and_key(lines: list[str], said: str) -> None:
+    assert refusal(lambda: bench(*lines)).startswith(f"lab.toml: {said}")
+
+
+def test_the_table_of_a_procedure_that_is_not_installed_is_checked_when_it_is_run() -> None:
+    lab = bench("[procedure.loop]", "loops = 10")
+    assert settings_of(TURNTABLE, lab).samples == 10
+    said = refusal(lambda: settings_of(LOOP, lab, source="lab.toml"))
+    assert said == "lab.toml: procedure.loop.loops: expected a whole number at least 1 and at most 9, came 10"
+
+
+def test_a_default_that_the_station_does_not_bear_is_named_where_it_can_be_set() -> None:
+    text = embedded_text("ideal").replace("max_rate_deg_s = 300", "max_rate_deg_s = 9")
+    said = refusal(lambda: parse_bench(text, "lab.toml"))
+    assert said.startswith("lab.toml: procedure.rates_deg_s[0]: expected a rate of at most 9 deg/s either way")
+    lab = parse_bench(text.replace("[procedure.drive]", "[procedure]\nrates_deg_s = [5, 0, -5]\n[procedure.drive]"), "")
+    assert settings_of(TURNTABLE, lab).rates_deg_s == (5.0, 0.0, -5.0)
+    said = refusal(lambda: settings_of(VIRTUAL_CORIOLIS, lab, source="lab.toml"))
+    assert said.startswith("lab.toml: procedure.match_rate_deg_s: expected a rate of at most 9 deg/s")
+
+
+def test_the_bench_is_opened_with_what_was_chosen() -> None:
+    chosen = settings_of(TURNTABLE, bench(), asked_in_python({"acceleration_deg_s2": 20}))
+    opened = with_settings(bench(), chosen)
+    assert opened.procedure.acceleration_deg_s2 == 20.0
+    assert settings_of(TURNTABLE, opened) == chosen
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_every_key_can_be_set_to_its_default_and_is_explained(name: str) -> None:
+    kind = PROCEDURES[name].settings
+    keys = list(settable_keys(kind))
+    assert {key.path.partition(".")[0] for key in keys} == set(setting_keys(kind))
+    assert all(key.meaning and key.expected and key.default for key in keys)
+    asked = asked_by_command([f"{key.path}={key.default}" for key in keys], {}, {})
+    assert settings_of(PROCEDURES[name], bench(), asked).station == settings_of(PROCEDURES[name], bench()).station
+    assert asked.values["drive"]["start_up_s"] == 5.0
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_settings_come_back_from_a_record(name: str) -> None:
+    import msgspec  # noqa: PLC0415
+
+    chosen = settings_of(PROCEDURES[name], bench("[acceptance]", "bias_v = [-1, 1]", "[procedure]", "samples = 3"))
+    written = msgspec.json.decode(msgspec.json.encode(msgspec.to_builtins(chosen)))
+    assert recorded_settings(PROCEDURES[name], written) == chosen
+
+
+@pytest.mark.parametrize("name", ["", "a.b", "a/b", "drive", "samples", "x" * 65])
+def test_a_name_that_no_table_can_have_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="procedure"):
+        vcfbench.Procedure(name=name, title="", settings=LoopSettings, plan=plan, results=lambda _s, _p: {})

@@ -1,0 +1,62 @@
+"""``--set KEY=VALUE`` into settings: values are TOML's, lists may do without brackets, texts without quotes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import dotted, parse_toml
+from vcfbench.procedures.layers import Layer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = ["asked_by_command"]
+
+
+def asked_by_command(given: Iterable[str], options: Mapping[str, str], names: Mapping[str, str]) -> Layer:
+    """Return the settings of a command line.
+
+    Args:
+        given: what stands behind each ``--set``.
+        options: values of options that stand for a key each.
+        names: what the option of such a key is called.
+
+    Raises:
+        ConfigError: a setting has no key or no value, or a key is given twice.
+    """
+    values: dict[str, Any] = {key: _value(text) for key, text in options.items()}
+    for each in given:
+        key, equals, text = each.partition("=")
+        if not equals or not all(part.strip() for part in key.split(".")):
+            raise ConfigError(f"--set {each}: expected KEY=VALUE, as in --set samples=20")
+        _put(values, [part.strip() for part in key.split(".")], _value(text.strip()), each)
+
+    def naming(keys: tuple[str | int, ...]) -> str:
+        path = dotted(keys)
+        return names[path] if path in options else f"--set {path}"
+
+    return Layer(values, naming)
+
+
+def _put(values: dict[str, Any], keys: list[str], value: object, said: str) -> None:
+    *above, last = keys
+    for key in above:
+        values = values.setdefault(key, {})
+        if not isinstance(values, dict):
+            raise ConfigError(f"--set {said}: {key} is given twice, as a table and as a value")
+    if last in values:
+        raise ConfigError(f"--set {said}: {'.'.join(keys)} is given twice")
+    values[last] = value
+
+
+def _value(text: str) -> object:
+    """Return the value that `text` stands for: TOML, a list without its brackets, or else a text as it stands."""
+    for form in (text, f"[{text}]") if "," in text else (text,):
+        try:
+            table = parse_toml(f"value = {form}", "--set")
+        except ConfigError:
+            continue
+        if set(table) == {"value"}:
+            return table["value"]
+    return text

@@ -1,0 +1,64 @@
+"""What can be set of a procedure: its keys with default, range and meaning, as help and error messages name them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from msgspec import NODEFAULT, inspect, to_builtins
+
+from vcfbench.bench.strict import expectation
+from vcfbench.bench.writing import value_text
+from vcfbench.files import dotted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.procedures.settings import ProcedureSettings
+
+__all__ = ["SettableKey", "settable_keys"]
+
+
+@dataclass(frozen=True, slots=True)
+class SettableKey:
+    """One key: `path` as ``--set`` takes it, `default` in TOML (empty when it has none), and what is said of it.
+
+    `is_option` tells whether the command has an option of its own for it.
+    """
+
+    path: str
+    default: str
+    expected: str
+    meaning: str
+    is_option: bool
+
+
+def settable_keys(kind: type[ProcedureSettings]) -> Iterator[SettableKey]:
+    """Yield every key of settings of `kind`, those of tables within one by one; what the station gives is none."""
+    for field in _fields(kind):
+        if field.name != "station":
+            yield from _keys(field, ())
+
+
+def _fields(kind: Any) -> tuple[inspect.Field, ...]:
+    node = inspect.type_info(kind)
+    return node.fields if isinstance(node, inspect.StructType) else ()
+
+
+def _keys(field: inspect.Field, above: tuple[str, ...]) -> Iterator[SettableKey]:
+    described = field.type.extra_json_schema or {} if isinstance(field.type, inspect.Metadata) else {}
+    extra = field.type.extra or {} if isinstance(field.type, inspect.Metadata) else {}
+    node = field.type.type if isinstance(field.type, inspect.Metadata) else field.type
+    path = (*above, field.encode_name)
+    if isinstance(node, inspect.StructType):
+        for below in node.fields:
+            yield from _keys(below, path)
+        return
+    yield SettableKey(
+        dotted(path), _default(field), expectation(node), described.get("description", ""), bool(extra.get("option"))
+    )
+
+
+def _default(field: inspect.Field) -> str:
+    value = field.default if field.default_factory is NODEFAULT else field.default_factory()
+    return "" if value is NODEFAULT or value is None else value_text(to_builtins(value))

@@ -1,0 +1,88 @@
+"""Procedures of one's own: a file read as one, and mistakes in its code told with file and line."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import BenchError, ConfigError, PlanError
+from vcfbench.files import read_text, shown
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.procedure import Procedure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.procedures.procedure import AnyProcedure
+
+__all__ = ["mistake_in", "mistake_of", "procedure_in"]
+
+_OURS = str(Path(__file__).parents[1])
+
+
+def procedure_in(path: Path | str) -> AnyProcedure:
+    """Return the procedure that the file at `path` defines: the one `Procedure` among its names, imported ones apart.
+
+    Raises:
+        ConfigError: the file cannot be read or run, or defines none, more than one, or one of a name that is known.
+    """
+    source = read_text(path, "a procedure's file")
+    name = str(Path(path).resolve())
+    module = ModuleType(name)
+    module.__file__ = name
+    sys.modules[name] = module  # classes look up in their module what their annotations mean
+    try:
+        exec(compile(source, name, "exec"), vars(module))  # noqa: S102  # the user's own file, which is to be run
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise ConfigError(f"{shown(path)} cannot be run: {mistake_in(error)}") from error
+    found = {each.name: each for each in vars(module).values() if isinstance(each, Procedure)}
+    own = [each for each in found.values() if each.name not in PROCEDURES]
+    if len(own) == 1:
+        return own[0]
+    if found and not own:
+        known = next(iter(found))
+        raise ConfigError(f"{shown(path)}: its procedure is called {known!r}, as is {PROCEDURES.origin(known)}")
+    came = f"{len(own)}: {', '.join(each.name for each in own)}" if own else "none"
+    raise ConfigError(f"{shown(path)}: expected a file with one Procedure, came {came}")
+
+
+def mistake_in(error: BaseException) -> str:
+    """Say what `error`, of code that is not ours, is, with the innermost file and line of such code."""
+    if isinstance(error, SyntaxError) and error.filename is not None:
+        return f"{shown(error.filename)}, line {error.lineno}: {_words(error)}"
+    places = [(file, line) for file, line in _places(error) if not file.startswith((_OURS, "<"))]
+    return f"{shown(places[-1][0])}, line {places[-1][1]}: {_words(error)}" if places else _words(error)
+
+
+def mistake_of(procedure: AnyProcedure, error: BaseException) -> PlanError | None:
+    """Return what to say of `error` if it is a mistake in the code of `procedure`; None for any other."""
+    files = _files_of(procedure)
+    places = [(file, line) for file, line in _places(error) if file in files]
+    if isinstance(error, BenchError) or not isinstance(error, Exception) or not places:
+        return None
+    file, line = places[-1]
+    return PlanError(f"the procedure {procedure.name!r} has a mistake: {shown(file)}, line {line}: {_words(error)}")
+
+
+def _files_of(procedure: AnyProcedure) -> set[str]:
+    """Return the files in which the code of `procedure` stands, those that come along apart."""
+    parts = (procedure.plan, procedure.results, *vars(procedure.settings).values())
+    codes = (getattr(part, "__code__", None) for part in parts)
+    files = {code.co_filename for code in codes if code is not None}
+    return {file for file in files if not file.startswith(_OURS)}
+
+
+def _places(error: BaseException) -> Iterator[tuple[str, int]]:
+    """Yield file and line of every frame that `error` came through, the innermost last."""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        yield frame.f_code.co_filename, line
+
+
+def _words(error: BaseException) -> str:
+    said = str(error.msg if isinstance(error, SyntaxError) else error)
+    text = " ".join(said.split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
