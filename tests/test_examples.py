@@ -20,6 +20,7 @@ from vcfbench.sim.faults import read_faults
 ROOT = Path(__file__).parents[1]
 LAB = ROOT / "examples" / "lab-tests"
 OWN = ROOT / "examples" / "own-instrument"
+HYSTERESIS = ROOT / "examples" / "own-procedure"
 
 
 @pytest.mark.exhaustive
@@ -67,6 +68,22 @@ def test_an_instrument_of_ones_own_is_a_package(tmp_path: Path, monkeypatch: pyt
     assert ran.returncode == 0, ran.stderr
     results = json.loads(ran.stdout)["results"]
     assert results["scale_factor"]["value"] == pytest.approx(-0.01254, rel=1e-3)
+
+
+def test_a_procedure_of_ones_own_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its test passes away from here; it is short, and a name on the command line."""
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
+    folder = tmp_path / "own"
+    shutil.copytree(HYSTERESIS, folder, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    done = run(folder, "-q")
+    assert "2 passed" in done.stdout, done.stdout
+    assert len((folder / "hysteresis.py").read_text("utf-8").splitlines()) <= 60
+    command = [sys.executable, "-m", "vcfbench", "run", "./hysteresis.py", "--set", "rates_deg_s=0,50,100"]
+    ran = subprocess.run(  # noqa: S603
+        [*command, "--set", "samples=5", "--quiet"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert [line.split()[0] for line in ran.stdout.splitlines()[2:5]] == ["0", "50", "100"]
 
 
 def test_the_labs_files_are_what_they_say() -> None:

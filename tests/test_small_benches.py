@@ -29,7 +29,7 @@ from vcfbench.interfaces import (
 )
 from vcfbench.procedures.executor import ReadingTaken
 from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
-from vcfbench.procedures.settings import CalibrationSettings
+from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.procedures.steps import Outcome, SetRate
 from vcfbench.record.schema import Status
 from vcfbench.testing import serve_simulated
@@ -60,11 +60,11 @@ UNSEEN = structs.replace(PAPER, name="unseen", oscilloscope=None)
 """No oscilloscope."""
 
 
-def plan(settings: CalibrationSettings) -> Plan:
+def plan(settings: ProcedureSettings) -> Plan:
     return (yield from energised(settings, levels(settings)))
 
 
-def levels(settings: CalibrationSettings) -> Routine[Outcome]:
+def levels(settings: ProcedureSettings) -> Routine[Outcome]:
     yield from v_vc_on()
     for level_v in LEVELS_V:
         v_vc_v = yield from set_v_vc(settings, level_v)
@@ -72,7 +72,7 @@ def levels(settings: CalibrationSettings) -> Routine[Outcome]:
     return Outcome("levels")
 
 
-def results(_settings: CalibrationSettings, points: Sequence[vcfbench.Point]) -> dict[str, Any]:
+def results(_settings: ProcedureSettings, points: Sequence[vcfbench.Point]) -> dict[str, Any]:
     return {"outputs_v": [point.output_v for point in points]}
 
 
@@ -82,7 +82,7 @@ NEEDS: dict[str, type] = {"power": PowersRails, "rate_source": SetsVoltage, "mul
 def procedure(**changes: Any) -> vcfbench.Procedure[Any, Any]:
     told = {"plan": plan, "needs": NEEDS, **changes}
     return vcfbench.Procedure(
-        name="levels", title="Set V_Vc, read the output.", settings=CalibrationSettings, results=results, **told
+        name="levels", title="Set V_Vc, read the output.", settings=ProcedureSettings, results=results, **told
     )
 
 
@@ -244,10 +244,10 @@ def test_the_instruments_themselves_can_be_asked_for() -> None:
 
 
 def test_a_step_on_what_is_missing_ends_the_run_and_says_what_the_bench_file_needs(tmp_path: Path) -> None:
-    def careless(settings: CalibrationSettings) -> Plan:
+    def careless(settings: ProcedureSettings) -> Plan:
         return (yield from energised(settings, turned(settings)))
 
-    def turned(_settings: CalibrationSettings) -> Routine[Outcome]:
+    def turned(_settings: ProcedureSettings) -> Routine[Outcome]:
         yield SetRate(10.0, 100.0, 0.0)
         return Outcome("turned")
 

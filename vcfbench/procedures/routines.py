@@ -48,6 +48,7 @@ _DRIVE_STEADY = 0.03
 _DRIVE_INTERVAL_S = 0.5
 """Between two looks: four time constants of the drive loop (0.13 s, gyro-metrology 1.3)."""
 
+
 def power_up(settings: ProcedureSettings) -> Routine[None]:
     """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
     yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
