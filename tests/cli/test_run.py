@@ -308,6 +308,7 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
         "runs": "runs",
         "speed": None,
         "quiet": True,
+        "yes": False,
         "settings": {},
     }
     assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])

@@ -37,6 +37,7 @@ class RunOptions:
     runs: Path
     speed: str | None
     quiet: bool
+    yes: bool
     settings: Mapping[str, Any]
 
 
@@ -66,6 +67,7 @@ def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, endin
 
 def _conducted(procedure: AnyProcedure, settings: Layer, options: RunOptions, signals: StopSignals) -> Run:
     """Return the run, also one that an error ended."""
+    from vcfbench.cli.person import at_the_terminal  # noqa: PLC0415
     from vcfbench.runs.asked import Asked  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
@@ -77,6 +79,7 @@ def _conducted(procedure: AnyProcedure, settings: Layer, options: RunOptions, si
         runs=options.runs,
         speed=options.speed,
         display=lambda estimate_s: _progress(options, estimate_s),
+        person=at_the_terminal(signals, yes=options.yes),
         options=asdict(options),
     )
     try:

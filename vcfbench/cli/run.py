@@ -102,6 +102,7 @@ Speed_ = Annotated[
     typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
 ]
 Quiet_ = Annotated[bool, typer.Option("--quiet", help="No progress.")]
+Yes_ = Annotated[bool, typer.Option("--yes", help="Ask nobody: take what only hands can do on a real bench as done.")]
 Set_ = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A setting, of those listed below; repeatable."),
@@ -119,6 +120,7 @@ def _common(
     json: Json_ = False,
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
+    yes: Yes_ = False,
 ) -> None:
     """Take what every procedure's command takes; each command has this signature, with its own options added."""
 

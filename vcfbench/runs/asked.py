@@ -44,7 +44,10 @@ def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What was asked for; `settings` with the words for errors, `options` are the words of it that the record keeps."""
+    """What was asked for; `settings` with the words for errors, `options` are the words of it that the record keeps.
+
+    `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
+    """
 
     procedure: str | Path | AnyProcedure
     bench: BenchDescription | Path | str | None = None
@@ -55,6 +58,7 @@ class Asked:
     observers: Sequence[Observer] = ()
     display: Display = no_display
     operator: Operator | None = None
+    person: Operator | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
 

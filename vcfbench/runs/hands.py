@@ -23,7 +23,7 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
     """
     from vcfbench.procedures.steps import AskOperator  # noqa: PLC0415
 
-    if description.simulated or asked.operator is not None:
+    if description.simulated or asked.operator is not None or asked.person is not None:
         return
     requests = [each.step for each in planned.steps if isinstance(each.step, AskOperator)]
     if requests:
@@ -35,8 +35,8 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
 
 
 def operator_of(asked: Asked, bench: Bench) -> Operator:
-    """Return who is asked: whoever the caller named, else on a simulated bench the simulation, else nobody."""
+    """Return who is asked: whoever the caller named, on a simulated bench the simulation, else a person if any."""
     from vcfbench.bench.hands import simulated_hands  # noqa: PLC0415
     from vcfbench.procedures.step import nobody  # noqa: PLC0415
 
-    return asked.operator or simulated_hands(bench) or nobody
+    return asked.operator or simulated_hands(bench) or asked.person or nobody
