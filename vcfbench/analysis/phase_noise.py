@@ -24,7 +24,7 @@ __all__ = ["CorrelatedSquares", "PhaseNoise", "correlated_squares"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
-_SINGLY = 4096
+_SINGLY = 16384
 """So many lags are summed one by one; beyond, the smooth stretches between corners by Gauss's rule."""
 _SHORT = 32
 _NODES = 12
@@ -100,11 +100,16 @@ def correlated_squares(
     covariance of two squares is twice the square of the covariance.
     """
     shifts = _shifts(first, second, order)
-    lags, counts = _lags(1 - terms_first, terms_second - 1, [-shift for shift in shifts])
+    low, high = 1 - terms_first, terms_second - 1
+    if high - low < _SINGLY:
+        lags, counts = np.arange(low, high + 1, dtype=np.float64), np.ones(high - low + 1)
+        covariance = _at_every_lag(noise, low, high, shifts)
+    else:
+        lags, counts = _lags(low, high, [-shift for shift in shifts])
+        covariance = np.zeros_like(lags)
+        for shift, weight in shifts.items():
+            covariance += weight * noise.covariance(lags + shift)
     counts *= np.minimum(np.minimum(terms_first, terms_second), np.minimum(terms_second - lags, terms_first + lags))
-    covariance = np.zeros_like(lags)
-    for shift, weight in shifts.items():
-        covariance += weight * noise.covariance(lags + shift)
     scale = float(terms_first) * float(terms_second)
     return CorrelatedSquares(
         mean_first=_variance(noise, first, order),
@@ -112,6 +117,17 @@ def correlated_squares(
         covariance=2.0 * float(counts @ covariance**2) / scale,
         covariance_of_means=float(counts @ covariance) / scale,
     )
+
+
+def _at_every_lag(noise: PhaseNoise, low: int, high: int, shifts: dict[int, int]) -> Floats:
+    """Return the covariance of the differences at each lag; all shifted lags are whole and share one table."""
+    first, last = low + min(shifts), high + max(shifts)
+    table = noise.covariance(np.arange(first, last + 1, dtype=np.float64))
+    covariance = np.zeros(high - low + 1)
+    for shift, weight in shifts.items():
+        begin = low + shift - first
+        covariance += weight * table[begin : begin + covariance.size]
+    return covariance
 
 
 def _shifts(first: int, second: int, order: int) -> dict[int, int]:
@@ -136,9 +152,6 @@ def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
     The covariance is smooth but for its corners, at which each lag counts singly. Stretches grow with the distance from
     the nearest corner; a long one is an integral (from half a lag before to half a lag behind it).
     """
-    if high - low < _SINGLY:
-        every = np.arange(low, high + 1, dtype=np.float64)
-        return every, np.ones_like(every)
     steps = 2.0 ** np.arange(3, math.ceil(math.log2(2 * (high - low))))
     around = np.concatenate([-steps[::-1], [0.0, 1.0], steps])
     edges = np.unique(np.concatenate([np.add.outer(corners, around).ravel(), [low, high + 1]]))

@@ -198,11 +198,11 @@ class _Curve:
         return float(found.x)
 
     def plus_3_db(self) -> float:
-        return self._crossing(math.sqrt(2.0), 0.0, self.peak())
+        return self._crossing(math.sqrt(2.0), 0.0, self.split_hz)
 
     def minus_3_db(self) -> float:
         """The first one: another mode may raise the gain again."""
-        low = self.peak()
+        low = self.split_hz
         steps = low + 0.05 * self.split_hz * np.arange(1, 100)
         below = rate_response(steps, self.drive_hz, self.split_hz, self.q, self.others) < math.sqrt(0.5)
         return self._crossing(math.sqrt(0.5), low, float(steps[below.argmax()]))
