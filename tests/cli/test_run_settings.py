@@ -1,0 +1,168 @@
+"""Settings on the command line, help that lists them, and procedures of one's own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.cli.main import app
+from vcfbench.procedures import catalogue
+from vcfbench.procedures.keys import settable_keys
+from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
+
+if TYPE_CHECKING:
+    from typer.testing import Result
+
+HYSTERESIS = Path(__file__).parents[2] / "examples" / "own-procedure" / "hysteresis.py"
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["run", *arguments])
+
+
+def refusal(*arguments: str) -> str:
+    done = call("virtual-coriolis", "--dry-run", *arguments)
+    assert (done.exit_code, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    return line.removeprefix("vcfbench: ")
+
+
+def sets(*given: str) -> list[str]:
+    return [word for each in given for word in ("--set", each)]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["samples=1"], "--set samples: expected a whole number at least 2 and at most 1000000, came 1"),
+        (["samples=ten"], "--set samples: expected a whole number at least 2 and at most 1000000, came 'ten'"),
+        (["sample=3"], "--set sample: expected a known key ('samples'?), came an unknown key"),
+        (["drive.start_up_s=1e9"], "--set drive.start_up_s: expected a number at least 0.01 and at most 600"),
+        (["drive.start=1"], "--set drive.start: expected a known key ('start_up_s'?), came an unknown key"),
+        (["drive=3"], "--set drive: expected a table, came 3"),
+        (["rates_deg_s=0,400,3"], "--set rates_deg_s[1]: expected a rate of at most 300 deg/s either way"),
+        (["rates_deg_s=0,fast,3"], "--set rates_deg_s: expected a list of 3 to 1000 numbers, came '0,fast,3'"),
+        (["settle_s=nan"], "--set settle_s: expected a number at least 0.01 and at most 3600, came 'nan'"),
+        (["samples=3\nnplc = 1"], "--set samples: expected a whole number at least 2"),
+        (["samples"], "--set samples: expected KEY=VALUE, as in --set samples=20"),
+        (["=3"], "--set =3: expected KEY=VALUE"),
+        (["drive.=3"], "--set drive.=3: expected KEY=VALUE"),
+        (["samples=3", "samples=4"], "--set samples=4: samples is given twice"),
+        (["drive=3", "drive.start_up_s=4"], "--set drive.start_up_s=4: drive is given twice"),
+        (["station=3"], "--set station: expected one of"),
+        (["nplc=100"], "paper: procedure.sample_interval_s: expected at least 4 s"),
+    ],
+)
+def test_what_cannot_be_set_is_one_line_that_names_the_option(given: list[str], said: str) -> None:
+    assert refusal(*sets(*given)).startswith(said)
+
+
+def test_an_option_that_stands_for_a_key_is_named_itself() -> None:
+    assert refusal("--match", "nearly") == "--match: expected 'zero' or 'absolute', came 'nearly'"
+    assert refusal("--match", "zero", *sets("match=zero")) == "--set match=zero: match is given twice"
+
+
+def test_a_bench_file_gives_way_to_the_command_line(tmp_path: Path) -> None:
+    bench = tmp_path / "lab.toml"
+    text = Path(__file__).parents[2].joinpath("examples", "ideal-bench.toml").read_text("utf-8")
+    own = '[procedure]\nsamples = 3\n[procedure.virtual-coriolis]\nmatch = "absolute"\n[procedure.drive]'
+    bench.write_text(text.replace("[procedure.drive]", own), "utf-8")
+    command = ["virtual-coriolis", "--bench", str(bench), "--json", "--quiet", "--runs", str(tmp_path)]
+    answer = json.loads(call(*command, *sets("rates_deg_s = 10, 0, -10", "samples=4")).stdout)
+    assert {point["n"] for point in answer["points"]} == {4}
+    assert answer["results"]["match"] == "absolute"
+    (journal,) = tmp_path.glob("*/journal.jsonl")
+    header = json.loads(journal.read_text("utf-8").splitlines()[0])
+    assert header["options"]["settings"] == {"rates_deg_s": [10, 0, -10], "samples": 4}
+    assert (header["title"], header["settings"]["match"]) == (
+        "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
+        "absolute",
+    )
+
+
+def test_help_has_every_key_with_default_range_and_meaning() -> None:
+    shown = " ".join(call("virtual-coriolis", "--help").stdout.split())
+    assert "readings a mean: a whole number at least 2 and at most 1000000; default 10" in shown
+    assert "--match zero|absolute" in shown
+    assert all(f" {key.path} {key.meaning}" in shown for key in settable_keys(VirtualCoriolisSettings))
+    assert "--match" not in call("turntable", "--help").stdout
+
+
+def test_a_list_of_the_procedures_imports_none() -> None:
+    code = (
+        "import sys; from typer.testing import CliRunner; from vcfbench.cli.main import app\n"
+        "done = CliRunner().invoke(app, ['run', '--help']); print(done.stdout)\n"
+        "heavy = ('msgspec', 'numpy', 'pyvisa', 'vcfbench.procedures.turntable')\n"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    shown = " ".join(done.stdout.split())
+    for name, (_, title) in catalogue.BUILT_IN.items():
+        assert f"{name} {title}" in shown
+        assert catalogue.PROCEDURES[name].title == title
+    assert shown.endswith("[]")
+
+
+# --- files of one's own ---
+
+
+def test_a_file_is_run_like_a_name(tmp_path: Path) -> None:
+    settings = sets("rates_deg_s=0,50,100", "samples=3", "loops=2")
+    done = call(str(HYSTERESIS), "--json", "--quiet", "--runs", str(tmp_path), *settings)
+    answer = json.loads(done.stdout)
+    assert (done.exit_code, answer["procedure"], len(answer["points"])) == (0, "hysteresis", 12)
+    assert list(answer["results"]) == ["rates_deg_s", "width_v"]
+    shown = CliRunner().invoke(app, ["runs", "show", "last", "--runs", str(tmp_path)])
+    assert "the procedure 'hysteresis' is not known here" in shown.stdout
+
+
+def test_the_help_of_a_file_begins_with_its_own_keys() -> None:
+    shown = " ".join(call(str(HYSTERESIS), "--help").stdout.split())
+    assert "Measure the output at each rate on the way up" in shown
+    assert "loops times up and down: a whole number at least 1 and at most 100; default 1 positive_rail_v" in shown
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, "expected a procedure's file, there is no such file"),
+        ("x = 1\ny = \n", "line 2: SyntaxError"),
+        ("import vcfbench\nvcfbench.nothing\n", "line 2: AttributeError"),
+        ("", "expected a file with one Procedure, came none"),
+    ],
+)
+@pytest.mark.parametrize("more", [[], ["--help"], ["--dry-run"]])
+def test_a_broken_file_is_one_sentence_and_exit_code_two(
+    text: str | None, said: str, more: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "own.py"
+    if text is not None:
+        path.write_text(text, "utf-8")
+    done = call(str(path), *more)
+    assert (done.exit_code, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert str(path) in line
+    assert said in line
+
+
+def test_mistakes_while_the_plan_is_walked_have_file_and_line(tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(HYSTERESIS.read_text("utf-8").replace("yield vb.Note(", "yield vb.Nota("), "utf-8")
+    done = call(str(path), "--quiet", "--runs", str(tmp_path / "runs"))
+    assert done.exit_code == 2
+    assert f"the procedure 'hysteresis' has a mistake: {path}, line 31: AttributeError" in done.stderr
+    assert "Traceback" not in done.output
+
+
+def test_a_file_whose_name_is_taken_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(HYSTERESIS.read_text("utf-8").replace('name="hysteresis"', 'name="turntable"'), "utf-8")
+    done = call(str(path), "--dry-run")
+    assert done.exit_code == 2
+    assert "own.py: its procedure is called 'turntable', as is vcfbench itself" in done.stderr
