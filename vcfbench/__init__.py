@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         WrongInstrument,
     )
     from vcfbench.interfaces import (
+        BeginsReadings,
         CapturesWaveforms,
         FunctionGenerator,
         Identity,
@@ -80,6 +81,7 @@ __all__ = [
     "Acceptance",
     "AllanPoint",
     "Axis",
+    "BeginsReadings",
     "Bench",
     "BenchDescription",
     "BenchError",
@@ -236,6 +238,7 @@ _HOMES = {
         "WrongInstrument",
     ),
     "interfaces": (
+        "BeginsReadings",
         "CapturesWaveforms",
         "FunctionGenerator",
         "Identity",
