@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
+import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -28,9 +30,9 @@ from vcfbench.interfaces import (
     lacking,
 )
 from vcfbench.procedures.executor import ReadingTaken
-from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
+from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.procedures.settings import ProcedureSettings
-from vcfbench.procedures.steps import Outcome, SetRate
+from vcfbench.procedures.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.record.schema import Status
 from vcfbench.testing import serve_simulated
 
@@ -186,6 +188,75 @@ def test_what_only_measures_and_is_not_needed_stays_closed(tmp_path: Path) -> No
     ]
 
 
+def test_a_supply_alone_is_a_bench_too(tmp_path: Path) -> None:
+    """No meter either: nothing asks for the resolution of its readings."""
+
+    def soak(settings: ProcedureSettings) -> Plan:
+        try:
+            yield from rails_on(settings)
+            yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+            return Outcome("rails")
+        finally:
+            yield DisableSupply()
+
+    supply = structs.replace(SMALL, rate_source=None, multimeter=None)
+    run = vcfbench.run(procedure(plan=soak, needs={"power": PowersRails}), supply, settings=QUICK, runs=tmp_path)
+    assert run.status is Status.COMPLETE
+    assert [(each["instrument"], each["safe"]) for each in footer_of(run)["safe"]] == [("power", True)]
+
+
+OWN_FILE = """
+from vcfbench import Procedure
+from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
+from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
+from vcfbench.procedures.settings import ProcedureSettings
+from vcfbench.procedures.steps import Outcome
+
+
+def levels(settings):
+    yield from v_vc_on()
+    for level_v in (-0.5, 0.0, 0.5):
+        v_vc_v = yield from set_v_vc(settings, level_v)
+        yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=v_vc_v)
+    return Outcome("levels")
+
+
+LEVELS = Procedure(
+    name="levels",
+    title="Set V_Vc, read the output.",
+    settings=ProcedureSettings,
+    plan=lambda settings: energised(settings, levels(settings)),
+    results=lambda settings, points: {"outputs_v": [point.output_v for point in points]},
+    needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
+)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a child alone")
+def test_a_file_of_ones_own_is_run_stopped_and_left_safe_at_the_command(tmp_path: Path) -> None:
+    own, bench = tmp_path / "levels.py", tmp_path / "served.toml"
+    own.write_text(OWN_FILE, encoding="utf-8")
+    with serve_simulated(SMALL, seed=3, speed=1.0) as lab:
+        bench.write_text(bench_text(over("tcp", lab)), encoding="utf-8")
+        settings = [word for key in ("samples=3", "sample_interval_s=0.5", "settle_s=0.5") for word in ("--set", key)]
+        command = [sys.executable, "-m", "vcfbench", "run", str(own), "--bench", str(bench), "--json", *settings]
+        done = subprocess.run(  # noqa: S603 - our own command
+            [*command, "--quiet"], capture_output=True, text=True, cwd=tmp_path, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert len(json.loads(done.stdout)["points"]) == 3
+        with subprocess.Popen(  # noqa: S603 - our own command
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        ) as process:
+            assert process.stderr is not None
+            assert any("average 3 readings" in line for line in process.stderr)
+            process.send_signal(signal.SIGINT)
+            process.stderr.read()
+            assert process.wait(30) == 4
+        assert lab.ask("get", name="rail.positive.voltage_v") == pytest.approx(0.0, abs=0.5)
+        assert lab.ask("get", name="node.v_vc") == pytest.approx(0.0, abs=1e-2)
+
+
 # --- what is refused, and when ---
 
 
@@ -266,6 +337,8 @@ def test_a_step_on_what_is_missing_ends_the_run_and_says_what_the_bench_file_nee
 def test_without_an_oscilloscope_a_calibration_says_that_the_drive_was_not_checked(name: str, tmp_path: Path) -> None:
     run = vcfbench.run(name, UNSEEN, seed=3, settings={"rates_deg_s": (10.0, 0.0, -10.0), **QUICK}, runs=tmp_path)
     said = ("the drive signal: the bench has no oscilloscope",)
+    waits = [each.step.seconds for each in vcfbench.dry_run(name, UNSEEN).steps if isinstance(each.step, Settle)]
+    assert waits[:2] == [2.0, 5.0]
     assert run.status is Status.COMPLETE
     assert run.not_checked == said
     assert run.as_json()["not_checked"] == list(said)

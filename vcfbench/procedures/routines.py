@@ -73,9 +73,10 @@ def rails_of(settings: ProcedureSettings) -> tuple[ConfigureRail, ...]:
 
 
 def look_at_drive(settings: ProcedureSettings) -> Routine[None]:
-    """Check the drive signal where the bench has an oscilloscope; where it has none, have the run say so."""
+    """Check the drive signal where the bench has an oscilloscope; where it has none, wait, and have the run say so."""
     if settings.station.oscilloscope is None:
         yield NotChecked("the drive signal", "the bench has no oscilloscope")
+        yield Settle(settings.drive.start_up_s, "drive loop starts, unseen")
     else:
         yield from check_drive(settings)
 
