@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
-    from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
+    from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
     from vcfbench.procedures.settings import ProcedureSettings
     from vcfbench.procedures.step import Outcome, Plan, Routine, Step, StepResult
     from vcfbench.procedures.steps import Note, Settle
@@ -167,6 +167,7 @@ __all__ = [
     "characterise",
     "compare",
     "dry_run",
+    "energised",
     "go_to_rate",
     "list_runs",
     "load_bench",
@@ -278,6 +279,7 @@ _HOMES = {
         "VirtualCoriolisResult",
     ),
     "procedures.routines": (
+        "energised",
         "go_to_rate",
         "powered",
         "ramp_to",

@@ -89,6 +89,7 @@ def test_a_bench_file_gives_way_to_the_command_line(tmp_path: Path) -> None:
 def test_help_has_every_key_with_default_range_and_meaning() -> None:
     shown = " ".join(call("virtual-coriolis", "--help").stdout.split())
     assert "readings a mean: a whole number at least 2 and at most 1000000; default 10" in shown
+    assert "a list of 3 to 1000 numbers, each at least -5000 and at most 5000; default [200.0, 100.0," in shown
     assert "--match zero|absolute" in shown
     assert all(f" {key.path} {key.meaning}" in shown for key in settable_keys(VirtualCoriolisSettings))
     assert "--match" not in call("turntable", "--help").stdout
@@ -165,4 +166,4 @@ def test_a_file_whose_name_is_taken_is_refused(tmp_path: Path) -> None:
     path.write_text(HYSTERESIS.read_text("utf-8").replace('name="hysteresis"', 'name="turntable"'), "utf-8")
     done = call(str(path), "--dry-run")
     assert done.exit_code == 2
-    assert "own.py: its procedure is called 'turntable', as is vcfbench itself" in done.stderr
+    assert "own.py: its procedure is called 'turntable', a name taken by vcfbench itself" in done.stderr

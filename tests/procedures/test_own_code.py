@@ -94,7 +94,7 @@ def test_a_file_may_use_procedures_that_come_along(write: Write) -> None:
         ("def f():\n    return 1 / 0\nf()\n", "wait.py, line 2: ZeroDivisionError: division by zero"),
         ("x = 1\n", "wait.py: expected a file with one Procedure, came none"),
         (GOOD + MAKE.format("more"), "wait.py: expected a file with one Procedure, came 2: wait, more"),
-        (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', as is vcfbench itself"),
+        (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', a name taken by vcfbench itself"),
         (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', came 'w w'"),
         (GOOD.replace("settings=WaitSettings", "settings=int"), "expected settings that are ProcedureSettings"),
         ("\0", "wait.py cannot be run"),

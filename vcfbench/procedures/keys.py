@@ -55,8 +55,16 @@ def _keys(field: inspect.Field, above: tuple[str, ...]) -> Iterator[SettableKey]
             yield from _keys(below, path)
         return
     yield SettableKey(
-        dotted(path), _default(field), expectation(node), described.get("description", ""), bool(extra.get("option"))
+        dotted(path), _default(field), _expected(node), described.get("description", ""), bool(extra.get("option"))
     )
+
+
+def _expected(node: inspect.Type) -> str:
+    """Say what a value is; of a list also what each number in it is."""
+    items = node.item_types if isinstance(node, inspect.TupleType) else ()
+    item = node.item_type if isinstance(node, inspect.VarTupleType) else next(iter(items), None)
+    limits = expectation(item).removeprefix("a number") if isinstance(item, inspect.FloatType) else ""
+    return f"{expectation(node)}{f', each{limits}' if limits else ''}"
 
 
 def _default(field: inspect.Field) -> str:

@@ -45,7 +45,9 @@ def procedure_in(path: Path | str) -> AnyProcedure:
         return own[0]
     if found and not own:
         known = next(iter(found))
-        raise ConfigError(f"{shown(path)}: its procedure is called {known!r}, as is {PROCEDURES.origin(known)}")
+        raise ConfigError(
+            f"{shown(path)}: its procedure is called {known!r}, a name taken by {PROCEDURES.origin(known)}"
+        )
     came = f"{len(own)}: {', '.join(each.name for each in own)}" if own else "none"
     raise ConfigError(f"{shown(path)}: expected a file with one Procedure, came {came}")
 
