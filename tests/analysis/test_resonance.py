@@ -87,7 +87,7 @@ def test_stated_uncertainties_are_what_repetition_shows() -> None:
             row.append((point.frequency_hz - getattr(truth, name).frequency_hz) / point.u_frequency_hz)
         scores.append(row)
     for z in np.array(scores).T:
-        assert 0.88 < z.std() < 1.12
+        assert 0.9 < z.std() < 1.1
         assert abs(z.mean()) < 0.2
 
 
