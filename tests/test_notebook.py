@@ -50,7 +50,7 @@ def test_its_code_runs_as_a_script(tmp_path: Path) -> None:
     assert printed.splitlines()[-1].startswith("True complete")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.skipif(find_spec("nbclient") is None or find_spec("ipykernel") is None, reason="pip install '.[dev]'")
 def test_it_runs_as_a_notebook(tmp_path: Path) -> None:
     python("-c", KERNEL, str(NOTEBOOK), folder=tmp_path)
