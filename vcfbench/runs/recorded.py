@@ -96,33 +96,34 @@ def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, st
     if record.status is not Status.COMPLETE:
         return nothing(record.points), f"the record is {record.status.value}"
     try:
-        return _computed(record)
-    except LookupError as error:
-        why = str(error.args[0])
+        return _computed(record), None
+    except BenchError as error:
+        why = printable(error.what)
     try:
         return stored(directory, record), why
     except ConfigError as error:
         return nothing(record.points), f"{why}; {error.what}"
 
 
-def _computed(record: JournalRecord) -> tuple[CameTo, str | None]:
-    """Compute the results; LookupError where procedure or settings are not those of this version."""
+def _computed(record: JournalRecord) -> CameTo:
+    """Compute the results again.
+
+    Raises:
+        BenchError: procedure or settings are not known here, or the procedure gives no result of these points any more.
+    """
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-    from vcfbench.runs.results import come_to, nothing  # noqa: PLC0415
+    from vcfbench.runs.results import come_to  # noqa: PLC0415
 
     name = record.header.get("procedure")
     if not isinstance(name, str) or name not in PROCEDURES:
-        raise LookupError(f"the procedure {name!r} is not known here")
+        raise ConfigError(f"the procedure {name!r} is not known here")
+    procedure = PROCEDURES[name]
+    settings = recorded_settings(procedure, record.header.get("settings"))
     try:
-        procedure = PROCEDURES[name]
-        settings = recorded_settings(procedure, record.header.get("settings"))
-    except ConfigError as error:
-        raise LookupError(printable(error.what)) from None
-    try:
-        return come_to(procedure, settings, settings.acceptance, record.points), None
+        return come_to(procedure, settings, settings.acceptance, record.points)
     except BenchError as error:
-        return nothing(record.points), f"the points give no result: {printable(error.what)}"
+        raise ConfigError(f"the points give no result: {error.what}") from error
 
 
 def recorded_verdict(directory: RunDirectory, record: JournalRecord) -> str | None:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.acceptance import Acceptance, Verdict, judged
+from vcfbench.procedures.own_code import mistake_in
 from vcfbench.record.plain import plain, read_only
 from vcfbench.report.document import Report, Text
 from vcfbench.report.generic import generic_report, points_table, results_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.procedures.settings import Limit
@@ -50,7 +51,7 @@ def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], poi
     except BenchError:
         raise
     except Exception as error:  # the arithmetic is anybody's
-        raise ConfigError(_mistake(error)) from error
+        raise ConfigError(mistake_in(error)) from error
     return CameTo(results, verdict, _report(procedure, settings, points, results))
 
 
@@ -62,18 +63,9 @@ def _report(procedure: AnyProcedure, settings: Any, points: Sequence[Point], res
             return made
         failed = f"it returned a {type(made).__name__}"
     except Exception as error:  # noqa: BLE001  # it is anybody's, and the results are there
-        failed = _mistake(error)
+        failed = mistake_in(error)
     told = Text(f"the report of {procedure.name} failed: {failed}")
     return Report([*generic_report(settings, points, results).parts, told])
-
-
-def _mistake(error: Exception) -> str:
-    """Return what went wrong in somebody's function, and where."""
-    last = error.__traceback__
-    while last is not None and last.tb_next is not None:
-        last = last.tb_next
-    where = "" if last is None else f" ({Path(last.tb_frame.f_code.co_filename).name}, line {last.tb_lineno})"
-    return f"{type(error).__name__}: {error}{where}"
 
 
 def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
