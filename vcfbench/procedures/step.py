@@ -279,6 +279,7 @@ class Outcome:
 
 
 Plan = Generator[Step, StepResult, Outcome]
+"""A generator of steps, to which their results are sent back; it returns its outcome."""
 Routine = Generator[Step, StepResult, _T]
 """Part of a plan, which returns what it has found."""
 

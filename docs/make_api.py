@@ -1,0 +1,272 @@
+# noqa: INP001 - a script, not a package
+"""Writes docs/api.md, every public name with its signature and docstring, from the source: `python docs/make_api.py`.
+
+Nothing is imported. Names are in the groups of docs/python.md, members in the order of the source.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from functools import cache
+from inspect import cleandoc
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+DOCS = Path(__file__).parent
+PACKAGE = DOCS.parent / "vcfbench"
+PAGE = DOCS / "api.md"
+
+HEAD = """\
+# API reference
+
+Everything that `import vcfbench` offers, made from the docstrings by `python docs/make_api.py`. How it is used is in
+[From Python](python.md).
+"""
+SECTION = re.compile(r"^(Args|Raises|Returns|Yields):$", re.MULTILINE)
+ITEM = re.compile(r"^(?P<name>[\w*.]+): +(?P<words>.*)$")
+WORDS = {"Args": "Arguments", "Raises": "Raises", "Returns": "Returns", "Yields": "Yields"}
+WIDEST = 90
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def main() -> None:
+    """Write the page, or with ``--check`` tell by the exit code whether it is up to date."""
+    page = api_page()
+    if "--check" in sys.argv[1:]:
+        sys.exit(PAGE.read_text(encoding="utf-8") != page)
+    PAGE.write_text(page, encoding="utf-8")
+
+
+def api_page() -> str:
+    """Return the page."""
+    homes = public_homes()
+    parts = [HEAD]
+    for group, names in groups():
+        parts.append(f"## {group}\n")
+        parts += [each for name in names for each in described(name, homes.get(name, "vcfbench"))]
+    return linked("\n".join(parts), list(homes))
+
+
+def groups() -> Iterator[tuple[str, list[str]]]:
+    """Yield the groups of docs/python.md with their names."""
+    reference = (DOCS / "python.md").read_text(encoding="utf-8").partition("## Every name\n")[2]
+    for part in re.split(r"^### ", reference, flags=re.MULTILINE)[1:]:
+        title, _, rows = part.partition("\n")
+        yield title, re.findall(r"^\| `(\w+)`", rows, flags=re.MULTILINE)
+
+
+def public_homes() -> dict[str, str]:
+    """Return the module of each public name, as the face of the package imports them."""
+    face = source_of("vcfbench")[1]
+    branch = next(node for node in face.body if isinstance(node, ast.If))
+    imports = (node for node in branch.body if isinstance(node, ast.ImportFrom))
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+@cache
+def source_of(module: str) -> tuple[str, ast.Module]:
+    """Return text and tree of a module."""
+    path = PACKAGE.parent / Path(*module.split("."))
+    text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
+    return text, ast.parse(text)
+
+
+def described(name: str, module: str) -> Iterator[str]:
+    """Yield what there is to say of a public name."""
+    text, tree = source_of(home_of(name, module))
+    node, said = next((node, said) for node, said in documented(tree.body) if name in defined(node))
+    if isinstance(node, ast.ClassDef):
+        yield f"### class {name}\n"  # so that Run and run are two headings
+        yield from a_class(node, text)
+    elif isinstance(node, Function):
+        yield f"### {name}\n"
+        yield from a_function(node, text)
+    else:
+        yield f"### {name}\n"
+        yield fenced(str(ast.get_source_segment(text, node)))
+        if said:
+            yield markdown(said)
+
+
+def home_of(name: str, module: str) -> str:
+    """Return the module that defines a name which `module` has, if only by importing it."""
+    body = source_of(module)[1].body
+    if any(name in defined(node) for node in body):
+        return module
+    imports = (node for node in body if isinstance(node, ast.ImportFrom))
+    return home_of(name, next(str(node.module) for node in imports if name in {alias.name for alias in node.names}))
+
+
+def documented(body: Sequence[ast.stmt]) -> Iterator[tuple[ast.stmt, str]]:
+    """Yield every statement with the docstring that stands below it."""
+    for node, below in zip(body, [*body[1:], None], strict=True):
+        yield node, docstring(below)
+
+
+def docstring(node: ast.stmt | None) -> str:
+    """Return the words of a statement that is nothing but a string."""
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        return cleandoc(node.value.value)
+    return ""
+
+
+def defined(node: ast.stmt) -> list[str]:
+    """Return the names that a statement gives a value."""
+    if isinstance(node, ast.ClassDef | Function):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return [target.id for target in targets if isinstance(target, ast.Name)]
+
+
+def a_class(node: ast.ClassDef, text: str) -> Iterator[str]:
+    """Yield a class: how it is made, its docstring, its fields, properties and methods."""
+    bases = ", ".join(filter(None, (ast.get_source_segment(text, base) for base in node.bases)))
+    methods = [each for each in node.body if isinstance(each, Function)]
+    constructor = next((each for each in methods if each.name == "__init__"), None)
+    if constructor is not None:
+        yield fenced(f"{node.name}{arguments(constructor, text)}")
+    elif bases:
+        yield fenced(f"class {node.name}({bases})")
+    yield markdown(ast.get_docstring(node) or "")
+    fields = list(fields_of(node, text))
+    if fields:
+        yield "\n".join([*fields, ""])
+    for each in methods:
+        if not each.name.startswith("_"):
+            yield from a_method(each, node.name, text)
+
+
+def fields_of(node: ast.ClassDef, text: str) -> Iterator[str]:
+    """Yield a line for every public field: its name, type and default, and the words below it."""
+    for each, said in documented(node.body):
+        names = [name for name in defined(each) if not name.startswith("_")]
+        if not names or not isinstance(each, ast.AnnAssign | ast.Assign):
+            continue
+        if isinstance(each, ast.AnnAssign):
+            annotation, description = described_type(each.annotation)
+            kind = f"{names[0]}: {ast.get_source_segment(text, annotation)}"
+            default = "" if each.value is None else f" = {ast.get_source_segment(text, each.value)}"
+        else:
+            description = ""
+            kind, default = names[0], f" = {ast.get_source_segment(text, each.value)}"
+        words = " ".join(markdown(said or description).split())
+        yield f"- `{' '.join(f'{kind}{default}'.split())}`{words and f': {words}'}"
+
+
+def described_type(annotation: ast.expr) -> tuple[ast.expr, str]:
+    """Return the type of ``Annotated[type, Meta(description=words)]`` and the words; any other as it is."""
+    if isinstance(annotation, ast.Subscript) and isinstance(annotation.slice, ast.Tuple):
+        kind, *more = annotation.slice.elts
+        given = {key.arg: key.value for each in more if isinstance(each, ast.Call) for key in each.keywords}
+        if isinstance(words := given.get("description"), ast.Constant):
+            return kind, str(words.value)
+    return annotation, ""
+
+
+def a_method(node: Function, owner: str, text: str) -> Iterator[str]:
+    """Yield a method or property."""
+    decorators = {ast.get_source_segment(text, each) for each in node.decorator_list}
+    said = markdown(ast.get_docstring(node) or "")
+    if "property" in decorators:
+        yield f"`{owner}.{node.name}{returned(node, text, ': ')}`\n"
+    else:
+        yield fenced(f"{owner}.{node.name}{arguments(node, text)}{returned(node, text)}")
+    yield said
+
+
+def a_function(node: Function, text: str) -> Iterator[str]:
+    """Yield a function."""
+    yield fenced(f"{node.name}{arguments(node, text)}{returned(node, text)}")
+    yield markdown(ast.get_docstring(node) or "")
+
+
+def returned(node: Function, text: str, before: str = " -> ") -> str:
+    """Return the type that comes back, as it is written."""
+    return "" if node.returns is None else f"{before}{ast.get_source_segment(text, node.returns)}"
+
+
+def arguments(node: Function, text: str) -> str:
+    """Return the arguments in their brackets, as they are written, `self` left out."""
+    given = node.args
+    places = [*given.posonlyargs, *given.args]
+    defaults = [None] * (len(places) - len(given.defaults)) + list(given.defaults)
+    words = [argument(each, default, text) for each, default in zip(places, defaults, strict=True)]
+    if given.posonlyargs:
+        words.insert(len(given.posonlyargs), "/")
+    if given.vararg is not None:
+        words.append(f"*{argument(given.vararg, None, text)}")
+    elif given.kwonlyargs:
+        words.append("*")
+    words += [argument(*each, text) for each in zip(given.kwonlyargs, given.kw_defaults, strict=True)]
+    if given.kwarg is not None:
+        words.append(f"**{argument(given.kwarg, None, text)}")
+    shown = [word for word in words if word not in {"self", "cls"}]
+    line = f"({', '.join(shown)})"
+    return line if len(line) <= WIDEST else "(\n    " + ",\n    ".join(shown) + ",\n)"
+
+
+def argument(node: ast.arg, default: ast.expr | None, text: str) -> str:
+    """Return one argument with its type and default."""
+    kind = "" if node.annotation is None else f": {ast.get_source_segment(text, node.annotation)}"
+    if default is None:
+        return f"{node.arg}{kind}"
+    equals = " = " if kind else "="
+    return f"{node.arg}{kind}{equals}{ast.get_source_segment(text, default)}"
+
+
+def fenced(code: str) -> str:
+    """Return code in a block of its own."""
+    return f"```\n{code}\n```\n"
+
+
+def markdown(said: str) -> str:
+    """Return a docstring as Markdown: roles and double backquotes as code, sections as lists."""
+    head, *rest = SECTION.split(re.sub(r":\w+:`~?([^`]+)`", r"`\1`", said).replace("``", "`").replace("::\n", ":\n"))
+    parts = [head.strip()]
+    for title, body in zip(rest[::2], rest[1::2], strict=True):
+        items, _, after = dedented(body).partition("\n\n")
+        parts += [f"{WORDS[title]}:", listed(items), after.strip()]
+    return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def dedented(body: str) -> str:
+    """Return the lines of a section without its indentation; what is not indented comes after an empty line."""
+    return "\n".join(line.removeprefix("    ") for line in body.strip("\n").splitlines())
+
+
+def listed(items: str) -> str:
+    """Return ``name: words`` as a list, lines that go on joined to theirs; anything else as it is."""
+    lines: list[str] = []
+    for line in items.splitlines():
+        item = ITEM.match(line)
+        if item is not None:
+            lines.append(f"- `{item['name']}`: {item['words']}")
+        elif lines:
+            lines[-1] += f" {line.strip()}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def linked(page: str, names: Sequence[str]) -> str:
+    """Make links of the public names that the words mention: classes, and functions with their package."""
+    classes = "|".join(sorted((name for name in names if name[0].isupper()), key=len, reverse=True))
+    functions = "|".join(sorted((name for name in names if name[0].islower()), key=len, reverse=True))
+    a_name = re.compile(rf"`(?:vcfbench\.)?(?:\w+\.)*({classes})`|`vcfbench\.({functions})`")
+    blocks = re.split(r"(^```\n.*?^```$)", page, flags=re.MULTILINE | re.DOTALL)
+    return "".join(each if place % 2 else a_name.sub(link, each) for place, each in enumerate(blocks))
+
+
+def link(found: re.Match[str]) -> str:
+    """Return a name as a link to its heading."""
+    name = found[1] or found[2]
+    return f"[`{name}`](#{'class-' if found[1] else ''}{name.lower()})"
+
+
+if __name__ == "__main__":
+    main()
