@@ -78,7 +78,7 @@ def bench(old: str, new: str) -> BenchDescription:
 def test_what_a_row_names_is_there(row: Model) -> None:
     assert find_driver(row.name).model == resolve(row.driver).model == row.name
     assert resolve(row.twin).errors_class.none() is not None
-    assert callable(resolve(row.console))
+    assert row.console is None or callable(resolve(row.console))
     assert set(row.roles) <= set(models.ROLES)
     maker, model, *_ = row.answers["*IDN?"].split(",")
     assert row.recognises(maker, model)
@@ -130,7 +130,7 @@ def test_what_speaks_the_same_words_is_one_line_of_the_bench_file() -> None:
     assert twins(described)["multimeter"].__name__ == "Hp34401A"
 
 
-@pytest.mark.parametrize("model", [row.name for row in MODELS])
+@pytest.mark.parametrize("model", [row.name for row in MODELS if "chamber" not in row.roles])
 def test_the_simulated_instrument_in_its_place_bears_its_name(model: str) -> None:
     """A driver that checks who answers opens it, in every role of a simulated bench."""
     row = find_model(model)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BeginsReadings",
     "CapturesWaveforms",
+    "ForcesTemperature",
     "FunctionGenerator",
     "Identity",
     "Instrument",
@@ -40,6 +41,7 @@ __all__ = [
     "SetsSine",
     "SetsVoltage",
     "SwitchesOutput",
+    "TemperatureChamber",
     "Told",
     "Waveform",
     "lacking",
@@ -340,6 +342,47 @@ class Rotates(Protocol):
         ...
 
 
+@runtime_checkable
+class ForcesTemperature(Protocol):
+    """Brings the air around the device to a temperature."""
+
+    def set_temperature(self, temperature_c: float, ramp_k_min: float) -> float:
+        """Go to `temperature_c` with at most `ramp_k_min` once air flows; return the setting read back, degC."""
+        ...
+
+    def set_settled(self, window_k: float, soak_s: float) -> None:
+        """Say when it counts as at temperature: for `soak_s` within `window_k` of the setting."""
+        ...
+
+    def at_temperature(self) -> bool:
+        """Tell whether the temperature is reached and has been held."""
+        ...
+
+    def air_temperature_c(self) -> float:
+        """Read the temperature of the air, degC."""
+        ...
+
+    def device_temperature_c(self) -> float | None:
+        """Read the temperature at the device, degC; None where no sensor is wired."""
+        ...
+
+    def enable_flow(self) -> None:
+        """Let air flow; InterlockError when a fault or an open head forbids it."""
+        ...
+
+    def disable_flow(self) -> None:
+        """Stop the air."""
+        ...
+
+    def flow_enabled(self) -> bool:
+        """Tell whether air flows."""
+        ...
+
+    def fault(self) -> str | None:
+        """Return the fault in words, None when there is none."""
+        ...
+
+
 class PowerSupply(Instrument, PowersRails, Protocol):
     """A supply of the rails."""
 
@@ -354,6 +397,10 @@ class Multimeter(Instrument, ReadsVoltage, Protocol):
 
 class Oscilloscope(Instrument, MeasuresWaveforms, Protocol):
     """An oscilloscope."""
+
+
+class TemperatureChamber(Instrument, ForcesTemperature, Protocol):
+    """A chamber, or a stream of air on the device."""
 
 
 class RateTable(Instrument, Rotates, Protocol):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Wire = Literal["tcp", "vxi11", "hislip", "pty"]
 """An interface on which a served bench can offer an instrument."""
 
-ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter")
+ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter", "chamber")
 """The places on a bench that an instrument model can fill; the rate table's place takes a language."""
 
 _GROUP = "vcfbench.models"
@@ -173,6 +173,14 @@ MODELS: Final = (
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11"}),
         answers={"*IDN?": "AGILENT TECHNOLOGIES,DSO7104B,MY1,06.00.0003", ":OPER:COND?": "+0"},
+    ),
+    Model(
+        "ATS-545",
+        ("chamber",),
+        driver="vcfbench.drivers.ats545:TemptronicATS545",
+        twin="vcfbench.sim.instruments.ats545:TemptronicATS545",
+        makers=("TEMPTRONIC", "INTEST"),
+        answers={"*IDN?": "Temptronic,ATS-545,0,1.0", "AUXC?": "0", "*ESR?": "0"},
     ),
 )
 """The instrument models that come with the project."""

@@ -462,7 +462,7 @@ def test_the_documented_bounds_are_those_of_the_types() -> None:
     told = {
         key.strip("`"): tuple(map(float, limits.split(" to "))) for keys, limits, *_ in rows for key in keys.split(", ")
     }
-    others = ("rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter")
+    others = ("rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter", "chamber")
     types = bounds(inspect.type_info(BenchDescription)) | bounds(inspect.type_info(ProcedureSettings), "procedure")
     for path, limits in bounds(inspect.type_info(VirtualCoriolisSettings), "procedure.virtual-coriolis").items():
         if path.replace(".virtual-coriolis", "") not in types:

@@ -13,7 +13,7 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.consistency import LIMITS_OF, misfits
 from vcfbench.bench.console import open_console
-from vcfbench.bench.description import BenchDescription, Limits
+from vcfbench.bench.description import BenchDescription, ChamberRole, Limits
 from vcfbench.bench.file import load_bench, parse_bench
 from vcfbench.bench.inventory import inventory
 from vcfbench.bench.limits import LimitChecks
@@ -81,6 +81,10 @@ def test_a_bench_without_instruments_is_refused() -> None:
 def test_what_drives_something_has_its_limits(role: str, key: str) -> None:
     role = "rate_source" if role == "vibration_source" else role
     bench = bench_with(role)
+    if role == "chamber":
+        part = ChamberRole(model="ATS-545", resource="GPIB0::18::INSTR")
+        told = Limits(min_temperature_c=0.0, max_temperature_c=60.0, max_ramp_k_min=60.0)
+        bench = structs.replace(bench, chamber=part, limits=told)
     bench = structs.replace(bench, limits=structs.replace(bench.limits, **{key: None}))
     with pytest.raises(
         ConfigError, match=rf"lab: limits\.{key}: expected a limit for the {role} of this bench, came n"

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.clock import Clock
 
 METER = '\n[v_vc_meter]\nmodel = "{model}"\nresource = "GPIB0::23::INSTR"\n'
 
@@ -50,19 +51,41 @@ def read_v_vc(bench: Bench) -> float:
     return bench.v_vc_meter.read_voltage_v()
 
 
+def looked_behind(described: BenchDescription) -> tuple[float, float]:
+    """Return what is at the V_Vc input while the generator gives 1 V, and what the meter on it reads."""
+    built: list[SimulatedBench] = []
+
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        built.append(SimulatedBench.build(description, seed, clock))
+        return built[0]
+
+    with open_bench(described, build=build) as bench:
+        powered(bench, 1.0)
+        return built[0].world.value_v("v_vc"), read_v_vc(bench)
+
+
 @pytest.mark.parametrize("model", ["34401A", "34461A", "34465A"])
-def test_it_reads_v_vc_and_loads_it_with_10_mohm(model: str) -> None:
-    """The generator's 50 ohm against 10 Mohm of the meter leave 5 ppm less than without it."""
-    bench_of = with_meter(model=model)
-    alone: list[SimulatedBench] = []
-    with open_bench(load_bench("ideal"), build=lambda *a: alone.append(SimulatedBench.build(*a)) or alone[-1]) as bench:
+def test_it_reads_v_vc_as_the_gyroscope_has_it_and_loads_it(model: str) -> None:
+    """50 ohm of the generator against 10 Mohm: with a meter there V_Vc is 5 ppm less, for the gyroscope too."""
+    text = bench_text(with_meter(model=model))
+    perfect_v, perfectly_read_v = looked_behind(parse_bench(text, "lab.toml"))
+    assert perfectly_read_v == pytest.approx(perfect_v, abs=1.2e-6)
+    own = 'v_vc_meter = "none"', "v_vc_meter = { input_ohm = 10e6 }"
+    loaded_v, read_v = looked_behind(parse_bench(text.replace(*own), "lab.toml"))
+    assert loaded_v == pytest.approx(perfect_v * (1.0 - 50.0 / 10e6), abs=1e-9)
+    assert read_v == pytest.approx(loaded_v, abs=1.2e-6)
+
+
+def test_a_lead_that_is_moved_takes_its_load_along() -> None:
+    text = bench_text(with_meter()).replace('v_vc_meter = "none"', "v_vc_meter = { input_ohm = 10e6 }")
+    with open_bench(parse_bench(text, "lab.toml")) as bench:
         powered(bench, 1.0)
-        without_v = alone[0].world.value_v("v_vc")
-    with open_bench(bench_of) as bench:
-        powered(bench, 1.0)
-        measured_v = read_v_vc(bench)
-    assert measured_v == pytest.approx(without_v * (1.0 - 50.0 / 10e6), abs=1.2e-6)
-    assert measured_v != pytest.approx(without_v, abs=2e-6)
+        bench.multimeter.configure_dc_voltage(10.0, 10.0)
+        assert bench.adjust is not None
+        bench.adjust("multimeter.input.node", "v_vc")
+        with_load_v = bench.multimeter.read_voltage_v()
+        bench.adjust("v_vc_meter.input.node", None)
+        assert bench.multimeter.read_voltage_v() - with_load_v == pytest.approx(5e-6, abs=1.5e-6)
 
 
 def test_the_two_meters_read_their_own_nodes() -> None:

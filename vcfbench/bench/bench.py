@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.file import described
 from vcfbench.bench.holding import Holding, Watch
-from vcfbench.bench.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
+from vcfbench.bench.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
 from vcfbench.bench.signals import ControlClock, StopSignals
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         PowerSupply,
         RateTable,
         SafeReport,
+        TemperatureChamber,
     )
 
 __all__ = ["Bench", "open_bench"]
@@ -93,6 +94,11 @@ class Bench:
     def v_vc_meter(self) -> Multimeter:
         """The second voltmeter, whose leads are on the V_Vc input."""
         return self._instrument("v_vc_meter")  # type: ignore[no-any-return]
+
+    @property
+    def chamber(self) -> TemperatureChamber:
+        """What brings the gyroscope to a temperature."""
+        return self._instrument("chamber")  # type: ignore[no-any-return]
 
     def _instrument(self, role: str) -> Any:
         """Return the instrument of `role`; ConfigError when the bench has none, or it was not opened."""
@@ -246,6 +252,7 @@ _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(
         "rate_source": LimitedGenerator,
         "vibration_source": LimitedGenerator,
         "rate_table": LimitedRateTable,
+        "chamber": LimitedChamber,
     }
 )
 """What stands before an instrument that drives something, by its role."""

@@ -43,6 +43,8 @@ __all__ = [
     "SlopeWindow",
     "StartUp",
     "StepsPerDegree",
+    "Temperature",
+    "TemperatureRamp",
     "VVcLimit",
     "VoltageTolerance",
     "WarmUp",
@@ -55,6 +57,10 @@ LEAST_V_VC_V = 1e-3
 
 Seconds = Annotated[float, Meta(ge=1e-3, le=86_400.0)]
 """s, time-outs: no exchange is over sooner than a millisecond; nobody waits for longer than a day."""
+Temperature = Annotated[float, Meta(ge=-99.9, le=225.0)]
+"""degC, settings of streams of air."""
+TemperatureRamp = Annotated[float, Meta(ge=0.1, le=9999.0)]
+"""K/min, what can be set there."""
 Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 """s, between messages on a serial line."""
 BaudRate = Annotated[int, Meta(ge=300, le=921_600)]

@@ -27,6 +27,7 @@ LIMITS_OF: Mapping[str, tuple[LimitKey, ...]] = MappingProxyType(
         "rate_source": ("max_v_vc_v",),
         "vibration_source": ("max_v_vc_v",),
         "power": ("min_rail_v", "max_rail_v", "max_rail_current_a"),
+        "chamber": ("min_temperature_c", "max_temperature_c", "max_ramp_k_min"),
     }
 )
 """The limits that an instrument must have before it may be on a bench, by its role."""
@@ -36,6 +37,7 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
     """Yield every contradiction within `description`."""
     return chain(
         _roles(description),
+        _temperatures(description),
         _models(description),
         _rails(description),
         _wiring(description),
@@ -57,6 +59,12 @@ def _roles(description: BenchDescription) -> Iterator[Misfit]:
         for key in LIMITS_OF.get(role, ()):
             if getattr(description.limits, key) is None:
                 yield Misfit(f"limits.{key}", f"a limit for the {role} of this bench", None)
+
+
+def _temperatures(description: BenchDescription) -> Iterator[Misfit]:
+    low, high = description.limits.min_temperature_c, description.limits.max_temperature_c
+    if low is not None and high is not None and low >= high:
+        yield Misfit("limits.min_temperature_c", f"less than limits.max_temperature_c = {high:g} degC", low)
 
 
 def _models(description: BenchDescription) -> Iterator[Misfit]:

@@ -30,6 +30,8 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     Seconds,
     SlopeWindow,
     StepsPerDegree,
+    Temperature,
+    TemperatureRamp,
     VVcLimit,
 )
 from vcfbench.errors import LimitError
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Acceptance",
     "BenchDescription",
+    "ChamberRole",
     "Expected",
     "FunctionGeneratorRole",
     "Limits",
@@ -64,7 +67,15 @@ Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
 Window = tuple[float, float]
 LimitKey = Literal[
-    "max_rate_deg_s", "max_acceleration_deg_s2", "max_v_vc_v", "min_rail_v", "max_rail_v", "max_rail_current_a"
+    "max_rate_deg_s",
+    "max_acceleration_deg_s2",
+    "max_v_vc_v",
+    "min_rail_v",
+    "max_rail_v",
+    "max_rail_current_a",
+    "min_temperature_c",
+    "max_temperature_c",
+    "max_ramp_k_min",
 ]
 
 NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
@@ -133,6 +144,12 @@ class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
     model: Model
 
 
+class ChamberRole(_VisaRole, frozen=True, kw_only=True):
+    """What brings the gyroscope to a temperature."""
+
+    model: Model
+
+
 class RateTableRole(_Part, frozen=True, kw_only=True):
     """The single-axis rate table: a dialect on a serial port, or on anything pyserial opens by URL."""
 
@@ -192,6 +209,9 @@ class Limits(_Part, frozen=True, kw_only=True):
     min_rail_v: LeastRail | None = None
     max_rail_v: PositiveRail | None = None
     max_rail_current_a: Current | None = None
+    min_temperature_c: Temperature | None = None
+    max_temperature_c: Temperature | None = None
+    max_ramp_k_min: TemperatureRamp | None = None
 
     def of(self, key: LimitKey) -> float:
         """Return the limit called `key`; LimitError where the station has none, for then nothing is allowed."""
@@ -244,6 +264,7 @@ class SimulationErrors(_Part, frozen=True, kw_only=True):
     rate_table: Errors = "drawn"
     vibration_source: Errors = "drawn"
     v_vc_meter: Errors = "drawn"
+    chamber: Errors = "drawn"
 
 
 class Simulation(_Part, frozen=True, kw_only=True):
@@ -279,6 +300,7 @@ class BenchDescription(_Part, frozen=True, kw_only=True):
     rate_table: RateTableRole | None = None
     vibration_source: FunctionGeneratorRole | None = None
     v_vc_meter: MultimeterRole | None = None
+    chamber: ChamberRole | None = None
     wiring: Wiring = field(default_factory=Wiring)
     limits: Limits = field(default_factory=Limits)
     site: Site

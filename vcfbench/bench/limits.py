@@ -24,10 +24,11 @@ if TYPE_CHECKING:
         RateTable,
         Regulation,
         SafeReport,
+        TemperatureChamber,
         Told,
     )
 
-__all__ = ["LimitChecks", "LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
+__all__ = ["LimitChecks", "LimitedChamber", "LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,15 @@ class LimitChecks:
             raise LimitError(
                 f"{output} {voltage_v:g} V is outside the bench's rail window of {ends[0]:g} to {ends[1]:g} V"
             )
+
+    def temperature(self, temperature_c: float, ramp_k_min: float) -> None:
+        """Check a temperature of the air, and how fast it may go there."""
+        low, high = self.limits.of("min_temperature_c"), self.limits.of("max_temperature_c")
+        if not low <= temperature_c <= high:
+            raise LimitError(f"temperature {temperature_c:g} degC is outside the bench's {low:g} to {high:g} degC")
+        _at_most("temperature ramp", ramp_k_min, self.limits.of("max_ramp_k_min"), "K/min")
+        if ramp_k_min <= 0.0:
+            raise LimitError(f"temperature ramp {ramp_k_min:g} K/min is not above 0 K/min")
 
     def rail_current(self, output: str, current_a: float) -> None:
         """Check the current limit of a supply output."""
@@ -173,6 +183,53 @@ class LimitedRateTable(_Limited):
     def fault(self) -> str | None:
         """Return the latched fault in words, or None."""
         return self._table.fault()
+
+
+class LimitedChamber(_Limited):
+    """A chamber within the bench's temperatures and ramp."""
+
+    def __init__(self, chamber: TemperatureChamber, checks: LimitChecks) -> None:
+        super().__init__(chamber)
+        self._chamber = chamber
+        self._checks = checks
+
+    def set_temperature(self, temperature_c: float, ramp_k_min: float) -> float:
+        """Go to `temperature_c`; LimitError beyond the limits of temperature and ramp."""
+        with self._nothing_sent():
+            self._checks.temperature(temperature_c, ramp_k_min)
+        return self._chamber.set_temperature(temperature_c, ramp_k_min)
+
+    def set_settled(self, window_k: float, soak_s: float) -> None:
+        """Say when it counts as at temperature."""
+        self._chamber.set_settled(window_k, soak_s)
+
+    def at_temperature(self) -> bool:
+        """Tell whether the temperature is reached and has been held."""
+        return self._chamber.at_temperature()
+
+    def air_temperature_c(self) -> float:
+        """Read the temperature of the air."""
+        return self._chamber.air_temperature_c()
+
+    def device_temperature_c(self) -> float | None:
+        """Read the temperature at the device, None without a sensor."""
+        return self._chamber.device_temperature_c()
+
+    def enable_flow(self) -> None:
+        """Let air flow."""
+        self._chamber.enable_flow()
+
+    def disable_flow(self) -> None:
+        """Stop the air."""
+        self._chamber.disable_flow()
+
+    def flow_enabled(self) -> bool:
+        """Tell whether air flows."""
+        return self._chamber.flow_enabled()
+
+    def fault(self) -> str | None:
+        """Return the fault in words, or None."""
+        return self._chamber.fault()
 
 
 class LimitedGenerator(_Limited):

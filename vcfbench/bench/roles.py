@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable
+    from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable, TemperatureChamber
 
 __all__ = ["ROLES", "STILL_DEG_S", "Role", "absent", "filled_roles", "needed_roles", "require_still", "safe_action"]
 
@@ -96,6 +96,10 @@ def _feeds(supply: PowerSupply) -> str | None:
     return "its outputs are on" if supply.outputs_enabled() else None
 
 
+def _blows(chamber: TemperatureChamber) -> str | None:
+    return "its air flows" if chamber.flow_enabled() else None
+
+
 def _harmless(_instrument: Instrument) -> None:
     """Find nothing wrong with an instrument that only listens."""
 
@@ -107,6 +111,7 @@ ROLES = (
     Role("multimeter", Stage.REST, _harmless),
     Role("v_vc_meter", Stage.REST, _harmless),
     Role("oscilloscope", Stage.REST, _harmless),
+    Role("chamber", Stage.STIMULUS, _blows),
     Role("rate_table", Stage.MOTION, _turns),
 )
 """All roles in the order of opening; the table comes last, so that nothing can move before all else is there."""

@@ -38,6 +38,8 @@ _LOOK_S: Final = 0.25
 _HURRY_S: Final = 0.5
 """How long an instrument that does not answer may keep the next from being told."""
 _SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
+_FLOW: Final = 1 << 5
+"""Bit of AUXC? of a stream of air."""
 _GENERATOR: Final = {"level": "VOLT:OFFS?"}
 
 
@@ -181,6 +183,8 @@ def _rate(role: Role, description: BenchDescription, stand: Station, hurry_s: fl
 
 def _look(role: Role, session: Session) -> str:
     """Ask what is on, before it is switched off; the volts only of what answers."""
+    if role.name == "chamber":
+        return "air flows" if session.query_int("AUXC?", session.deadline(_LOOK_S)) & _FLOW else "off"
     if not session.query_bool("OUTP?", session.deadline(_LOOK_S)):
         return "off"
     asked = _SUPPLY if role.stage is Stage.POWER else _GENERATOR

@@ -7,6 +7,7 @@ changes nothing for the others.
 from __future__ import annotations
 
 import inspect
+import math
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, count
@@ -50,6 +51,7 @@ _STREAMS = {
     "rate_table": 5,
     "vibration_source": 6,
     "v_vc_meter": 7,
+    "chamber": 8,
 }
 """Number of each random stream; numbers are never given again, so that a seed keeps its meaning."""
 
@@ -229,7 +231,7 @@ def _is_serial(part: Any) -> bool:
 
 
 def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any], seed: int) -> dict[str, Device]:
-    seen = _as_seen(description, world)
+    seen = _as_seen(description, world, errors)
     return {
         role: twin(seen.get(role, world), errors=errors[role], **_taken(twin, _surroundings(role, description, seed)))
         for role, twin in twins(description).items()
@@ -258,9 +260,9 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
     }
 
 
-def _as_seen(description: BenchDescription, world: World) -> dict[str, Any]:
+def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return the World as the instruments see it that have leads, or are not wired to it."""
-    from vcfbench.sim.leads import Leads  # noqa: PLC0415
+    from vcfbench.sim.leads import Leads, LoadingLeads  # noqa: PLC0415
 
     wiring, caught = description.wiring, world.mains
     channels = wiring.oscilloscope.channels()
@@ -270,8 +272,13 @@ def _as_seen(description: BenchDescription, world: World) -> dict[str, Any]:
         "vibration_source": _NotWired(world),
     }
     if description.v_vc_meter is not None:
-        leads = Leads(world, "v_vc_meter", {"input": wiring.v_vc_meter}, caught.in_v_vc_meter_leads)
-        seen["v_vc_meter"] = leads
+        seen["v_vc_meter"] = LoadingLeads(
+            world,
+            "v_vc_meter",
+            {"input": wiring.v_vc_meter},
+            caught.in_v_vc_meter_leads,
+            load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
+        )
     return seen
 
 

@@ -54,6 +54,9 @@ class ScpiInstrument:
     makers: ClassVar[tuple[str, ...]] = HP_MAKERS
     """How the maker's name in ``*IDN?`` may begin, in capitals."""
 
+    error_question: ClassVar[str] = "SYST:ERR?"
+    """What tells of refusals: the error queue, or ``*ESR?`` of an instrument that has none."""
+
     first_answer_s: ClassVar[float] = 0.0
     """How long the first answer after connecting may take, s, where that is longer than the session's time-out."""
 
@@ -64,6 +67,8 @@ class ScpiInstrument:
         self._session = session
         self._serial_number = serial_number
         self._last_read = LastRead(session.clock)
+        if self.error_question == "*ESR?":
+            session.use_event_status()
         self._open()
         session.declare_safe(*self._safe_words_here())
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
@@ -53,6 +54,7 @@ _ECHO_S = 0.1
 """How long the last of doubled answers is waited for."""
 
 _QUERY_ERRORS = range(-499, -399)
+_STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
 """-410, -420, -430, -440: what an interrupted exchange leaves in the queue; the session has dealt with it."""
 
 
@@ -148,6 +150,7 @@ class Session:
         self._closed_because: str | None = None
         self._put_off: list[tuple[int, str]] = []
         self._safe_words = b""
+        self._tells_by_status = False
 
     @property
     def interface(self) -> Interface:
@@ -281,11 +284,20 @@ class Session:
     def _read_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
         entries: list[tuple[int, str]] = []
         while len(entries) < _DEEPEST_QUEUE:
-            entry = self._ask("SYST:ERR?", _error_entry, deadline)
+            entry = self._ask(*self._error_question, deadline)
             if entry[0] == 0:
                 break
             entries.append(entry)
         return entries
+
+    def use_event_status(self) -> None:
+        """Read refusals from ``*ESR?``: the instrument has no error queue."""
+        self._tells_by_status = True
+
+    @property
+    def _error_question(self) -> tuple[str, Callable[[bytes], tuple[int, str]]]:
+        """What is asked for the next error, and what makes number and words of its answer; number 0 is none."""
+        return ("*ESR?", _event_status) if self._tells_by_status else ("SYST:ERR?", _error_entry)
 
     # The safe words
 
@@ -405,8 +417,9 @@ class Session:
         """Read the error queue amid resynchronising, which must not begin again; what is no entry is passed over."""
         entries: list[tuple[int, str]] = []
         while len(entries) < _DEEPEST_QUEUE:
-            self._wire.send(b"SYST:ERR?\n", deadline)
-            while (entry := _entry_or_none(self._next_line(deadline))) is None:
+            question, parse = self._error_question
+            self._wire.send(question.encode() + b"\n", deadline)
+            while (entry := _entry_or_none(self._next_line(deadline), parse)) is None:
                 pass
             if entry[0] == 0:
                 break
@@ -585,9 +598,15 @@ def _error_entry(line: bytes) -> tuple[int, str]:
     return replies.error_entry(replies.text(line))
 
 
-def _entry_or_none(line: bytes) -> tuple[int, str] | None:
+def _event_status(line: bytes) -> tuple[int, str]:
+    """Return the errors in a standard event status register; reading it has cleared it (IEEE 488.2, 11.5.1)."""
+    bits = replies.integer(replies.text(line)) & sum(_STATUS_ERRORS)
+    return bits, ", ".join(words for bit, words in _STATUS_ERRORS.items() if bits & bit)
+
+
+def _entry_or_none(line: bytes, parse: Callable[[bytes], tuple[int, str]]) -> tuple[int, str] | None:
     try:
-        return _error_entry(line)
+        return parse(line)
     except FramingError:
         return None
 

@@ -23,7 +23,15 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.clock import Clock
-    from vcfbench.interfaces import FunctionGenerator, Instrument, Multimeter, Oscilloscope, PowerSupply, RateTable
+    from vcfbench.interfaces import (
+        FunctionGenerator,
+        Instrument,
+        Multimeter,
+        Oscilloscope,
+        PowerSupply,
+        RateTable,
+        TemperatureChamber,
+    )
     from vcfbench.procedures.linear_gyro import LinearGyro
     from vcfbench.procedures.scatter import NoiseSeen
     from vcfbench.procedures.steps.meter import Reading
@@ -70,6 +78,11 @@ class OpenBench(Protocol):
     @property
     def v_vc_meter(self) -> Multimeter:
         """The second voltmeter, on V_Vc."""
+        ...
+
+    @property
+    def chamber(self) -> TemperatureChamber:
+        """What brings the gyroscope to a temperature."""
         ...
 
     @property

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.trace import Piece, Trace
     from vcfbench.sim.world import Capture, Recording, Window, World
 
-__all__ = ["Lead", "Leads"]
+__all__ = ["Lead", "Leads", "LoadingLeads"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,3 +211,22 @@ class Leads:
             return 0.0
         volts = lead.sign * self._world.value_v(lead.node)
         return volts if lead.pick_up is None else volts + lead.pick_up.value_v(self.clock.now())
+
+
+class LoadingLeads(Leads):
+    """The leads of a meter that the node feels: everybody sees what is left of its voltage, and the meter reads that.
+
+    Args:
+        load_ohm: what each input puts across its node; inf is nothing.
+    """
+
+    def __init__(
+        self, world: World, role: str, inputs: Mapping[str, str], pick_up: Sine | None = None, *, load_ohm: float
+    ) -> None:
+        super().__init__(world, role, inputs, pick_up)
+        for name in inputs:
+            self.load_node(role, name, load_ohm)
+
+    def source_ohm(self, name: str) -> float:
+        """Return 0 for what is connected: the node's voltage is that with the meter on it already."""
+        return math.inf if self.lead(name).node is None else 0.0

@@ -22,6 +22,7 @@ from vcfbench.interfaces import (
     PowerSupply,
     RateTable,
     SafeReport,
+    TemperatureChamber,
     Told,
 )
 from vcfbench.models import MODELS, resolve
@@ -60,7 +61,12 @@ def conformance_cases() -> tuple[ConformanceCase, ...]:
 
 def model_case(row: Model) -> ConformanceCase:
     """Return the case of the SCPI driver in `row`."""
-    return scpi_case(resolve(row.driver), _PROTOCOLS[row.roles[0]], dict(row.answers))
+    driver_class = resolve(row.driver)
+    answers = {question: answer for question, answer in row.answers.items() if question != driver_class.error_question}
+    protocol = _PROTOCOLS[row.roles[0]]
+    if driver_class.error_question == "SYST:ERR?":
+        return scpi_case(driver_class, protocol, answers)
+    return scpi_case(driver_class, protocol, answers, refusal=("32",), settled="0")
 
 
 _PROTOCOLS: Mapping[str, type] = MappingProxyType(
@@ -71,6 +77,7 @@ _PROTOCOLS: Mapping[str, type] = MappingProxyType(
         "multimeter": Multimeter,
         "v_vc_meter": Multimeter,
         "oscilloscope": Oscilloscope,
+        "chamber": TemperatureChamber,
     }
 )
 
@@ -81,6 +88,7 @@ def scpi_case(
     answers: dict[str, str],
     *,
     refusal: tuple[str, ...] = ('-222,"Data out of range"', '-113,"Undefined header"'),
+    settled: str = '+0,"No error"',
 ) -> ConformanceCase:
     """Return the case of a SCPI driver that is called with a session.
 
@@ -93,9 +101,9 @@ def scpi_case(
         protocol,
         lambda wire, clock: driver_class(_session(wire, clock)),
         answers,
-        "SYST:ERR?",
+        driver_class.error_question,
         refusal,
-        '+0,"No error"',
+        settled,
     )
 
 
@@ -263,7 +271,8 @@ def _wire_problems(case: ConformanceCase) -> Iterator[str]:
 
 
 def _telling_problems(case: ConformanceCase) -> Iterator[str]:
-    drives = any(hasattr(case.driver_class, switch) for switch in ("enable_outputs", "enable_output", "set_rate"))
+    switches = ("enable_outputs", "enable_output", "enable_flow", "set_rate")
+    drives = any(hasattr(case.driver_class, switch) for switch in switches)
     for state in ("well", "silent", "broken"):
         driver, wire, _ = _opened(case)
         wire.state, wire.sent = state, b""

@@ -1,6 +1,13 @@
 """The steps that come with the project, a page for each instrument."""
 
 from vcfbench.procedures.step import Effect, Outcome, Plan, Step, StepResult
+from vcfbench.procedures.steps.chamber import (
+    AwaitTemperature,
+    SetTemperature,
+    StopFlow,
+    TemperatureReading,
+    set_air_by_hand,
+)
 from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, Reading, VerifyZero, Window, ZeroWindow
 from vcfbench.procedures.steps.operator import AskOperator, OperatorAnswer, move_leads
 from vcfbench.procedures.steps.scope import (
@@ -36,6 +43,7 @@ __all__ = [
     "AcquireWithVvc",
     "AskOperator",
     "AwaitRate",
+    "AwaitTemperature",
     "CheckRails",
     "ConfigureGenerator",
     "ConfigureMeter",
@@ -67,10 +75,13 @@ __all__ = [
     "Reading",
     "ScopeReady",
     "SetRate",
+    "SetTemperature",
     "SetVvc",
     "Settle",
     "Step",
     "StepResult",
+    "StopFlow",
+    "TemperatureReading",
     "VerifyZero",
     "VvcMeasured",
     "VvcSetting",
@@ -78,4 +89,5 @@ __all__ = [
     "Window",
     "ZeroWindow",
     "move_leads",
+    "set_air_by_hand",
 ]
