@@ -5,8 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import pytest
+from serial.urlhandler import protocol_socket
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 HERE = Path(__file__).parent
 SLOW = (
@@ -70,6 +76,14 @@ def pytest_xdist_auto_num_workers() -> int | None:
         return None
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return processors + processors // 2
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _sockets_close_at_once() -> Iterator[None]:
+    """Leave out the 0.3 s that pyserial waits after it has closed a socket, hundreds of times."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(protocol_socket, "time", SimpleNamespace(sleep=lambda _seconds: None))
+        yield
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -105,7 +105,7 @@ def test_degrees_of_freedom_against_allantools(estimator: Estimator, noise: Nois
     assert equivalent_dof(300, 20, noise, estimator) == pytest.approx(approximate, rel=0.08)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_ten_million_samples_take_two_seconds_and_the_memory_of_one_more_record() -> None:
     """Processor time, the best of three: others may hold the caches meanwhile."""
     record = np.random.default_rng(1).standard_normal(10_000_000)
@@ -155,7 +155,7 @@ MAKERS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("estimator", list(Estimator))
 @pytest.mark.parametrize("noise", list(Noise))
 def test_degrees_of_freedom_are_what_repetition_shows(noise: Noise, estimator: Estimator) -> None:
@@ -181,7 +181,7 @@ def test_degrees_of_freedom_of_long_records_are_those_of_the_full_sum(estimator:
     assert many == pytest.approx(few, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("noise", [Noise.WHITE, Noise.FLICKER, Noise.RANDOM_WALK])
 def test_interval_covers_the_truth_for_each_law(noise: Noise) -> None:
     """1000 records of 400: 95 % intervals hold the mean of all in 95 %, within 3.5 sigma of a binomial."""

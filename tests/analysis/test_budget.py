@@ -206,7 +206,7 @@ def test_what_two_columns_share_cancels_in_their_difference() -> None:
     assert meter.share == pytest.approx(100.0**2 / (100.0**2 + 10.0**2 + 3.0**2))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("correlation", [0.0, 0.7])
 def test_interval_covers_the_truth_as_often_as_it_says(correlation: float) -> None:
     """1000 measurements: two means of six, observed together or not, and a rectangular source; 95 % within 3 sigma."""

@@ -56,7 +56,7 @@ CASES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("truth", "terms"), CASES)
 def test_stated_uncertainty_is_what_repetition_shows(truth: Coefficients, terms: list[Term]) -> None:
     """300 records of 600: a standard deviation scatters by 4 %, more where the estimate is skewed: 12 %."""

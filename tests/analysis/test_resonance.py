@@ -42,7 +42,7 @@ def test_high_q_gives_the_closed_form() -> None:
     assert rate_response(f, 1e6, 24.8, 1e9) == pytest.approx(24.8**2 / (24.8**2 - f**2), rel=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("f", [3.0, 13.5, 30.0])
 def test_against_the_equation_of_motion(f: float) -> None:
     """A force cos(2 pi f t) sin(omega_d t) on the mode, integrated, demodulated; against a constant force."""
@@ -74,7 +74,7 @@ def test_fifty_random_gyroscopes_lie_within_the_stated_uncertainty() -> None:
         assert found.chi_square < found.dof + 5.0 * math.sqrt(2.0 * found.dof)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stated_uncertainties_are_what_repetition_shows() -> None:
     rng, scores = np.random.default_rng(4), []
     truth = fit_rate_response(POINTS, rate_response(POINTS, DRIVE, 24.8, Q), 1e-3, DRIVE)

@@ -45,7 +45,7 @@ def test_fifty_random_gyroscopes_lie_within_the_stated_uncertainty() -> None:
         assert fit.residual_rms == pytest.approx(noise, rel=4.0 / math.sqrt(16_000))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stated_uncertainties_are_what_repetition_shows() -> None:
     rng, scores = np.random.default_rng(2), []
     clean = decay(3464.1, 1224.0, 1.0, 0.0, 2000)

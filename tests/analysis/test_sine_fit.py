@@ -44,7 +44,7 @@ def test_fifty_random_sines_lie_within_the_stated_uncertainty() -> None:
         assert fit.residual_rms == pytest.approx(noise, rel=4.0 / math.sqrt(2000))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stated_uncertainties_are_what_repetition_shows() -> None:
     """600 records, 4.3 cycles: sd of z within 0.9 and 1.1, mean within 0.15; known frequency likewise."""
     rng, scores, known = np.random.default_rng(2), [], []
@@ -92,7 +92,7 @@ def test_phase_between_channels_to_a_twentieth_of_a_degree() -> None:
     assert 0.75 < np.std(scores) < 1.25
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_uncertainty_of_the_phase_difference_is_what_repetition_shows() -> None:
     rng, scores = np.random.default_rng(5), []
     for _ in range(400):

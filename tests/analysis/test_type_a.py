@@ -21,7 +21,7 @@ def known(coefficients: Coefficients) -> NoiseFit:
     return NoiseFit(coefficients, {}, np.zeros((5, 5)))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_mean_of_the_next_record_lies_within_what_is_stated() -> None:
     """300 records of white noise and flicker: the next mean differs by sqrt(2) u, in 95 % by t with the dof.
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cells import few
 from tests.faults.corruption import Behind, Came, Change, bench_of, changes_of, perform
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def believed(procedure: str, role: str, chosen: list[Change]) -> list[str]:
     return [f"{role} {change}: {words}" for change, words in found if words is not None]
 
 
-@pytest.mark.parametrize("role", ROLES[:3])
+@pytest.mark.parametrize("role", few(ROLES[:3], "rate_table"))
 def test_a_few_corrupted_replies(role: str) -> None:
     assert not believed("turntable", role, changes("turntable", role, 6))
 

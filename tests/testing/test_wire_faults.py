@@ -48,9 +48,12 @@ def instrument() -> Iterator[tuple[str, list[bytes]]]:
 
 
 def asked(port: Any, question: bytes, timeout_s: float = 0.3) -> bytes:
+    """Return all that comes; a whole reply is followed by nothing, or at once."""
     port.timeout = timeout_s
     port.write(question)
-    return bytes(port.read(200))
+    reply = bytes(port.read_until(b"\r\n"))
+    port.timeout = 0.05
+    return reply + bytes(port.read(200))
 
 
 @pytest.mark.parametrize(
