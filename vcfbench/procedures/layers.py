@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=ProcedureSettings)
 
 
+convert({}, ProcedureSettings)  # msgspec works a type out when first used; two threads at once would break that
+
+
 @dataclass(frozen=True, slots=True)
 class Layer:
     """Settings that one place gives, nested as in a bench file, and how errors name a key of it."""

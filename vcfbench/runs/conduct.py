@@ -69,7 +69,6 @@ def run(
         NotSafe: something could not be made safe; whatever else went wrong is in its words.
     """
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
-    from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
     if not str(runs).strip():
         raise ConfigError("runs: expected a directory, came an empty name")
@@ -80,7 +79,10 @@ def run(
         "speed": speed,
         "settings": dict(settings or {}),
     }
-    told = asked_in_python(settings or {})
+    with _PREPARING:
+        from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
+
+        told = asked_in_python(settings or {})
     asked = Asked(procedure, bench, seed, told, Path(runs), speed, observers, operator=operator, options=options)
     with StopSignals() as signals:
         return conduct(asked, signals)
