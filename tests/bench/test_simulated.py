@@ -8,6 +8,7 @@ import serial
 
 from vcfbench.bench.file import embedded_text, load_bench, parse_bench
 from vcfbench.bench.front_door import resolve
+from vcfbench.bench.overrides import overridden
 from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical_parameters
 from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
@@ -166,3 +167,9 @@ def test_an_instrument_error_that_is_none_is_refused(old: str, new: str, said: s
     with pytest.raises(ConfigError) as caught:
         parse_bench(PAPER.replace(old, new), "lab.toml")
     assert str(caught.value).startswith(f"lab.toml: simulation.errors.rate_source.{said}")
+
+
+def test_what_is_not_overridden_is_not_converted() -> None:
+    """Two threads that convert to one class for the first time end the interpreter (seen with msgspec 0.22)."""
+    parameters = physical_parameters(parse_bench(PAPER, "paper"))
+    assert overridden(parameters, {}) is parameters

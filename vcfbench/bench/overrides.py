@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
@@ -17,6 +18,9 @@ __all__ = ["overridden", "override_misfits"]
 
 T = TypeVar("T")
 
+_CONVERTING: Final = Lock()
+"""Two threads that convert to one class for the first time end the interpreter: msgspec looks it up without care."""
+
 _LEAST, _MOST = 1e-30, 1e30
 """Of anything physical, in SI units: beyond, squares and products are numbers no more."""
 
@@ -25,8 +29,11 @@ _KINDS = {"float": "a number", "int": "a whole number", "array": "a list", "str"
 
 def overridden(base: T, changes: Mapping[str, Any]) -> T:
     """Return `base` with `changes` (nested as `base` is) in place of its values."""
+    if not changes:
+        return base
     merged = _merged(msgspec.to_builtins(base), changes)
-    return msgspec.convert(merged, type(base))
+    with _CONVERTING:
+        return msgspec.convert(merged, type(base))
 
 
 def override_misfits(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[Misfit]:
