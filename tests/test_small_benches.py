@@ -82,7 +82,7 @@ NEEDS: dict[str, type] = {"power": PowersRails, "rate_source": SetsVoltage, "mul
 
 
 def procedure(**changes: Any) -> vcfbench.Procedure[Any, Any]:
-    told = {"plan": plan, "needs": NEEDS, **changes}
+    told = {"plan": plan, "needs": NEEDS, "uses": {}, **changes}
     return vcfbench.Procedure(
         name="levels", title="Set V_Vc, read the output.", settings=ProcedureSettings, results=results, **told
     )
@@ -228,6 +228,7 @@ LEVELS = Procedure(
     plan=lambda settings: energised(settings, levels(settings)),
     results=lambda settings, points: {"outputs_v": [point.output_v for point in points]},
     needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
+    uses={},
 )
 """
 

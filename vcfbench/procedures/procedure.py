@@ -8,18 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import (
-    FunctionGenerator,
-    MeasuresWaveforms,
-    Multimeter,
-    Oscilloscope,
-    PowersRails,
-    PowerSupply,
-    RateTable,
-    ReadsVoltage,
-    Rotates,
-    SetsVoltage,
-)
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.report.generic import generic_report
 
@@ -33,23 +22,12 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=ProcedureSettings)
 R = TypeVar("R")
 
-PAPER_BENCH: Mapping[str, type] = MappingProxyType(
-    {
-        "power": PowerSupply,
-        "rate_source": FunctionGenerator,
-        "multimeter": Multimeter,
-        "oscilloscope": Oscilloscope,
-        "rate_table": RateTable,
-    }
-)
-"""The paper's five instruments by their roles, and what each must be able to do."""
-
-CALIBRATION_NEEDS: Mapping[str, type] = MappingProxyType(
+PAPER_NEEDS: Mapping[str, type] = MappingProxyType(
     {"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage, "rate_table": Rotates}
 )
-"""What both calibrations of the paper cannot do without."""
+"""What the calibrations of the paper cannot do without, by role: what the instrument must be able to do."""
 
-CALIBRATION_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWaveforms})
+PAPER_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWaveforms})
 """What they look at the drive signal with; without it they say that it was not checked."""
 
 
@@ -66,7 +44,7 @@ class Procedure(Generic[S, R]):
             Any frozen dataclass or msgspec struct will do: its fields are what is written.
         report: makes the report from settings, points and results; without it points and fields of the results.
         needs: the roles that must be on the bench, and what the instrument in each must be able to do.
-        uses: the roles that it makes use of where the bench has them, likewise.
+        uses: the roles that it makes use of where the bench has them, likewise; what looks at no drive signal uses {}.
     """
 
     name: str
@@ -75,8 +53,8 @@ class Procedure(Generic[S, R]):
     plan: Callable[[S], Plan]
     results: Callable[[S, Sequence[Point]], R]
     report: Callable[[S, Sequence[Point], R], Report] = generic_report
-    needs: Mapping[str, type] = field(default_factory=lambda: PAPER_BENCH)
-    uses: Mapping[str, type] = field(default_factory=lambda: MappingProxyType({}))
+    needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
+    uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
 
     def __post_init__(self) -> None:
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""

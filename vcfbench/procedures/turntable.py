@@ -11,7 +11,7 @@ from vcfbench.procedures.agreement import (
     require_steady_slope,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import CALIBRATION_NEEDS, CALIBRATION_USES, Procedure
+from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.reports import turntable_report
 from vcfbench.procedures.results import TurntableResult, turntable_results
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
@@ -76,7 +76,5 @@ TURNTABLE = Procedure(
     plan=turntable,
     results=_results,
     report=turntable_report,
-    needs=CALIBRATION_NEEDS,
-    uses=CALIBRATION_USES,
 )
 """The turntable calibration."""

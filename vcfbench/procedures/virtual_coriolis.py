@@ -26,7 +26,7 @@ from vcfbench.procedures.agreement import (
 )
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.procedure import CALIBRATION_NEEDS, CALIBRATION_USES, Procedure
+from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.reports import virtual_coriolis_report
 from vcfbench.procedures.results import VirtualCoriolisResult, virtual_coriolis_results
 from vcfbench.procedures.routines import (
@@ -216,7 +216,5 @@ VIRTUAL_CORIOLIS = Procedure(
     plan=virtual_coriolis,
     results=_results,
     report=virtual_coriolis_report,
-    needs=CALIBRATION_NEEDS,
-    uses=CALIBRATION_USES,
 )
 """The virtual Coriolis calibration."""
