@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from scipy import stats
 
-from vcfbench.analysis.tails import f_tail, t_tail
+from vcfbench.analysis.tails import f_tail, t_quantile, t_tail
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 7, 9, 80, 400, 100_000])
@@ -17,6 +17,12 @@ def test_students_t(t: float, degrees: int) -> None:
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 0.5, 1.0, 3.0, 9.0, 400.0])
 def test_fishers_f(ratio: float, degrees: int, below: int) -> None:
     assert f_tail(ratio, degrees, below) == pytest.approx(stats.f.sf(ratio, degrees, below), rel=1e-9, abs=1e-300)
+
+
+@pytest.mark.parametrize("degrees", [1, 2, 3, 5, 7, 13, 15, 16, 22, 98, 400])
+@pytest.mark.parametrize("tail", [0.9, 0.3173, 0.1, 0.05, 0.01, 1e-4])
+def test_the_t_that_is_exceeded(tail: float, degrees: int) -> None:
+    assert t_quantile(tail, degrees) == pytest.approx(stats.t.isf(0.5 * tail, degrees), rel=1e-12)
 
 
 def test_nothing_is_as_large_as_infinity() -> None:

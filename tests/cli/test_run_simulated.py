@@ -129,19 +129,19 @@ def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
 ) -> None:
     """A minute after the start: four windows are over, the table turns at 10 deg/s."""
     built: list[SimulatedBench] = []
-    build, advance = SimulatedBench.build, World.advance
+    build, reach = SimulatedBench.build, World.reach
 
     def keep(*arguments: Any) -> SimulatedBench:
         built.append(build(*arguments))
         return built[0]
 
-    def advance_into_misfortune(world: World) -> None:
+    def reach_misfortune(world: World, instant_s: float) -> bool:
         if built and world.clock.now() > 60.0:
             misfortune(built.pop(), monkeypatch)
-        advance(world)
+        return reach(world, instant_s)
 
     monkeypatch.setattr(SimulatedBench, "build", keep)
-    monkeypatch.setattr(World, "advance", advance_into_misfortune)
+    monkeypatch.setattr(World, "reach", reach_misfortune)
     result = CliRunner().invoke(app, ["run", "turntable", "--json", "--quiet", "--runs", str(tmp_path)])
     told = json.loads(result.stdout)
     assert result.exit_code == 3

@@ -549,6 +549,43 @@ def test_looks_from_outside_see_noise_that_goes_on() -> None:
     assert np.std(looks) == pytest.approx(np.std(readings), rel=0.2)
     first = world.glance_v("output")
     assert world.glance_v("output") == first
-    world.advance()
+    world.value_v("output")
     clock.sleep_until(clock.now() + 1e-6)
     assert world.glance_v("output") == pytest.approx(world.value_v("output"), abs=1e-5)
+
+
+def test_asking_in_between_changes_nothing_but_the_draws() -> None:
+    """A reading asks for its window alone; whoever takes the world to now meanwhile finds the same noise-free volts."""
+
+    def means(*, asking: bool) -> list[float]:
+        clock, world = powered(QUIET, 3)
+        seen = []
+        for index in range(30):
+            if index == 10:
+                world.table.demand_rate(50.0, 60.0)
+            if index == 20:
+                world.drive_v_vc(Drive(0.3, 0.1, 7.0))
+            window = world.window("output", clock.now() + 0.05, clock.now() + 0.25)
+            for _ in range(3):
+                clock.sleep_until(clock.now() + 0.11)
+                if asking:
+                    world.advance()
+                    world.value_v("output")
+            seen.append(window.mean_v())
+        return seen
+
+    assert means(asking=True) == pytest.approx(means(asking=False), rel=1e-11)
+
+
+def test_a_rail_is_asked_for_its_current_without_an_end_of_the_noise() -> None:
+    """The supply looks at its load again and again; readings do not depend on how often."""
+    seen = []
+    for asking in (False, True):
+        clock, world = powered(PAPER, 5)
+        window = world.window("output", clock.now() + 0.1, clock.now() + 0.3)
+        for _ in range(5):
+            clock.sleep_until(clock.now() + 0.07)
+            if asking:
+                world.rail_current_a("positive", 10.0)
+        seen.append(window.mean_v())
+    assert seen[0] == seen[1]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -56,9 +57,7 @@ class LineFit:
     @property
     def coverage_factor(self) -> float:
         """Two-sided 95 % quantile of Student's t with `dof` degrees of freedom."""
-        from scipy.special import stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
-        return float(stdtrit(self.dof, 0.975))
+        return t_quantile(0.05, self.dof)
 
     @property
     def bias_deg_s(self) -> float:

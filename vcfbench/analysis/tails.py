@@ -1,10 +1,10 @@
-"""How improbable a value is: tails of Student's t and of Fisher's F, exact, without heavy imports."""
+"""How improbable a value is: Student's t and Fisher's F, exact, without heavy imports."""
 
 from __future__ import annotations
 
 import math
 
-__all__ = ["f_tail", "t_tail"]
+__all__ = ["f_tail", "t_quantile", "t_tail"]
 
 _TINY = 1e-300
 _ENOUGH = 1e-14
@@ -14,6 +14,21 @@ _MOST_TERMS = 10_000
 def t_tail(t: float, degrees: float) -> float:
     """Return the probability that ``|T| > |t|`` for Student's t with `degrees` of freedom."""
     return _incomplete_beta(0.5 * degrees, 0.5, degrees / (degrees + t * t))
+
+
+def t_quantile(tail: float, degrees: float) -> float:
+    """Return the t that ``|T|`` exceeds with probability `tail`, for Student's t with `degrees` of freedom.
+
+    By Newton's method. The tail bends one way for t > 0, so from the left it comes nearer with every step.
+    """
+    log_height = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * math.log(math.pi * degrees)
+    t = 0.0
+    step = math.inf
+    while step > _ENOUGH * t:  # a step back is round-off
+        density = 2.0 * math.exp(log_height - 0.5 * (degrees + 1.0) * math.log1p(t * t / degrees))
+        step = (t_tail(t, degrees) - tail) / density
+        t += step
+    return t
 
 
 def f_tail(ratio: float, degrees: float, degrees_below: float) -> float:

@@ -56,8 +56,7 @@ class Window:
         Raises:
             RuntimeError: the window is not over yet.
         """
-        self._world.advance()
-        if self._world.reached_s < self.stop_s:
+        if not self._world.reach(self.stop_s):
             raise RuntimeError("the averaging window is not over yet")
         return self._integral_v_s / (self.stop_s - self.start_s)
 
@@ -166,10 +165,22 @@ class World:
 
     def advance(self) -> None:
         """Take the world to `clock.now()`."""
+        self.reach(self.clock.now())
+
+    def reach(self, instant_s: float) -> bool:
+        """Take the world to an instant if it has not been there; return whether it lies in the past."""
+        if instant_s > self.clock.now():
+            return False
         self._imagined = None
-        target = self.clock.now()
-        while self._gyro.now_s < target:
-            self._step(target)
+        while self._gyro.now_s < instant_s:
+            self._step(instant_s)
+        return True
+
+    def _pass_events(self) -> None:
+        """Take the world past all that has happened by now; between events nothing needs to be worked out."""
+        self._imagined, now = None, self.clock.now()
+        while (due := min(self.table.segment(self._gyro.now_s).stop_s, self._gyro.next_event_s())) <= now:
+            self._step(due)
 
     def _step(self, target_s: float) -> None:
         now = self._gyro.now_s
@@ -217,9 +228,10 @@ class World:
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
         """Return the magnitude of the current that PCB and load would draw from `rail` now at `voltage_v`, A."""
         self._require(rail, RAILS)
-        self.advance()
+        self._pass_events()
         beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
-        return self._gyro.rail_current_a(RAILS.index(rail), voltage_v) + abs(voltage_v) * beside
+        own = self._gyro.rail_current_a(RAILS.index(rail), voltage_v, self.clock.now())
+        return own + abs(voltage_v) * beside
 
     def load_ohm(self, rail: str) -> float:
         """Return the load on `rail` beside the PCB, ohm; inf is none."""
@@ -363,7 +375,8 @@ class World:
         self._require(rail, RAILS)
         voltage_v = self.glance_v(f"rail_{rail}")
         beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
-        return self._glanced_at().rail_current_a(RAILS.index(rail), voltage_v) + abs(voltage_v) * beside
+        gyro = self._glanced_at()
+        return gyro.rail_current_a(RAILS.index(rail), voltage_v, gyro.now_s) + abs(voltage_v) * beside
 
     def glance_temperature_c(self) -> float:
         """Return the temperature of the gyroscope now, degC; it leaves no mark."""
@@ -380,8 +393,7 @@ class World:
 
     def _coming(self, start_s: float, stop_s: float) -> float:
         """Return the start of an observation; a start in the past by less than 1 ns is round-off and becomes now."""
-        self.advance()
-        now = self._gyro.now_s
+        now = self.clock.now()
         if not now - EARLY_S <= start_s < stop_s:
             raise ValueError(f"an observation from {start_s} to {stop_s} s cannot be registered at {now} s")
         return max(start_s, now)

@@ -36,7 +36,7 @@ def test_envelope_meets_the_carrier_level_through_rate_and_v_vc_steps_within_1e_
 ) -> None:
     full_scale = abs(steady_output_v(bench, FULL_SCALE_RAD_S))
     for run, response in runs(bench):
-        difference = response.filtered().at(run.time_s).real - run.filtered
+        difference = response.filtered.at(run.time_s).real - run.filtered
         assert np.max(np.abs(difference)) < 1e-6 * full_scale
         assert np.max(np.abs(difference)) < 1e-8 * full_scale  # what the step size of the carrier level leaves
 
@@ -45,7 +45,7 @@ def test_envelope_meets_the_carrier_level_through_rate_and_v_vc_steps_within_1e_
 def test_v_s_meets_the_carrier_level_too(bench: BenchParameters) -> None:
     omega = 2 * math.pi * bench.drive_mode.frequency_hz
     for run, response in runs(bench):
-        seen = (response.sense().at(run.time_s) * np.exp(1j * omega * run.time_s)).real
+        seen = (response.sense.at(run.time_s) * np.exp(1j * omega * run.time_s)).real
         assert np.max(np.abs(seen - run.sense)) < 1e-8 * np.max(np.abs(run.sense))
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from scipy.optimize import brentq
 
 from tests.sim.gyro.bench import locked_chain
 from tests.sim.gyro.plain import combs, output_v, share, steady_output_v
-from vcfbench.sim.gyro.chain import Chain, ChainState, Forcing
+from vcfbench.sim.gyro.chain import Chain, ChainDesign, ChainState, Forcing
 from vcfbench.sim.gyro.design import Targets, design
 from vcfbench.sim.parameters import BenchParameters
 
@@ -24,7 +25,7 @@ def still(rate_rad_s: float = 0.0, virtual_v: float = 0.0) -> Forcing:
 
 def settled_v(chain: Chain, forcing: Forcing) -> float:
     start = chain.modal(ChainState.at_rest(4), 1)
-    return chain.respond(start, forcing, 1).filtered().constant.real
+    return chain.respond(start, forcing, 1).filtered.constant.real
 
 
 @pytest.mark.parametrize("bench", [IDEAL, PAPER])
@@ -62,8 +63,8 @@ def test_unequal_combs_mix_the_modes_otherwise_than_a_rate_does() -> None:
     unequal = replace(path, left_comb_n_per_v2=1.01 * path.left_comb_n_per_v2)
     bench = replace(IDEAL, virtual_path=unequal)
     chain, start = locked_chain(bench), ChainState.at_rest(4)
-    by_rate = chain.respond(chain.modal(start, 1), still(1.0), 1).sense().constant
-    by_virtual = chain.respond(chain.modal(start, 1), still(0.0, 1.0), 1).sense().constant
+    by_rate = chain.respond(chain.modal(start, 1), still(1.0), 1).sense.constant
+    by_virtual = chain.respond(chain.modal(start, 1), still(0.0, 1.0), 1).sense.constant
     ratios = [combs(bench, m) / share(m) for m in (bench.sense_in_phase, bench.sense_anti_phase)]
     omega = 2 * math.pi * bench.drive_mode.frequency_hz
     per_volt = bench.sense_path.reference_amplitude_v / (2 * bench.drive_loop.amplitude_m * omega)
@@ -77,7 +78,7 @@ def response_gain(chain: Chain, frequency_hz: float) -> float:
     """Gain from V_Vc to the filtered signal at a frequency, relative to direct voltage: part seen at +-f together."""
     s = 2j * math.pi * frequency_hz
     forcing = Forcing(0j, 0j, [], 0j, [(0.5 + 0j, s), (0.5 + 0j, -s)])
-    signal = chain.respond(chain.modal(ChainState.at_rest(4), 1), forcing, 1).filtered()
+    signal = chain.respond(chain.modal(ChainState.at_rest(4), 1), forcing, 1).filtered
     plus, minus = (signal.amplitudes[8 + i] for i in range(2))  # after the eight eigenmodes
     return float(abs(plus + minus.conjugate()) / abs(settled_v(chain, still(0.0, 1.0))))
 
@@ -138,8 +139,8 @@ def test_two_intervals_are_one_interval(rate: float, slope: float, duration: flo
 def test_reversed_inputs_give_the_reversed_signal_on_ideal(rate: float, virtual: float, at: float) -> None:
     chain = locked_chain(IDEAL)
     start = chain.modal(ChainState.at_rest(4), 1)
-    seen = chain.respond(start, still(rate, virtual), 1).filtered().value(at)
-    mirrored = chain.respond(start, still(-rate, -virtual), 1).filtered().value(at)
+    seen = chain.respond(start, still(rate, virtual), 1).filtered.value(at)
+    mirrored = chain.respond(start, still(-rate, -virtual), 1).filtered.value(at)
     assert mirrored == pytest.approx(-seen, rel=1e-12, abs=1e-18)
 
 
@@ -170,7 +171,37 @@ def test_filter_takes_the_whole_product_of_v_s_and_reference_through_a_ramp() ->
     cut_off, stop, count = 2 * math.pi * 1000.0, 0.02, 400_000
     times = np.asarray((np.arange(count) + 0.5) * (stop / count), float)
     phase = 0.4 + chain.drive_rad_s * times
-    v_s = (response.sense().at(times) * np.exp(1j * phase)).real
+    v_s = (response.sense.at(times) * np.exp(1j * phase)).real
     product = sense.multiplier_per_v * sense.reference_amplitude_v * np.sin(phase + sense.demodulator_phase_rad) * v_s
     wanted = float(np.sum(cut_off * np.exp(-cut_off * (stop - times)) * product)) * stop / count
-    assert response.filtered().value(stop).real == pytest.approx(wanted, rel=1e-6)
+    assert response.filtered.value(stop).real == pytest.approx(wanted, rel=1e-6)
+
+
+@given(
+    later_s=st.floats(1e-6, 0.3), rate=st.floats(-3.0, 3.0), slope=st.floats(-1.0, 1.0), sine_hz=st.floats(0.1, 500.0)
+)
+@settings(max_examples=30, deadline=None)
+def test_a_response_looked_at_later_is_the_same_signal(
+    later_s: float, rate: float, slope: float, sine_hz: float
+) -> None:
+    chain = locked_chain(PAPER)
+    terms = [(0.1 + 0.2j, 2j * math.pi * sine_hz)]
+    start = chain.modal(ChainState.at_rest(4), 1)
+    response = chain.respond(start, Forcing(rate, slope, terms, 0.5, [], 0.3), cmath.exp(0.7j))
+    times = np.linspace(0.0, 0.2, 7)
+    for signal in (response.filtered, response.sense):
+        scale = signal.swing() + abs(signal.constant)
+        np.testing.assert_allclose(signal.later(later_s).at(times), signal.at(later_s + times), atol=1e-9 * scale)
+        whole = signal.integral(later_s + 0.2) - signal.integral(later_s)
+        assert abs(signal.later(later_s).integral(0.2) - whole) < 1e-9 * scale
+
+
+def test_a_change_of_the_drive_alone_leaves_the_modes_parts() -> None:
+    """The short way of `handed_over` gives the same coordinates as the state written out."""
+    chain, random = locked_chain(PAPER), np.random.default_rng(3)
+    design_ = ChainDesign(PAPER)
+    other = design_.chain(chain.resonances, chain.drive_rad_s * 1.001, -1.1e-6 + 2e-8j, -0.05j)
+    modal, turn = random.standard_normal(8) + 1j * random.standard_normal(8), cmath.exp(1.3j)
+    np.testing.assert_allclose(
+        chain.handed_over(modal, turn, other), other.modal(chain.state(modal, turn), turn), rtol=1e-9
+    )

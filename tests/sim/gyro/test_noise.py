@@ -10,6 +10,8 @@ from scipy.linalg import expm
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import noise_matrices
+from vcfbench.sim.gyro.drive import locked
+from vcfbench.sim.gyro.gyro import NOISE_STEP_K, Gyro
 from vcfbench.sim.gyro.noise import STEPS_KEPT, Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.parameters import BenchParameters
 
@@ -57,6 +59,30 @@ def test_covariance_meets_van_loan_of_the_plainly_written_system(interval_s: flo
     wanted = wanted[np.ix_(shown, shown)]
     scale = np.sqrt(np.diag(wanted))
     assert np.max(np.abs(seen - wanted) / np.outer(scale, scale)) < tolerance
+
+
+def test_a_step_is_what_the_state_becomes_by_itself_and_what_is_drawn() -> None:
+    chain, random = noisy(), np.random.default_rng(5)
+    state = NoiseState(random.standard_normal(8) + 1j * random.standard_normal(8), random.standard_normal(COUNT))
+    once = chain.interval(0.2)
+    drawn = once.factor @ np.random.default_rng(7).standard_normal(len(once.factor))
+    wanted = once.later(state).plus(drawn)
+    after, integral_v_s = chain.step(state, 0.2, np.random.default_rng(7))
+    np.testing.assert_allclose(after.modal, wanted.modal, rtol=1e-12)
+    np.testing.assert_allclose(after.rates_rad_s, wanted.rates_rad_s, rtol=1e-12)
+    assert integral_v_s == pytest.approx(once.integral_of(state) + drawn[-1], rel=1e-12)
+
+
+@pytest.mark.parametrize("temperature_c", [-30.0, 20.0, 85.0])
+def test_half_a_step_of_temperature_hardly_changes_the_noise(temperature_c: float) -> None:
+    """So the noise may pass a chain whose temperature goes in steps of `NOISE_STEP_K`: see `Gyro`."""
+    gyro = Gyro(PAPER, 1, 0.0)
+    sizes = []
+    for each in (temperature_c, temperature_c + 0.5 * NOISE_STEP_K):
+        drive = locked(PAPER.drive_loop.amplitude_m, gyro._mode_at(each).natural_rad_s)
+        chain = NoisyChain(gyro._build(each, drive), gyro._flicker, gyro._white)
+        sizes.append([math.sqrt(chain.covariance(0.2)[-1, -1]), math.sqrt(chain.variance_v2(0.2))])
+    np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-3)
 
 
 def test_one_interval_has_the_distribution_of_a_thousand() -> None:

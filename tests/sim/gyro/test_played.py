@@ -116,7 +116,7 @@ def test_the_chain_answers_what_is_played_as_the_equations_of_motion_do(case: st
     start = clock.now()
     capture, window = world.capture(start, start + SECONDS), world.window("output", start + 0.03, start + SECONDS)
     times = start + np.linspace(0.0, SECONDS, 601)
-    phase = world._gyro._phase
+    phase = world._gyro._phase_now()
     clock.sleep_until(start + SECONDS)
     seen = capture.samples("output", times)
     answer = integrated(phase, wanted, times)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.procedures.scatter import NoiseSeen
@@ -59,7 +59,7 @@ class Window(StepResult):
 
     def as_json(self) -> dict[str, Any]:
         """Return readings and read-backs; the point too, where it cannot be made from the readings beside it."""
-        values = asdict(self)
+        values = StepResult.as_json(self)
         if self.readings:
             del values["point"]
         return values

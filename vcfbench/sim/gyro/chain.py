@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import cmath
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters, SenseMode
 
-__all__ = ["Chain", "ChainState", "Forcing", "Response", "build_chain"]
+__all__ = ["Chain", "ChainDesign", "ChainState", "Forcing", "Response", "build_chain"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ class Forcing:
     virtual_slope: complex = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Response:
     """The chain's answer to a forcing, t from the moment it began.
 
@@ -91,8 +92,9 @@ class Response:
         modal[4:] += turned * cmath.exp(2j * self.chain.drive_rad_s * time_s)
         return np.asarray(modal)
 
+    @cached_property
     def sense(self) -> ExponentialSum:
-        """Return the envelope S of V_s."""
+        """The envelope S of V_s."""
         weights = self.chain.to_sense
         constant, slope, moving = self.through
         return ExponentialSum(
@@ -102,8 +104,9 @@ class Response:
             np.concatenate((self.chain.eigenmodes, self.exponents)),
         )
 
+    @cached_property
     def filtered(self) -> ExponentialSum:
-        """Return the filtered signal v; its real part counts."""
+        """The filtered signal v; its real part counts."""
         chain, weights = self.chain, self.chain.to_filtered
         turned, twice = self.turn * chain.turned_to_filtered, 2j * chain.drive_rad_s
         still = turned @ self.constant[:4] + self.turned_constant.sum()
@@ -188,6 +191,17 @@ class Chain:
             modal[4:] + (self.coupling + turn * self.turned_coupling) @ parts,
         )
 
+    def handed_over(self, modal: NDArray[np.complex128], turn: complex, other: Chain) -> NDArray[np.complex128]:
+        """Return the coordinates that the state with these has in another chain; `turn` is e^{2j th} then.
+
+        Where only the drive has changed the modes' parts stay: see :mod:`.modes`.
+        """
+        if other.resonances != self.resonances:
+            return other.modal(self.state(modal, turn), turn)
+        parts = modal[:4]
+        between = self.coupling - other.coupling + turn * (self.turned_coupling - other.turned_coupling)
+        return np.concatenate((parts, modal[4:] + between @ parts))
+
     def respond(self, modal: NDArray[np.complex128], forcing: Forcing, turn: complex) -> Response:
         """Return the response to `forcing` from coordinates `modal` on; `turn` is e^{2j th} then."""
         own, lag = self.eigenmodes, self.lag
@@ -251,6 +265,77 @@ def _weighed(weights: NDArray[np.complex128], forced: NDArray[np.complex128]) ->
     return np.asarray(weights @ forced if few else (weights[:, None] * forced).sum(axis=0))
 
 
+class ChainDesign:
+    """What of the chain depends neither on the temperature nor on the drive, worked out once; :func:`build_chain`."""
+
+    def __init__(self, bench: BenchParameters) -> None:
+        sense, virtual = bench.sense_path, bench.virtual_path
+        self._bench = bench
+        self._filter_poles = np.array(butterworth_poles(2 * np.pi * sense.low_pass_hz, sense.low_pass_order))
+        self._residues = np.array(butterworth_residues(list(self._filter_poles)))[:, None]
+        self._ones = np.ones(len(self._filter_poles))
+        self._nothing = np.zeros(len(self._filter_poles))
+        self._shares = _each(bench, _share)
+        self._combs = _each(bench, lambda mode: _combs(bench, mode))
+        self._quadrature = _each(bench, lambda mode: mode.quadrature_rad_s)
+        self._nominal_rad_s = 2 * np.pi * bench.drive_mode.frequency_hz
+        self._carrier = -1j * cmath.exp(1j * virtual.carrier_phase_rad)
+        self._demodulator_phase = cmath.exp(-1j * sense.demodulator_phase_rad)
+        gain = sense.preamplifier_gain * sense.amplifier_gain
+        self._pick_offs = [gain * mode.pick_off_v_per_m for mode in (bench.sense_in_phase, bench.sense_anti_phase)]
+
+    def chain(
+        self,
+        resonances: tuple[Resonance, Resonance],
+        drive_rad_s: float,
+        displacement_m: complex,
+        velocity_m_s: complex,
+    ) -> Chain:
+        """Return the chain for a drive motion given by its displacement and velocity envelopes."""
+        bench, poles = self._bench, self._filter_poles
+        eigen = np.array([p for mode in resonances for p in mode.poles]) - 1j * drive_rad_s
+        seen = self._seen(resonances)
+        v_dac = bench.sense_path.reference_amplitude_v * abs(displacement_m) / bench.drive_loop.amplitude_m
+        down = self._residues * (0.5j * bench.sense_path.multiplier_per_v * v_dac * self._demodulator_phase)
+        up = self._residues * (0.5j * bench.sense_path.multiplier_per_v * v_dac * self._demodulator_phase).conjugate()
+        coupling = down * seen / (eigen - poles[:, None])
+        turned = up * seen / (eigen + 2j * drive_rad_s - poles[:, None])
+        rate = -2 * velocity_m_s * self._shares
+        quadrature = -2 * self._nominal_rad_s * displacement_m * self._quadrature
+        unit = self._carrier * v_dac
+        virtual = unit / bench.virtual_path.mass_kg * self._combs
+        carrier_through = bench.sense_path.carrier_feedthrough * unit
+        virtual_through = bench.sense_path.v_vc_feedthrough * unit / bench.sense_path.reference_amplitude_v
+        down, up = down[:, 0], up[:, 0]
+        return Chain(
+            resonances,
+            drive_rad_s,
+            np.concatenate((eigen, poles)),
+            coupling,
+            turned,
+            rate=np.concatenate((rate, -coupling @ rate)),
+            virtual=np.concatenate((virtual, down * virtual_through - coupling @ virtual)),
+            quadrature=np.concatenate((quadrature, down * carrier_through - coupling @ quadrature)),
+            turned_rate=-turned @ rate,
+            turned_virtual=up * virtual_through - turned @ virtual,
+            turned_quadrature=up * carrier_through - turned @ quadrature,
+            to_filtered=np.concatenate((coupling.sum(axis=0), self._ones)),
+            turned_to_filtered=turned.sum(axis=0),
+            to_sense=np.concatenate((seen, self._nothing)),
+            carrier_through=carrier_through,
+            virtual_through=virtual_through,
+        )
+
+    def _seen(self, resonances: tuple[Resonance, Resonance]) -> NDArray[np.complex128]:
+        """Return what each part adds to V_s = K_amp K_pre (K_inyv y1 + K_anyv y2), equations (7) and (8), V."""
+        weights = []
+        for pick_off, resonance in zip(self._pick_offs, resonances, strict=True):
+            plus, minus = resonance.poles
+            each = pick_off / (plus - minus)
+            weights += [each, -each]
+        return np.array(weights)
+
+
 def build_chain(
     bench: BenchParameters,
     resonances: tuple[Resonance, Resonance],
@@ -264,62 +349,9 @@ def build_chain(
     paper leaves the participation out); quadrature is a stiffness, in phase with x. The virtual force is m(V_Vc)
     K_FBY V_dac sin(w_d t + phi_c) (equation (8)) on each mass's own combs, and V_dac follows the drive pick-off. With
     x = -A cos(w_d t), the corrected equation (4), phi_c = pi gives it the direction of the Coriolis force.
+    The base band Re(d S) of equation (9) is that of Re(S e^{j th}) times V_dac sin(th + phi).
     """
-    poles = np.array([p for mode in resonances for p in mode.poles])
-    eigen = poles - 1j * drive_rad_s
-    seen = _pick_off(bench, resonances)
-    v_dac = bench.sense_path.reference_amplitude_v * abs(drive_displacement_m) / bench.drive_loop.amplitude_m
-    demodulator = _demodulator(bench, v_dac)
-    filter_poles = np.array(
-        butterworth_poles(2 * np.pi * bench.sense_path.low_pass_hz, bench.sense_path.low_pass_order)
-    )
-    residues = np.array(butterworth_residues(list(filter_poles)))[:, None]
-    coupling = residues * demodulator * seen / (eigen - filter_poles[:, None])
-    turned = residues * demodulator.conjugate() * seen / (eigen + 2j * drive_rad_s - filter_poles[:, None])
-    rate = -2 * drive_velocity_m_s * _each(bench, _share)
-    nominal = 2 * np.pi * bench.drive_mode.frequency_hz
-    quadrature = -2 * nominal * drive_displacement_m * _each(bench, lambda mode: mode.quadrature_rad_s)
-    carrier = -1j * cmath.exp(1j * bench.virtual_path.carrier_phase_rad) * v_dac / bench.virtual_path.mass_kg
-    virtual = carrier * _each(bench, lambda mode: _combs(bench, mode))
-    unit = -1j * cmath.exp(1j * bench.virtual_path.carrier_phase_rad) * v_dac
-    carrier_through = bench.sense_path.carrier_feedthrough * unit
-    virtual_through = bench.sense_path.v_vc_feedthrough * unit / bench.sense_path.reference_amplitude_v
-    down, up = residues[:, 0] * demodulator, residues[:, 0] * demodulator.conjugate()
-    return Chain(
-        resonances,
-        drive_rad_s,
-        np.concatenate((eigen, filter_poles)),
-        coupling,
-        turned,
-        rate=np.concatenate((rate, -coupling @ rate)),
-        virtual=np.concatenate((virtual, down * virtual_through - coupling @ virtual)),
-        quadrature=np.concatenate((quadrature, down * carrier_through - coupling @ quadrature)),
-        turned_rate=-turned @ rate,
-        turned_virtual=up * virtual_through - turned @ virtual,
-        turned_quadrature=up * carrier_through - turned @ quadrature,
-        to_filtered=np.concatenate((coupling.sum(axis=0), np.ones(len(filter_poles)))),
-        turned_to_filtered=turned.sum(axis=0),
-        to_sense=np.concatenate((seen, np.zeros(len(filter_poles)))),
-        carrier_through=carrier_through,
-        virtual_through=virtual_through,
-    )
-
-
-def _pick_off(bench: BenchParameters, resonances: tuple[Resonance, Resonance]) -> NDArray[np.complex128]:
-    """Return what each part adds to V_s = K_amp K_pre (K_inyv y1 + K_anyv y2), equations (7) and (8), V."""
-    gain = bench.sense_path.preamplifier_gain * bench.sense_path.amplifier_gain
-    weights = []
-    for mode, resonance in zip((bench.sense_in_phase, bench.sense_anti_phase), resonances, strict=True):
-        plus, minus = resonance.poles
-        each = gain * mode.pick_off_v_per_m / (plus - minus)
-        weights += [each, -each]
-    return np.array(weights)
-
-
-def _demodulator(bench: BenchParameters, v_dac: float) -> complex:
-    """Return d of the base band Re(d S) of equation (9), Re(S e^{j th}) times V_dac sin(th + phi)."""
-    phase = cmath.exp(-1j * bench.sense_path.demodulator_phase_rad)
-    return 0.5j * bench.sense_path.multiplier_per_v * v_dac * phase
+    return ChainDesign(bench).chain(resonances, drive_rad_s, drive_displacement_m, drive_velocity_m_s)
 
 
 def _each(bench: BenchParameters, figure: _ModeFigure) -> NDArray[np.complex128]:

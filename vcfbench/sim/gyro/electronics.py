@@ -6,26 +6,29 @@ import cmath
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vcfbench.sim.sources import Drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
-    from vcfbench.sim.sources import Bend, Piece, Played, Sine
+    from vcfbench.sim.sources import Approach, Bend, Piece, Played, Ripple, Sine
+
+_Volts = TypeVar("_Volts", float, NDArray[np.float64])
 
 __all__ = [
     "MovingLimits",
     "Oscillation",
     "Passage",
+    "Pin",
     "PlayedVoltage",
     "amplify",
+    "curved",
     "modulate",
     "node_voltage",
     "output_limits",
@@ -60,8 +63,44 @@ class Oscillation:
 
     def integral(self, duration_s: float) -> float:
         """Return the integral from its origin on, V s."""
-        swung = sum((a * (np.exp(s * duration_s) - 1) / s).real for a, s in self.terms)
-        return self.constant_v * duration_s + 0.5 * self.slope_v_s * duration_s**2 + float(swung)
+        swung = sum((a * (cmath.exp(s * duration_s) - 1) / s).real for a, s in self.terms)
+        return self.constant_v * duration_s + 0.5 * self.slope_v_s * duration_s**2 + swung
+
+
+@dataclass(frozen=True, slots=True)
+class Pin:
+    """A supply pin: how its voltage goes on, and what ripples on it; `sign` is the polarity that the PCB takes.
+
+    Of the other polarity it counts as 0 V: the protection diodes block it.
+    """
+
+    sign: float
+    approach: Approach
+    ripple: Ripple | None = None
+
+    def smooth_v(self, instant_s: float) -> float:
+        """Return the voltage at a bench time without the ripple."""
+        return self.sign * max(self.sign * self.approach.at(instant_s), 0.0)
+
+    def smooth(self, now_s: float) -> Oscillation:
+        """Return the voltage from `now_s` on without the ripple."""
+        if not self.smooth_v(now_s):
+            return Oscillation(0.0, [])
+        on_its_way = self.approach.later(now_s)
+        return Oscillation(on_its_way.goal_v, [(complex(size), complex(-1 / tau)) for size, tau in on_its_way.terms])
+
+    def voltage(self, now_s: float) -> Oscillation:
+        """Return the voltage from `now_s` on."""
+        smooth = self.smooth(now_s)
+        return Oscillation(smooth.constant_v, [*smooth.terms, *self.rippling(now_s)])
+
+    def rippling(self, now_s: float) -> list[tuple[complex, complex]]:
+        """Return the ripple from `now_s` on; without a voltage there is none."""
+        ripple = self.ripple
+        if ripple is None or not self.smooth_v(now_s):
+            return []
+        speed = 2 * math.pi * ripple.frequency_hz
+        return [(cmath.rect(math.sqrt(2) * ripple.rms_v, speed * now_s + ripple.phase_rad), 1j * speed)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,9 +250,13 @@ def amplify(
     limits: tuple[float | NDArray[np.float64], float | NDArray[np.float64]],
 ) -> NDArray[np.float64]:
     """Return the output amplifier's voltage: gain, curvature, offset, saturation."""
+    return np.asarray(np.clip(curved(stage, filtered_v), *limits))
+
+
+def curved(stage: OutputStage, filtered_v: _Volts) -> _Volts:
+    """Return the output amplifier's voltage far from its limits: gain, curvature, offset."""
     u = stage.gain * filtered_v
-    curved = stage.offset_v + u * (1 + u * (stage.second_order_per_v + u * stage.third_order_per_v2))
-    return np.asarray(np.clip(curved, *limits))
+    return stage.offset_v + u * (1 + u * (stage.second_order_per_v + u * stage.third_order_per_v2))
 
 
 def output_limits(stage: OutputStage, positive_v: float, negative_v: float) -> tuple[float, float]:

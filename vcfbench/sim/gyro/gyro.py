@@ -13,27 +13,28 @@ from __future__ import annotations
 import cmath
 import copy
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vcfbench.sim.gyro.bridge import NoisePath
-from vcfbench.sim.gyro.chain import ChainState, Forcing, build_chain
+from vcfbench.sim.gyro.chain import ChainDesign, ChainState, Forcing
 from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
 from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
-from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, output_limits, passage, rail_current_a
+from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
 from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
-from vcfbench.sim.gyro.stretch import Stretch
+from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.sources import Approach
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.gyro.chain import Chain, Response
+    from vcfbench.sim.gyro.chain import Chain
+    from vcfbench.sim.gyro.drive import DriveSegment
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
@@ -47,23 +48,18 @@ AMPLITUDE_STEP = 1e-4
 """Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""
 FORCED_STEP_V = 10e-3
 """The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
+NOISE_STEP_K = 1.0
+"""Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""
 _SHAKES, _LOOKS, _BEHIND, _IMAGINED = 1, 2, 4, 5
 """Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Course:
-    """What happens from now to `stop_s`: the chain's response, the noise in the end and its integral, the flutter."""
-
-    stop_s: float
-    response: Response
-    noise: NoiseState
-    noise_integral_v_s: float
-    shaking_rad_sqrt_s: float
-
-
 class Gyro:
-    """State of the gyro at `now_s`, the last instant that it was taken to."""
+    """State of the gyro at `now_s`, the last instant that it was taken to.
+
+    The chain's response goes on until something changes what forces it. The noise, which is added to it, lags: it is
+    brought up to now, in one step, when somebody looks or when its size changes.
+    """
 
     def __init__(self, bench: BenchParameters, seed: int, now_s: float) -> None:
         self.now_s = now_s
@@ -80,20 +76,28 @@ class Gyro:
             if noise.electronic_v_sqrt_hz
             else None
         )
-        self._rails = (Approach(0.0), Approach(0.0))
+        self._pins = (Pin(1.0, Approach(0.0)), Pin(-1.0, Approach(0.0)))
         self._held_v, self._rail_event_s = 0.0, math.inf
-        self._ripples: list[Ripple | None] = [None, None]
         self._running = False
         self._source: Drive | Played | None = None
         self._passage = passage(None, bench.virtual_path, now_s)
         self._phase = 0.0
+        self._since_s = now_s
+        """When the present response began: `_modal` and `_phase` are those of then."""
+        self._given: Situation | None = None
+        self._rate: RateSegment | None = None
         self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
         self._bands = self._warm_up.bands(bench.thermal)
-        self._drive = [resting(self._drive_mode().natural_rad_s)]
-        self._locked_chains: dict[tuple[int, complex], tuple[Chain, NoisyChain, Flutter | None]] = {}
-        self._chain, self._noisy_chain, self._flutter = self._new_chain()
+        self._drive_mode = self._mode_at(self._temperature_c())
+        self._drive = [resting(self._drive_mode.natural_rad_s)]
+        self._design = ChainDesign(bench)
+        self._chain = self._build(self._temperature_c(), self._drive[0])
+        self._noisy_chains: dict[tuple[int, complex], tuple[NoisyChain, Flutter | None]] = {}
+        self._noisy_chain: NoisyChain | None = None
+        self._flutter: Flutter | None = None
         self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
         self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.drawn(self._random))
+        self._noise_s = now_s
 
     def imagined(self) -> Gyro:
         """Return a gyro that goes on from here by itself, with random numbers of its own: this one learns nothing."""
@@ -103,7 +107,7 @@ class Gyro:
 
     def part(self) -> None:
         """Have nothing in common any more with what this was copied from that would change there."""
-        self._drive, self._bands, self._ripples = list(self._drive), list(self._bands), list(self._ripples)
+        self._drive, self._bands = list(self._drive), list(self._bands)
         key = (self._seed, _IMAGINED, round(self.now_s * 1e9))
         self._random, self._shaking = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
 
@@ -111,12 +115,14 @@ class Gyro:
 
     def set_rails(self, positive: Approach, negative: Approach) -> None:
         """Set how both rails go on, signed; of the wrong polarity they count as 0 V."""
-        self._rails = (positive, negative)
+        self._pins = (replace(self._pins[0], approach=positive), replace(self._pins[1], approach=negative))
         self._follow_rails()
 
     def _follow_rails(self) -> None:
         """Start or stop the drive loop and the warm-up as the rails have crossed their thresholds."""
-        self._rails = (self._rails[0].later(self.now_s), self._rails[1].later(self.now_s))
+        self._end_response()
+        positive, negative = (replace(pin, approach=pin.approach.later(self.now_s)) for pin in self._pins)
+        self._pins = (positive, negative)
         supply, was_running = self._bench.supply, self._running
         self._running = self._weaker_rail() >= (supply.brown_out_v if was_running else supply.start_v)
         if self._running != was_running:
@@ -132,10 +138,14 @@ class Gyro:
 
         What it does to the drive amplitude, 1e-7 of it for a millivolt, is left out.
         """
-        self._ripples[rail] = ripple
+        self._end_response()
+        positive, negative = self._pins
+        with_ripple = replace(self._pins[rail], ripple=ripple)
+        self._pins = (with_ripple, negative) if rail == 0 else (positive, with_ripple)
 
     def connect_v_vc(self, source: Drive | Played | None) -> None:
         """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
+        self._end_response()
         self._source = source
         self._passage = passage(source, self._bench.virtual_path, self.now_s)
 
@@ -161,9 +171,12 @@ class Gyro:
         """Return its temperature, degC."""
         return self._warm_up.at(self.now_s)
 
-    def rail_current_a(self, rail: int, voltage_v: float) -> float:
-        """Return the magnitude of the current drawn from rail 0 (positive) or 1 (negative) at a voltage."""
-        weaker_v = min(abs(voltage_v), abs(self._rail_v(1 - rail)))
+    def rail_current_a(self, rail: int, voltage_v: float, instant_s: float) -> float:
+        """Return the magnitude of the current drawn from rail 0 (positive) or 1 (negative) at a voltage.
+
+        `instant_s` is not before now and not after the next event.
+        """
+        weaker_v = min(abs(voltage_v), abs(self._pins[1 - rail].smooth_v(instant_s)))
         starts = weaker_v > 0.0 and (self._running or weaker_v >= self._bench.supply.start_v)
         lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m(weaker_v) if starts else 0.0
         return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
@@ -176,43 +189,70 @@ class Gyro:
         return min(self._drive[0].stop_s, band, self._passage.stop_s, self._rail_event_s)
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
-        """Return the stretch from now to `stop_s`, as it will be without noise; changes nothing."""
-        response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
-        return self._stretch(response, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
+        """Return the stretch from now to `stop_s`, as it will be without noise but that of now; goes nowhere."""
+        given = self._responding(rate)
+        self._bring_noise_up()
+        return self._stretch(given, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
 
     def go(self, rate: RateSegment, stop_s: float) -> None:
         """Go to `stop_s`, not beyond the next event, with nobody looking."""
-        self._arrive(self._course(rate, stop_s))
+        self._responding(rate)
+        self._arrive(stop_s)
 
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
-        course = self._course(rate, stop_s)
-        noise = self._path(course.noise, course.noise_integral_v_s, stop_s - self.now_s, course.shaking_rad_sqrt_s)
-        stretch = self._stretch(course.response, stop_s, noise, course.noise_integral_v_s)
-        self._arrive(course)
+        given = self._responding(rate)
+        self._bring_noise_up()
+        noise, integral, shaking = self._noise_at(stop_s)
+        path = self._path(noise, integral, stop_s - self.now_s, shaking)
+        stretch = self._stretch(given, stop_s, path, integral)
+        self._noise, self._noise_s = noise, stop_s
+        self._arrive(stop_s)
         return stretch
 
-    def _course(self, rate: RateSegment, stop_s: float) -> _Course:
-        """Return how it goes on up to `stop_s`; but for the random numbers nothing has changed yet."""
-        duration = stop_s - self.now_s
-        response = self._chain.respond(self._modal, self._forcing(rate), self._turn())
-        noise, integral = self._propagate_noise(duration)
-        shaking = self._shaking_rad_sqrt_s(rate, stop_s)
-        if shaking and self._flutter is not None:
-            noise, integral = self._flutter.added(noise, integral, duration, shaking, self._shaking)
-        return _Course(stop_s, response, noise, integral, shaking)
+    def _responding(self, rate: RateSegment) -> Situation:
+        """Return the situation with the chain's response to what forces it now; it began at `_since_s`."""
+        if rate is not self._rate:
+            self._bring_noise_up()  # the flutter goes by the rate
+            self._end_response()
+            self._rate = rate
+        if self._given is None:
+            self._since_s = self.now_s
+            self._given = Situation(
+                self._bench,
+                self._chain.respond(self._modal, self._forcing(rate), self._turn()),
+                self._drive_mode,
+                self._drive[0],
+                self._passage,
+                self._pins,
+                self._weaker_rail() >= self._bench.supply.dead_v,
+                self._electronic,
+            )
+        return self._given
 
-    def _arrive(self, course: _Course) -> None:
-        duration = course.stop_s - self.now_s
-        self._modal, self._noise = course.response.modal(duration), course.noise
-        self._phase = math.fmod(self._phase + self._drive[0].drive_rad_s * duration, 2 * math.pi)
-        self.now_s = course.stop_s
-        self._pass_events()
+    def _end_response(self) -> None:
+        """Take down what the response has come to by now, before something changes what forces the chain."""
+        given, elapsed = self._given, self.now_s - self._since_s
+        if given is not None:
+            self._modal, self._given = given.response.modal(elapsed), None
+            self._phase = _later_phase(self._phase, given.drive.drive_rad_s, elapsed)
+
+    def _arrive(self, stop_s: float) -> None:
+        self.now_s = stop_s
+        if self.next_event_s() <= stop_s:
+            self._pass_events()
+
+    def _phase_now(self) -> float:
+        """Return the carrier's phase, rad."""
+        if self._given is None:
+            return self._phase
+        return _later_phase(self._phase, self._chain.drive_rad_s, self.now_s - self._since_s)
 
     def _turn(self) -> complex:
-        return cmath.exp(2j * self._phase)
+        return cmath.exp(2j * self._phase_now())
 
     def _pass_events(self) -> None:
+        self._end_response()
         changed = False
         if self._passage.stop_s <= self.now_s:
             self.connect_v_vc(self._source)
@@ -221,6 +261,7 @@ class Gyro:
             changed = True
         while len(self._bands) > 1 and self._bands[1][0] <= self.now_s:
             self._bands.pop(0)
+            self._drive_mode = self._mode_at(self._temperature_c())
             changed = True
         if self._rail_event_s <= self.now_s:
             self._follow_rails()
@@ -231,26 +272,55 @@ class Gyro:
         """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
         self._held_v, self._rail_event_s = self._rails_ahead()
         if self._drive[0].locked:
-            self._drive = [locked(self._amplitude_m(self._held_v), self._drive_mode().natural_rad_s)]
+            self._drive = [locked(self._amplitude_m(self._held_v), self._drive_mode.natural_rad_s)]
+        self._end_response()
         turn = self._turn()
-        state, noise = self._chain.state(self._modal, turn), self._chain.state(self._noise.modal, 0j)
-        self._chain, self._noisy_chain, self._flutter = self._new_chain()
-        self._modal = self._chain.modal(state, turn)
-        self._noise = NoiseState(self._chain.modal(noise, 0j), self._noise.rates_rad_s)
+        chain = self._build(self._temperature_c(), self._drive[0])
+        self._chain, self._modal = chain, self._chain.handed_over(self._modal, turn, chain)
+        self._settle_noise()
 
-    def _propagate_noise(self, duration: float) -> tuple[NoiseState, float]:
-        """Return the noise after a step and its integral; while the drive is not locked only the flicker goes on."""
+    def _settle_noise(self) -> None:
+        """Go on with the noise of the chain that fits drive and temperature; what it has made so far stays."""
+        noisy, flutter = self._new_noise()
+        if noisy is self._noisy_chain:
+            return
+        self._bring_noise_up()
+        modal = np.zeros_like(self._modal)
+        if noisy is not None and self._noisy_chain is not None:
+            modal = self._noisy_chain.chain.handed_over(self._noise.modal, 0j, noisy.chain)
+        self._noise = NoiseState(modal, self._noise.rates_rad_s)
+        self._noisy_chain, self._flutter = noisy, flutter
+
+    # -- noise --
+
+    def _bring_noise_up(self) -> None:
+        """Bring the noise up to now, nobody having looked meanwhile."""
+        if self._noise_s < self.now_s:
+            self._noise, _, _ = self._noise_at(self.now_s)
+            self._noise_s = self.now_s
+
+    def _noise_at(self, stop_s: float) -> tuple[NoiseState, float, float]:
+        """Return the noise at `stop_s`, its integral from where it is, and the size of the table's flutter meanwhile.
+
+        While the drive is not locked only the flicker goes on.
+        """
         if not self._noisy:
-            return self._noise, 0.0
-        if self._noisy_chain is not None:
-            return self._noisy_chain.step(self._noise, duration, self._random)
-        rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
-        return NoiseState(np.zeros_like(self._modal), rates), 0.0
+            return self._noise, 0.0, 0.0
+        duration = stop_s - self._noise_s
+        if self._noisy_chain is None:
+            rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
+            return NoiseState(self._noise.modal, rates), 0.0, 0.0
+        noise, integral = self._noisy_chain.step(self._noise, duration, self._random)
+        shaking = self._shaking_rad_sqrt_s(stop_s)
+        if shaking and self._flutter is not None:
+            noise, integral = self._flutter.added(noise, integral, duration, shaking, self._shaking)
+        return noise, integral, shaking
 
-    def _shaking_rad_sqrt_s(self, rate: RateSegment, stop_s: float) -> float:
-        """Return the size of the table's flutter up to `stop_s`; at rest it does not flutter."""
-        if self._flutter is None or (turning := rate.rms_deg_s(self.now_s, stop_s)) == 0.0:
+    def _shaking_rad_sqrt_s(self, stop_s: float) -> float:
+        """Return the size of the table's flutter from where the noise is to `stop_s`; at rest it does not flutter."""
+        if self._flutter is None or self._rate is None:
             return 0.0
+        turning = self._rate.rms_deg_s(self._noise_s, stop_s)
         # the density is of positive frequencies: white noise gathers half of its square per second
         return self._bench.table.flutter_per_sqrt_hz * math.radians(turning) / math.sqrt(2.0)
 
@@ -268,28 +338,10 @@ class Gyro:
             key=(self._seed, _LOOKS, round(self.now_s * 1e9)),
         )
 
-    def _stretch(
-        self, response: Response, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float
-    ) -> Stretch:
-        bench = self._bench
-        moving, limits_v = self._limits(stop_s - self.now_s)
-        return Stretch(
-            bench,
-            self.now_s,
-            stop_s,
-            response,
-            noise,
-            noise_integral_v_s,
-            self._drive_mode(),
-            self._drive[0],
-            self._phase,
-            self._passage.voltage(self.now_s),
-            (self._rail(0), self._rail(1)),
-            limits_v,
-            self._weaker_rail() >= bench.supply.dead_v,
-            self._electronic,
-            moving,
-        )
+    def _stretch(self, given: Situation, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float) -> Stretch:
+        """Return the stretch from now to `stop_s`."""
+        since_s = self.now_s - self._since_s
+        return Stretch(given, self.now_s, stop_s, since_s, self._phase_now(), noise, noise_integral_v_s)
 
     # -- what acts on the chain --
 
@@ -312,36 +364,11 @@ class Gyro:
         left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.now_s) - warm_up.goal_c)
         return goal, [(complex(left), complex(-1 / warm_up.time_constant_s))]
 
-    def _rail(self, rail: int) -> Oscillation:
-        """Return the voltage really present on a supply pin from now on."""
-        ripple, smooth = self._ripples[rail], self._smooth_rail(rail)
-        if ripple is None or not self._rail_v(rail):
-            return smooth
-        speed = 2 * math.pi * ripple.frequency_hz
-        turned = cmath.rect(math.sqrt(2) * ripple.rms_v, speed * self.now_s + ripple.phase_rad)
-        return Oscillation(smooth.constant_v, [*smooth.terms, (turned, 1j * speed)])
-
-    def _smooth_rail(self, rail: int) -> Oscillation:
-        """Return the voltage of a supply pin from now on without its ripple."""
-        if not self._rail_v(rail):
-            return Oscillation(0.0, [])
-        on_its_way = self._rails[rail].later(self.now_s)
-        return Oscillation(on_its_way.goal_v, [(complex(size), complex(-1 / tau)) for size, tau in on_its_way.terms])
-
-    def _limits(self, duration_s: float) -> tuple[MovingLimits | None, tuple[float, float]]:
-        """Return where the output saturates from now on, as it moves, and the tightest of it."""
-        stage = self._bench.output_stage
-        if not any(rail.terms for rail in self._rails):
-            return None, output_limits(stage, self._rail_v(0), self._rail_v(1))
-        moving = MovingLimits(stage, self._smooth_rail(0), self._smooth_rail(1))
-        return moving, moving.tightest(duration_s)
-
     # -- power --
 
-    def _rail_v(self, rail: int) -> float:
-        """Return the smooth voltage of a supply pin now."""
-        volts = self._rails[rail].at(self.now_s)
-        return max(volts, 0.0) if rail == 0 else min(volts, 0.0)
+    @property
+    def _rails(self) -> tuple[Approach, Approach]:
+        return self._pins[0].approach, self._pins[1].approach
 
     def _weaker_rail(self) -> float:
         return self._weaker_at(self.now_s)
@@ -404,7 +431,7 @@ class Gyro:
 
     def _strongest_m(self, rail_v: float) -> float:
         """Return the drive amplitude that the largest force can hold."""
-        loop, mode, mass = self._bench.drive_loop, self._drive_mode(), self._bench.drive_mode.mass_kg
+        loop, mode, mass = self._bench.drive_loop, self._drive_mode, self._bench.drive_mode.mass_kg
         return loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
 
     def _heat(self) -> None:
@@ -413,11 +440,12 @@ class Gyro:
         goal = thermal.ambient_c + (thermal.self_heating_k if self._running else 0.0)
         self._warm_up = WarmUp(self.now_s, self._warm_up.at(self.now_s), goal, thermal.time_constant_s)
         self._bands = self._warm_up.bands(thermal)
+        self._drive_mode = self._mode_at(self._temperature_c())
 
     def _start(self) -> None:
         self._drive = start_up(
             self._bench,
-            self._drive_mode(),
+            self._drive_mode,
             self._drive_parts(),
             start_s=self.now_s,
             phase_rad=self._phase,
@@ -427,12 +455,12 @@ class Gyro:
     def _stop(self) -> None:
         speed = self._drive[0].drive_rad_s
         self._drive = ring_down(
-            self._drive_mode(), self._drive_parts(), drive_rad_s=speed, start_s=self.now_s, phase_rad=self._phase
+            self._drive_mode, self._drive_parts(), drive_rad_s=speed, start_s=self.now_s, phase_rad=self._phase
         )
 
     def _drive_parts(self) -> tuple[complex, complex]:
         """Return the two parts of the drive mode now."""
-        segment, mode = self._drive[0], self._drive_mode()
+        segment, mode = self._drive[0], self._drive_mode
         if not segment.motions:
             return mode.parts(segment.displacement_m, segment.velocity_m_s)
         motion = next(each for each in reversed(segment.motions) if each.start_s <= self.now_s)
@@ -443,21 +471,35 @@ class Gyro:
     def _temperature_c(self) -> float:
         return self._bands[0][1] * self._bench.thermal.refresh_k
 
-    def _drive_mode(self) -> Resonance:
-        return resonance_at(self._bench.drive_mode, self._bench.thermal, self._temperature_c())
+    def _mode_at(self, temperature_c: float) -> Resonance:
+        """Return the drive mode at a temperature."""
+        return resonance_at(self._bench.drive_mode, self._bench.thermal, temperature_c)
 
-    def _new_chain(self) -> tuple[Chain, NoisyChain | None, Flutter | None]:
-        if not self._drive[0].locked:
-            return self._build(), None, None
-        key = (self._bands[0][1], self._drive[0].displacement_m)
-        if key not in self._locked_chains:
-            chain = self._build()
+    def _new_noise(self) -> tuple[NoisyChain | None, Flutter | None]:
+        """Return the chain that the noise passes now, none while the drive is not locked.
+
+        Its temperature goes in steps of `NOISE_STEP_K`, so that its factors last.
+        """
+        drive = self._drive[0]
+        if not drive.locked or not self._noisy:
+            return None, None
+        step = round(self._temperature_c() / NOISE_STEP_K)
+        key = (step, drive.displacement_m)
+        if key not in self._noisy_chains:
+            temperature = step * NOISE_STEP_K
+            speed = self._mode_at(temperature).natural_rad_s
+            chain = self._build(temperature, locked(abs(drive.displacement_m), speed))
             flutter = Flutter(chain) if self._bench.table.flutter_per_sqrt_hz else None
-            self._locked_chains[key] = chain, NoisyChain(chain, self._flicker, self._white), flutter
-        return self._locked_chains[key]
+            self._noisy_chains[key] = NoisyChain(chain, self._flicker, self._white), flutter
+        return self._noisy_chains[key]
 
-    def _build(self) -> Chain:
-        bench, temperature, drive = self._bench, self._temperature_c(), self._drive[0]
-        in_phase = resonance_at(bench.sense_in_phase, bench.thermal, temperature)
-        anti_phase = resonance_at(bench.sense_anti_phase, bench.thermal, temperature)
-        return build_chain(bench, (in_phase, anti_phase), drive.drive_rad_s, drive.displacement_m, drive.velocity_m_s)
+    def _build(self, temperature_c: float, drive: DriveSegment) -> Chain:
+        bench = self._bench
+        in_phase = resonance_at(bench.sense_in_phase, bench.thermal, temperature_c)
+        anti_phase = resonance_at(bench.sense_anti_phase, bench.thermal, temperature_c)
+        resonances = in_phase, anti_phase
+        return self._design.chain(resonances, drive.drive_rad_s, drive.displacement_m, drive.velocity_m_s)
+
+
+def _later_phase(phase_rad: float, speed_rad_s: float, elapsed_s: float) -> float:
+    return math.fmod(phase_rad + speed_rad_s * elapsed_s, 2 * math.pi)

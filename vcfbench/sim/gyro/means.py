@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vcfbench.sim.gyro.electronics import amplify
+from vcfbench.sim.gyro.electronics import amplify, curved
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -142,7 +142,7 @@ def _limited_mean(mean_v: float, deviation_v: float, limits_v: tuple[float, floa
 
 
 def _amplified(stage: OutputStage, filtered_v: float) -> float:
-    return float(amplify(stage, np.array([filtered_v]), UNLIMITED)[0])
+    return curved(stage, filtered_v)
 
 
 def _tangent(stage: OutputStage, filtered_v: float) -> float:

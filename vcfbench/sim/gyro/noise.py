@@ -12,7 +12,7 @@ would change its size by less than 1e-5.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -82,6 +82,19 @@ class Interval:
     carried: NDArray[np.complex128]
     integral: NDArray[np.complex128]
     factor: NDArray[np.float64]
+    whole: NDArray[np.float64] = field(init=False)
+    """What makes (Re modal, Im modal, flicker, integral) of (Re modal, Im modal, flicker, random numbers)."""
+
+    def __post_init__(self) -> None:
+        """Write all of it as one matrix."""
+        n, k = len(self.decay), len(self.fade)
+        by_itself = np.zeros((2 * n + k + 1, 2 * n + k))
+        rotation = np.diag(self.decay)
+        by_itself[:n] = np.hstack((rotation.real, -rotation.imag, self.carried.real))
+        by_itself[n : 2 * n] = np.hstack((rotation.imag, rotation.real, self.carried.imag))
+        by_itself[2 * n : -1, 2 * n :] = np.diag(self.fade)
+        by_itself[-1] = np.concatenate((self.integral[:n].real, -self.integral[:n].imag, self.integral[n:].real))
+        object.__setattr__(self, "whole", np.hstack((by_itself, self.factor)))
 
     def integral_of(self, state: NoiseState) -> float:
         """Return the integral of the filtered noise that a state makes by itself, V s."""
@@ -115,7 +128,8 @@ class NoisyChain:
         drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
         follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
         white = (white_rad_sqrt_s, white_rad_sqrt_s if quadrature_rad_sqrt_s is None else quadrature_rad_sqrt_s)
-        self._made_of = chain, flicker, white
+        self.chain = chain
+        self._made_of = flicker, white
         self._input, self._output = _noise_maps(chain, follow, drift, white)
         self._integral = self._integral_row(chain, follow)
         self._follow = follow
@@ -124,6 +138,7 @@ class NoisyChain:
         """What the modes (:meth:`freed`) show: filtered noise and its slope (real parts), noise of the V_s envelope."""
         self._steps: dict[int, Interval] = {}
         self._shaken: dict[float, NoisyChain] = {}
+        self._variances: dict[int, float] = {}
         self._autocovariance: NDArray[np.complex128] | None = None
 
     def _integral_row(self, chain: Chain, follow: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -146,13 +161,24 @@ class NoisyChain:
 
     def step(self, state: NoiseState, interval_s: float, random: np.random.Generator) -> tuple[NoiseState, float]:
         """Return the state after `interval_s` and the integral of the filtered noise over it, V s."""
+        once, n = self._kept_interval(interval_s), self._n
+        drawn = random.standard_normal(len(once.factor))
+        after = once.whole @ np.concatenate((state.modal.real, state.modal.imag, state.rates_rad_s, drawn))
+        return NoiseState(after[:n] + 1j * after[n : 2 * n], after[2 * n : -1]), float(after[-1])
+
+    def gathered(self, interval_s: float, random: np.random.Generator) -> tuple[NDArray[np.complex128], float]:
+        """Return what a chain at rest has gathered in its modes after `interval_s`, and in the integral."""
+        once, n = self._kept_interval(interval_s), self._n
+        drawn = once.factor @ random.standard_normal(len(once.factor))
+        return drawn[:n] + 1j * drawn[n : 2 * n], float(drawn[-1])
+
+    def _kept_interval(self, interval_s: float) -> Interval:
         key = round(interval_s * 1e9)
         once = self._steps.get(key)
         if once is None:
             _make_room(self._steps)
             once = self._steps[key] = self.interval(key * 1e-9)
-        drawn = once.factor @ random.standard_normal(len(once.factor))
-        return once.later(state).plus(drawn), once.integral_of(state) + float(drawn[-1])
+        return once
 
     def interval(self, interval_s: float) -> Interval:
         """Return what an interval does to a state."""
@@ -168,8 +194,8 @@ class NoisyChain:
         """Return the same with white noise of this size added in phase with the Coriolis force: a table's flutter."""
         if rad_sqrt_s not in self._shaken:
             _make_room(self._shaken)
-            chain, flicker, (in_phase, quadrature) = self._made_of
-            self._shaken[rad_sqrt_s] = NoisyChain(chain, flicker, math.hypot(in_phase, rad_sqrt_s), quadrature)
+            flicker, (in_phase, quadrature) = self._made_of
+            self._shaken[rad_sqrt_s] = NoisyChain(self.chain, flicker, math.hypot(in_phase, rad_sqrt_s), quadrature)
         return self._shaken[rad_sqrt_s]
 
     def variance_v2(self, duration_s: float) -> float:
@@ -178,6 +204,13 @@ class NoisyChain:
         The autocovariance is a sum of exponentials c exp(l t); the mean over T has the variance of sum c m(l T), m(x) =
         2 (exp(x) - 1 - x) / x^2.
         """
+        key = round(duration_s * 1e9)
+        if key not in self._variances:
+            _make_room(self._variances)
+            self._variances[key] = self._variance_v2(key * 1e-9)
+        return self._variances[key]
+
+    def _variance_v2(self, duration_s: float) -> float:
         if self._autocovariance is None:
             self._autocovariance = self._correlated()
         x = self.moving * duration_s
@@ -264,15 +297,13 @@ class Flutter:
 
     def __init__(self, chain: Chain) -> None:
         self._unit = NoisyChain(chain, Flicker(np.empty(0), 0.0), 1.0, 0.0)
-        self._rest = NoiseState(np.zeros_like(chain.eigenmodes), np.empty(0))
 
     def added(
         self, state: NoiseState, integral_v_s: float, interval_s: float, rad_sqrt_s: float, random: np.random.Generator
     ) -> tuple[NoiseState, float]:
         """Return what the state after `interval_s`, and the integral over it, become with flutter of `rad_sqrt_s`."""
-        gathered, integral = self._unit.step(self._rest, interval_s, random)
-        modal = state.modal + rad_sqrt_s * gathered.modal
-        return NoiseState(modal, state.rates_rad_s), integral_v_s + rad_sqrt_s * integral
+        gathered, integral = self._unit.gathered(interval_s, random)
+        return NoiseState(state.modal + rad_sqrt_s * gathered, state.rates_rad_s), integral_v_s + rad_sqrt_s * integral
 
 
 def _make_room(kept: dict[Any, Any]) -> None:

@@ -57,13 +57,28 @@ class ExponentialSum:
 
     def integral(self, duration_s: float) -> complex:
         """Return the integral from 0 to `duration_s`."""
-        still = self.exponents == 0
-        grown = np.expm1(self.exponents * duration_s) / np.where(still, 1.0, self.exponents)
-        grown[still] = duration_s
+        grown = np.expm1(self.exponents * duration_s)
+        if np.count_nonzero(self.exponents) == len(self.exponents):
+            grown /= self.exponents
+        else:
+            still = self.exponents == 0
+            grown = np.where(still, duration_s, grown / np.where(still, 1.0, self.exponents))
         ramp = self.constant * duration_s + 0.5 * self.slope * duration_s**2
         end, turn = duration_s, self.turn
         ramped = self.turning * (end * np.exp(turn * end) - np.expm1(turn * end) / turn) / turn if self.turning else 0j
         return complex(self.amplitudes @ grown) + ramp + complex(ramped)
+
+    def later(self, elapsed_s: float) -> ExponentialSum:
+        """Return the same signal with its origin `elapsed_s` later."""
+        if not elapsed_s:
+            return self
+        moved = self.amplitudes * np.exp(self.exponents * elapsed_s)
+        constant = self.constant + self.slope * elapsed_s
+        if not self.turning:
+            return ExponentialSum(constant, self.slope, moved, self.exponents)
+        turning = self.turning * complex(np.exp(self.turn * elapsed_s))
+        amplitudes, exponents = np.append(moved, turning * elapsed_s), np.append(self.exponents, self.turn)
+        return ExponentialSum(constant, self.slope, amplitudes, exponents, turning, self.turn)
 
     def carried(self, turn: complex) -> ExponentialSum:
         """Return this signal, which has no ramped exponential, times exp(turn t)."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vcfbench.sim.gyro.dense import COARSE_S, coarser
-from vcfbench.sim.gyro.electronics import Oscillation, amplify
+from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, amplify, output_limits
 from vcfbench.sim.gyro.means import output_integral
 
 if TYPE_CHECKING:
@@ -22,39 +22,49 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
     from vcfbench.sim.gyro.electronic import ElectronicNoise
-    from vcfbench.sim.gyro.electronics import MovingLimits, PlayedVoltage
+    from vcfbench.sim.gyro.electronics import Passage, Pin, PlayedVoltage
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["Stretch"]
+__all__ = ["Situation", "Stretch"]
 
 FINEST_RAD = 0.05
+PINS = ("rail_positive", "rail_negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What holds from one event to the next: the chain's response, the drive, what is on V_Vc and the supply pins.
+
+    A PCB without enough power is not `alive`.
+    """
+
+    bench: BenchParameters
+    response: Response
+    drive_mode: Resonance
+    drive: DriveSegment
+    passage: Passage
+    pins: tuple[Pin, Pin]
+    alive: bool
+    electronic: ElectronicNoise | None
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
-    `noise_integral_v_s` is the noise's part of the integral of the filtered signal, `noise` its path, drawn if somebody
-    looks. `shares` says of loaded nodes how much of their open voltage is left. `moving_limits` says where the output
-    saturates while the rails move; `limits_v` are then the tightest.
+    The response began `responding_s` before the stretch did. `noise_integral_v_s` is the noise's part of the integral
+    of the filtered signal, `noise` its path, drawn if somebody looks. `shares` says of loaded nodes how much of their
+    open voltage is left.
     """
 
-    bench: BenchParameters
+    given: Situation
     start_s: float
     stop_s: float
-    response: Response
+    responding_s: float
+    phase_rad: float
     noise: NoisePath | None
     noise_integral_v_s: float
-    drive_mode: Resonance
-    drive: DriveSegment
-    phase_rad: float
-    v_vc: Oscillation | PlayedVoltage
-    rails: tuple[Oscillation, Oscillation]
-    limits_v: tuple[float, float]
-    alive: bool
-    electronic: ElectronicNoise | None = None
-    moving_limits: MovingLimits | None = None
     shares: Mapping[str, float] = field(default_factory=dict)
 
     def integral(self, node: str) -> float:
@@ -66,7 +76,7 @@ class Stretch:
         source = self._source(node)
         if source is not None:
             return source.integral(duration)
-        if not self.alive:
+        if not self.given.alive:
             return 0.0
         return self._share(node) * (
             self._whole_output(duration) if node == "output" else self._carrier_level_integral(node, duration)
@@ -89,7 +99,7 @@ class Stretch:
         """Return what a node carries as sines, its origin at the start of the stretch; None where only `at` tells."""
         source = self._source(node)
         if source is None:
-            return None if self.alive else Oscillation(0.0, [])
+            return None if self.given.alive else Oscillation(0.0, [])
         if not isinstance(source, Oscillation) or any(exponent.real for _, exponent in source.terms):
             return None
         return source
@@ -97,8 +107,8 @@ class Stretch:
     def _source(self, node: str) -> Oscillation | PlayedVoltage | None:
         """Return what a node of the PCB's inputs carries; None for its own nodes."""
         if node == "v_vc":
-            return self.v_vc
-        return {"rail_positive": self.rails[0], "rail_negative": self.rails[1]}.get(node)
+            return self.given.passage.voltage(self.start_s)
+        return self.given.pins[PINS.index(node)].voltage(self.start_s) if node in PINS else None
 
     def _whole_output(self, duration: float) -> float:
         """Return the integral of the output, the rails' ripple in it."""
@@ -106,54 +116,79 @@ class Stretch:
         output = self._output_integral(duration)
         if rippling is not None:
             output += rippling.integral(duration)
-        return output if self.electronic is None else output + self.electronic.integral(self.start_s, self.stop_s)
+        return (
+            output
+            if self.given.electronic is None
+            else output + self.given.electronic.integral(self.start_s, self.stop_s)
+        )
 
     def _rippling(self) -> Oscillation | None:
         """Return what of the rails' ripple comes through to the output, None where nothing does.
 
         The approach of a rail to its level does not: the output knows the rails' level by its limits alone.
         """
-        share = self.bench.supply.ripple_feedthrough
-        ripples = [term for rail in self.rails for term in rail.terms if not term[1].real] if share else []
+        share = self.given.bench.supply.ripple_feedthrough
+        ripples = [term for pin in self.given.pins for term in pin.rippling(self.start_s)] if share else []
         terms = [(share * size, speed) for size, speed in ripples]
         return Oscillation(0.0, terms) if terms else None
 
     def _output_integral(self, duration: float) -> float:
         variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
         noise = self.noise_integral_v_s / duration
-        filtered = self.response.filtered()
-        stage, moving = self.bench.output_stage, self.moving_limits
-        return output_integral(stage, self.limits_v, filtered, duration, noise, variance, moving)
+        filtered = self.given.response.filtered.later(self.responding_s)
+        moving = self._moving_limits()
+        limits_v = self._still_limits_v() if moving is None else moving.tightest(duration)
+        return output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
 
     def _amplified(self, filtered_v: NDArray[np.float64], elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        limits = self.limits_v if self.moving_limits is None else self.moving_limits.at(elapsed_s)
-        return amplify(self.bench.output_stage, filtered_v, limits)
+        moving = self._moving_limits()
+        limits = self._still_limits_v() if moving is None else moving.at(elapsed_s)
+        return amplify(self.given.bench.output_stage, filtered_v, limits)
+
+    def _still_limits_v(self) -> tuple[float, float]:
+        """Return where the output saturates on rails at rest."""
+        positive, negative = self.given.pins
+        return output_limits(
+            self.given.bench.output_stage, positive.smooth_v(self.start_s), negative.smooth_v(self.start_s)
+        )
+
+    def _moving_limits(self) -> MovingLimits | None:
+        """Return where the output saturates while the rails move; None when they are at rest."""
+        positive, negative = self.given.pins
+        if not (positive.approach.terms or negative.approach.terms):
+            return None
+        stage = self.given.bench.output_stage
+        return MovingLimits(stage, positive.smooth(self.start_s), negative.smooth(self.start_s))
 
     def _carrier_level_integral(self, node: str, duration: float) -> float:
         turn = cmath.exp(1j * self.phase_rad)
         if node == "drive":
-            return self.bench.drive_loop.pick_off_v_per_m * self._drive_integral(turn, duration)
+            return self.given.bench.drive_loop.pick_off_v_per_m * self._drive_integral(turn, duration)
         if node == "carrier":
-            return (self._carrier_v() * turn * _turned(self.drive.drive_rad_s, duration)).real
-        carried = self.response.sense().carried(1j * self.drive.drive_rad_s).integral(duration)
+            return (self._carrier_v() * turn * _turned(self.given.drive.drive_rad_s, duration)).real
+        carried = (
+            self.given.response.sense.later(self.responding_s)
+            .carried(1j * self.given.drive.drive_rad_s)
+            .integral(duration)
+        )
         if self.noise is not None:
-            carried += self.noise.carried_v_s(self.drive.drive_rad_s, duration)
+            carried += self.noise.carried_v_s(self.given.drive.drive_rad_s, duration)
         return (turn * carried).real
 
     def _carrier_v(self) -> complex:
         """Return the envelope of the carrier."""
-        v_dac = self.bench.sense_path.reference_amplitude_v
-        v_dac *= abs(self.drive.displacement_m) / self.bench.drive_loop.amplitude_m
-        return -1j * v_dac * cmath.exp(1j * self.bench.virtual_path.carrier_phase_rad)
+        v_dac = self.given.bench.sense_path.reference_amplitude_v
+        v_dac *= abs(self.given.drive.displacement_m) / self.given.bench.drive_loop.amplitude_m
+        return -1j * v_dac * cmath.exp(1j * self.given.bench.virtual_path.carrier_phase_rad)
 
     def _drive_integral(self, turn: complex, duration: float) -> float:
-        if not self.drive.motions:
-            return (self.drive.displacement_m * turn * _turned(self.drive.drive_rad_s, duration)).real
-        total, ends = 0.0, [each.start_s for each in self.drive.motions[1:]] + [math.inf]
-        for motion, end in zip(self.drive.motions, ends, strict=True):
+        if not self.given.drive.motions:
+            return (self.given.drive.displacement_m * turn * _turned(self.given.drive.drive_rad_s, duration)).real
+        total, ends = 0.0, [each.start_s for each in self.given.drive.motions[1:]] + [math.inf]
+        for motion, end in zip(self.given.drive.motions, ends, strict=True):
             start, stop = max(motion.start_s, self.start_s), min(end, self.stop_s)
             if start < stop:
-                moved = motion.waveform(self.drive_mode)
+                moved = motion.waveform(self.given.drive_mode)
                 whole, before = moved.integral(stop - motion.start_s), moved.integral(start - motion.start_s)
                 total += (whole - before).real
         return total
@@ -168,28 +203,28 @@ class Stretch:
         source = self._source(node)
         if source is not None:
             return source.at(elapsed)
-        if not self.alive:
+        if not self.given.alive:
             return np.zeros_like(elapsed)
         coarse = coarser(times_s)
         if coarse is not None:
             return coarse.interpolated(self._open_circuit(node, coarse.times_s()))
         if node == "output":
-            filtered = self.response.filtered().at(elapsed).real
+            filtered = self.given.response.filtered.at(self.responding_s + elapsed).real
             noisy = filtered if self.noise is None else filtered + self.noise.filtered(elapsed)
             volts = self._amplified(noisy, elapsed)
             rippling = self._rippling()
             volts = volts if rippling is None else volts + rippling.at(elapsed)
-            return volts if self.electronic is None else volts + self.electronic.at(times_s)
+            return volts if self.given.electronic is None else volts + self.given.electronic.at(times_s)
         return self._carrier_level(node, times_s)
 
     def _carrier_level(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         elapsed = times_s - self.start_s
-        phase = self.phase_rad + self.drive.drive_rad_s * elapsed
+        phase = self.phase_rad + self.given.drive.drive_rad_s * elapsed
         if node == "sense":
-            envelope = self.response.sense().at(elapsed)
+            envelope = self.given.response.sense.at(self.responding_s + elapsed)
             envelope = envelope if self.noise is None else envelope + self.noise.sense(elapsed)
             return np.asarray((envelope * np.exp(1j * phase)).real)
-        loop = self.bench.drive_loop
+        loop = self.given.bench.drive_loop
         if node == "carrier":
             return np.asarray((self._carrier_v() * np.exp(1j * phase)).real)
         if node == "drive":
@@ -197,13 +232,15 @@ class Stretch:
         raise ValueError(f"the PCB has no node {node!r}")
 
     def _drive_displacement(self, times_s: NDArray[np.float64], phase_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not self.drive.motions:
-            return np.asarray((self.drive.displacement_m * np.exp(1j * phase_rad)).real)
-        starts = np.array([each.start_s for each in self.drive.motions])
+        if not self.given.drive.motions:
+            return np.asarray((self.given.drive.displacement_m * np.exp(1j * phase_rad)).real)
+        starts = np.array([each.start_s for each in self.given.drive.motions])
         held = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
         moved = np.zeros_like(times_s)
         for index in np.unique(held):
-            moved[held == index] = _free_motion(self.drive_mode, self.drive.motions[index], times_s[held == index])
+            moved[held == index] = _free_motion(
+                self.given.drive_mode, self.given.drive.motions[index], times_s[held == index]
+            )
         return moved
 
 
