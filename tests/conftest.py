@@ -71,11 +71,11 @@ QUICK = (
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int | None:
-    """Start half as many workers again as there are processors: some tests wait for timeouts and other processes."""
+    """Start two workers more than there are processors: some tests wait for time-outs and for other processes."""
     if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
         return None
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return processors + processors // 2
+    return processors + 2
 
 
 @pytest.fixture(autouse=True, scope="session")

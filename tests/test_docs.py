@@ -24,6 +24,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from tests import warm
+from tests.cells import few
 from tests.conftest import HERE, SLOW
 from tests.ports import free_port
 
@@ -34,6 +35,8 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
 KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "text", ""}
+LONG = {"procedures.md", "serving.md", "simulated-instruments.md", "testing.md"}
+"""Documents whose commands take some seconds each; all others are run every time."""
 
 BLOCK = re.compile(r"^```(?P<info>[^\n`]*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -105,7 +108,7 @@ def ids(document: Path) -> str:
     return document.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
+@pytest.mark.parametrize("document", few(DOCUMENTS, *(each for each in DOCUMENTS if each.name not in LONG)), ids=ids)
 def test_what_is_shown_works(document: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCFBENCH_CONTROL_PORT", str(free_port()))  # somebody else may be serving a bench here
     python_printed = None

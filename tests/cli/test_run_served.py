@@ -48,6 +48,15 @@ def short(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def turntable(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A short turntable calibration in one process."""
+    folder = tmp_path_factory.mktemp("turntable")
+    bench = folder / "short.toml"
+    bench.write_text(embedded_text("paper").replace("\n[procedure.drive]", SHORT), encoding="utf-8")
+    return answer(folder, "turntable", "--bench", str(bench), "--seed", "7")
+
+
 WIRES = ["tcp", pytest.param("pty", marks=needs_ptys), "vxi11", "hislip"]
 INSTRUMENTS = ("power", "rate_source", "multimeter", "oscilloscope")
 
@@ -103,12 +112,13 @@ def answer(folder: Path, procedure: str, *arguments: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("wires", WIRES)
-def test_turntable_over_real_wires_gives_the_same_bytes(short: Path, tmp_path: Path, wires: str) -> None:
-    alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
+def test_turntable_over_real_wires_gives_the_same_bytes(
+    turntable: dict[str, Any], short: Path, tmp_path: Path, wires: str
+) -> None:
     with serving(short, *everywhere(wires), "--seed", "7") as served:
         require_wires(served, wires)
         over_wires = answer(tmp_path, "turntable", "--bench", str(served))
-    assert json.dumps(over_wires) == json.dumps(alone)
+    assert json.dumps(over_wires) == json.dumps(turntable)
 
 
 @pytest.mark.parametrize("dialect", few(DIALECTS, "acl", "dd16", "ruya"))
