@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
+    from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
@@ -107,6 +108,7 @@ __all__ = [
     "LimitError",
     "LinkLost",
     "MadeSafe",
+    "Measured",
     "MeasurementError",
     "MeasuresWaveforms",
     "Multimeter",
@@ -273,6 +275,7 @@ _HOMES = {
         "StepFinished",
         "StepStarted",
     ),
+    "procedures.measured": ("Measured",),
     "procedures.procedure": ("Procedure",),
     "procedures.results": (
         "TurntableResult",

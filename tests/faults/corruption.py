@@ -16,6 +16,7 @@ from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.executor import Executor
 from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.measured import Measured
 from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
 from vcfbench.record.schema import Status
 
@@ -181,7 +182,7 @@ def perform(
         return Came(str(error), None, _said(behind))
     if execution.status is not Status.COMPLETE:
         return Came(str(execution.error), None, _said(behind))
-    return Came(None, work.results(settings, execution.points), _said(behind))
+    return Came(None, work.results(settings, Measured(execution.points)), _said(behind))
 
 
 def _said(behind: Behind) -> dict[str, list[bytes]]:

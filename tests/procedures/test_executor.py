@@ -14,6 +14,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.dry_run import walk
 from vcfbench.procedures.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
 from vcfbench.procedures.linear_gyro import LinearGyro
+from vcfbench.procedures.measured import Measured
 from vcfbench.procedures.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.record.schema import Status
 
@@ -91,7 +92,7 @@ def test_virtual_coriolis_finds_k_vc_and_the_same_scale_factor() -> None:
     settings = make_settings()
     procedure = PROCEDURES["virtual-coriolis"]
     execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
-    results = procedure.results(settings, execution.points)
+    results = procedure.results(settings, Measured(execution.points))
     assert results.k_vc.value == pytest.approx(40.0, rel=1e-9)
     assert results.v_vc10_v == pytest.approx(0.25, rel=1e-9)
     assert abs(results.scale_factor_error_percent) < 1e-9
@@ -106,7 +107,7 @@ def test_match_absolute_shows_the_trap() -> None:
     settings = make_settings(match=Match.ABSOLUTE)
     procedure = PROCEDURES["virtual-coriolis"]
     execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
-    results = procedure.results(settings, execution.points)
+    results = procedure.results(settings, Measured(execution.points))
     assert results.scale_factor_error_percent == pytest.approx(100.0 * 0.0517 / 0.125, rel=1e-4)
     assert results.match is Match.ABSOLUTE
 
@@ -119,7 +120,7 @@ def test_error_is_bounded_by_its_own_uncertainty() -> None:
     for seed in range(40):
         gyro = Gyro(noise_v=1e-4, rng=np.random.default_rng(seed))
         execution = Executor(FakeBench(gyro), MemoryJournal()).execute(procedure.plan(settings))
-        results = procedure.results(settings, execution.points)
+        results = procedure.results(settings, Measured(execution.points))
         beyond += abs(results.scale_factor_error_percent) > 2.0 * results.scale_factor_error_u_percent
     assert beyond < 12
 
@@ -128,7 +129,7 @@ def test_uncertainty_has_the_meters_resolution_where_there_is_no_noise() -> None
     settings = make_settings()
     procedure = PROCEDURES["virtual-coriolis"]
     execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
-    results = procedure.results(settings, execution.points)
+    results = procedure.results(settings, Measured(execution.points))
     assert results.u_output_v == pytest.approx(10e-6 / math.sqrt(12.0), rel=1e-6)
 
 

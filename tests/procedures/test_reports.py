@@ -10,6 +10,7 @@ import pytest
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.executor import Executor
+from vcfbench.procedures.measured import Measured
 from vcfbench.report.document import Figure
 from vcfbench.report.text import text_of
 
@@ -43,7 +44,7 @@ K_Vc = 40 (deg/s)/V,"""
 def reported(name: str) -> Report:
     settings = make_settings(k_vc_guess_deg_s_per_v=40.0)
     procedure = PROCEDURES[name]
-    points = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings)).points
+    points = Measured(Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings)).points)
     return procedure.report(settings, points, procedure.results(settings, points))
 
 
@@ -84,8 +85,9 @@ def test_residuals_are_in_ppm_of_full_scale() -> None:
     procedure = PROCEDURES["turntable"]
     points = list(Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings)).points)
     points[0] = type(points[0])(1, 200.0, 0.0, points[0].output_v + 0.01, 0.0, 10)
-    results = procedure.results(settings, points)
-    drawn = [part for part in procedure.report(settings, points, results).parts if isinstance(part, Figure)]
+    measured = Measured(points)
+    results = procedure.results(settings, measured)
+    drawn = [part for part in procedure.report(settings, measured, results).parts if isinstance(part, Figure)]
     assert max(map(abs, drawn[1].series[0].y)) == pytest.approx(results.nonlinearity_ppm.max_fs)
 
 

@@ -13,10 +13,10 @@ from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
+    from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.step import Plan
-    from vcfbench.record.schema import Point
     from vcfbench.report.document import Report
 
 S = TypeVar("S", bound=ProcedureSettings)
@@ -40,9 +40,11 @@ class Procedure(Generic[S, R]):
         title: one line, the help of its command.
         settings: the class of its settings, each with its range and its default.
         plan: makes the plan, a generator of steps, from the settings.
-        results: makes the results from settings and points; pure, so that a record gives the same results again.
-            Any frozen dataclass or msgspec struct will do: its fields are what is written.
-        report: makes the report from settings, points and results; without it points and fields of the results.
+        results: makes the results from settings and what was measured (the points, a sequence, with all else that the
+            journal keeps); pure, so that a record gives the same results again. Any frozen dataclass or msgspec
+            struct will do: its fields are what is written.
+        report: makes the report from settings, what was measured and results; without it points and fields of the
+            results.
         needs: the roles that must be on the bench, and what the instrument in each must be able to do.
         uses: the roles that it makes use of where the bench has them, likewise; what looks at no drive signal uses {}.
     """
@@ -51,8 +53,8 @@ class Procedure(Generic[S, R]):
     title: str
     settings: type[S]
     plan: Callable[[S], Plan]
-    results: Callable[[S, Sequence[Point]], R]
-    report: Callable[[S, Sequence[Point], R], Report] = generic_report
+    results: Callable[[S, Measured], R]
+    report: Callable[[S, Measured, R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
 

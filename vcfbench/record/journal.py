@@ -25,10 +25,10 @@ from vcfbench.record.damage import first_damage, own_readings
 from vcfbench.record.schema import FORMAT, READABLE, Point, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["Journal", "JournalRecord", "read_header", "read_journal"]
+__all__ = ["Journal", "JournalRecord", "lines_of", "read_header", "read_journal"]
 
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
@@ -157,6 +157,17 @@ def read_header(path: Path) -> Mapping[str, Any]:
         line = file.readline(_LONGEST_LINE)
     header = _decoded(line) if line.endswith(b"\n") else None
     return header if header is not None and header.get("type") == "header" else {}
+
+
+def lines_of(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the lines of a journal, one at a time, up to the first that is not whole: a long one needs no memory.
+
+    Raises:
+        ConfigError: it is no file that can be read.
+    """
+    with opened(path, _EXPECTED) as file:
+        while (line := file.readline(_LONGEST_LINE)).endswith(b"\n") and (values := _decoded(line)) is not None:
+            yield values
 
 
 def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> JournalRecord:

@@ -325,12 +325,15 @@ class _Record:
             course.directory = None
 
     def _compute(self) -> None:
+        from vcfbench.procedures.measured import Measured  # noqa: PLC0415
+        from vcfbench.record.journal import lines_of  # noqa: PLC0415
         from vcfbench.runs.results import come_to  # noqa: PLC0415
 
         course, settings = self.course, self.prepared.settings
-        points = course.as_run().points
+        assert course.directory is not None  # noqa: S101  # prepared
+        measured = Measured(course.as_run().points, partial(lines_of, course.directory.journal))
         try:
-            course.came_to = come_to(self.prepared.procedure, settings, settings.acceptance, points)
+            course.came_to = come_to(self.prepared.procedure, settings, settings.acceptance, measured)
         except BenchError as error:
             failed = MeasurementError(f"the points give no result: {error.what}")
             failed.__cause__ = error.__cause__

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,7 +97,7 @@ def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, st
     if record.status is not Status.COMPLETE:
         return nothing(record.points), f"the record is {record.status.value}"
     try:
-        return _computed(record), None
+        return _computed(directory, record), None
     except BenchError as error:
         why = printable(error.what)
     try:
@@ -105,7 +106,7 @@ def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, st
         return nothing(record.points), f"{why}; {error.what}"
 
 
-def _computed(record: JournalRecord) -> CameTo:
+def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
     """Compute the results again.
 
     Raises:
@@ -113,6 +114,8 @@ def _computed(record: JournalRecord) -> CameTo:
     """
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
+    from vcfbench.procedures.measured import Measured  # noqa: PLC0415
+    from vcfbench.record.journal import lines_of  # noqa: PLC0415
     from vcfbench.runs.results import come_to  # noqa: PLC0415
 
     name = record.header.get("procedure")
@@ -120,8 +123,9 @@ def _computed(record: JournalRecord) -> CameTo:
         raise ConfigError(f"the procedure {name!r} is not known here")
     procedure = PROCEDURES[name]
     settings = recorded_settings(procedure, record.header.get("settings"))
+    measured = Measured(record.points, partial(lines_of, directory.journal))
     try:
-        return come_to(procedure, settings, settings.acceptance, record.points)
+        return come_to(procedure, settings, settings.acceptance, measured)
     except BenchError as error:
         raise ConfigError(f"the points give no result: {error.what}") from error
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.procedures.settings import Limit
     from vcfbench.record.directory import RunDirectory
@@ -38,34 +39,34 @@ def nothing(points: Sequence[Point]) -> CameTo:
     return CameTo(None, None, Report([points_table(points)]))
 
 
-def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], points: Sequence[Point]) -> CameTo:
+def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> CameTo:
     """Compute the results of `procedure`, judge them by `limits`, and make their report.
 
     Raises:
         BenchError: the points give no result, or one that cannot be written.
     """
     try:
-        results = read_only(procedure.results(settings, points))
+        results = read_only(procedure.results(settings, measured))
         plain(results)  # what cannot be written is no result
-        verdict = judged(limits, results, points)
+        verdict = judged(limits, results, measured)
     except BenchError:
         raise
     except Exception as error:  # the arithmetic is anybody's
         raise ConfigError(mistake_in(error)) from error
-    return CameTo(results, verdict, _report(procedure, settings, points, results))
+    return CameTo(results, verdict, _report(procedure, settings, measured, results))
 
 
-def _report(procedure: AnyProcedure, settings: Any, points: Sequence[Point], results: Any) -> Report:
+def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results: Any) -> Report:
     """Return the report of the procedure; where it fails, points and results say as much, and what happened."""
     try:
-        made = procedure.report(settings, points, results)
+        made = procedure.report(settings, measured, results)
         if isinstance(made, Report):
             return made
         failed = f"it returned a {type(made).__name__}"
     except Exception as error:  # noqa: BLE001  # it is anybody's, and the results are there
         failed = mistake_in(error)
     told = Text(f"the report of {procedure.name} failed: {failed}")
-    return Report([*generic_report(settings, points, results).parts, told])
+    return Report([*generic_report(settings, measured, results).parts, told])
 
 
 def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:

@@ -1,0 +1,146 @@
+"""What a run measured, as the results of a procedure see it: its points, and all else that the journal keeps.
+
+A run keeps its points in memory and nothing more; readings and what steps have found are in the journal, and are read
+from there when they are asked for. So it is the same for a run that has just ended and for its record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+from vcfbench.procedures.decode import Recorded, result_of, step_of
+from vcfbench.procedures.step import Step, StepResult
+from vcfbench.record.schema import Point
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["Measured", "Readings", "WindowReadings"]
+
+_Found = TypeVar("_Found", bound=StepResult)
+_Lines = Callable[[], Iterable[Mapping[str, Any]]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowReadings:
+    """The raw readings of one window: bench times at which they were asked for (s), and voltages (V), both (n,).
+
+    `number` is that of the step in the run, from 1; `step` the step that took them.
+    """
+
+    number: int
+    step: Step | Recorded
+    t_s: NDArray[np.float64]
+    voltage_v: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """All raw readings of a run, window after window."""
+
+    windows: tuple[WindowReadings, ...]
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """Bench times of all readings, s, shape (n,)."""
+        return _joined([window.t_s for window in self.windows])
+
+    @property
+    def voltage_v(self) -> NDArray[np.float64]:
+        """Voltages of all readings, V, shape (n,)."""
+        return _joined([window.voltage_v for window in self.windows])
+
+
+class Measured(Sequence[Point]):
+    """The points of a run, in the order in which they were measured, and what else its journal keeps of it.
+
+    Args:
+        points: the averaged points.
+        lines: begins to read the journal: its lines, as :func:`vcfbench.record.journal.lines_of` gives them.
+    """
+
+    def __init__(self, points: Iterable[Point], lines: _Lines = tuple) -> None:
+        self._points = tuple(points)
+        self._lines = lines
+
+    @overload
+    def __getitem__(self, index: int) -> Point: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Point, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Point | tuple[Point, ...]:
+        return self._points[index]
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __repr__(self) -> str:
+        return f"<Measured: {len(self)} points>"
+
+    @property
+    def readings(self) -> Readings:
+        """Every reading of every window that came to its end; read from the journal when first asked for.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return self._kept[0]
+
+    def found(self, kind: type[_Found]) -> tuple[tuple[Step, _Found], ...]:
+        """Return what steps have found, of `kind` or a kind of it, each with its step, in the order of the run.
+
+        Of a window too long for one line of the journal the result holds the point; its readings are in `readings`.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return tuple((step, result) for step, result in self._kept[1] if isinstance(result, kind))
+
+    @cached_property
+    def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
+        """Go through the journal once: one window's readings are in memory as they stand there, the rest as arrays."""
+        windows, found = [], []
+        for line, readings in _steps(self._lines()):
+            step, result = step_of(line), result_of(line)
+            if readings:
+                windows.append(_window(line["n"], step, readings))
+            if isinstance(step, Step) and isinstance(result, StepResult):
+                found.append((step, result))
+        return Readings(tuple(windows)), tuple(found)
+
+
+def _steps(lines: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], list[NDArray[np.float64]]]]:
+    """Yield the line of each step that was performed, with its readings, a row each, in the pieces that are there."""
+    chunks: list[NDArray[np.float64]] = []
+    for line in lines:
+        if line.get("type") == "readings":
+            chunks.append(_rows(line["readings"]))
+        elif line.get("type") in ("step", "error"):
+            taken, chunks = chunks, []
+            if line["type"] == "step":
+                own = line["result"].get("readings", ())
+                yield line, [*taken, _rows(own)] if own else taken
+
+
+def _rows(readings: Sequence[Mapping[str, float]]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  # most results need points alone
+
+    return np.array([(reading["t_s"], reading["voltage_v"]) for reading in readings])
+
+
+def _window(number: int, step: Step | Recorded, pieces: Sequence[NDArray[np.float64]]) -> WindowReadings:
+    import numpy as np  # noqa: PLC0415  # as above
+
+    rows = np.concatenate(pieces)
+    return WindowReadings(number, step, rows[:, 0].copy(), rows[:, 1].copy())
+
+
+def _joined(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  # as above
+
+    return np.concatenate(arrays) if arrays else np.empty(0)
