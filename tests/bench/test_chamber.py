@@ -154,7 +154,7 @@ def test_a_room_that_somebody_warms_is_left_as_it_is() -> None:
         assert bench.chamber.air_temperature_c() == 30.0
 
 
-def test_it_is_checked_served_and_found_on_after_a_crash() -> None:
+def test_it_is_checked_served_and_made_safe_from_outside() -> None:
     described = with_chamber("paper")
     assert check_bench(described).failure() is None
     with serve_simulated(described, seed=1) as lab:
