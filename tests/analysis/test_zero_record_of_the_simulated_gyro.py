@@ -13,7 +13,7 @@ from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise
 from vcfbench.analysis.sampling import Sampling, block_means
 from vcfbench.sim.parameters import BenchParameters
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exhaustive
 
 PAPER = BenchParameters.paper()
 STILL = replace(PAPER, thermal=replace(PAPER.thermal, self_heating_k=0.0))

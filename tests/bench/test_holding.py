@@ -56,9 +56,9 @@ def lab() -> Iterator[ServedLab]:
         yield served
 
 
-def ended(lab: ServedLab, folder: Path, end: str) -> subprocess.CompletedProcess[str]:
+def ended(lab: ServedLab, folder: Path, end: str, timeout_s: float = 20.0) -> subprocess.CompletedProcess[str]:
     bench = lab.on_wires()
-    bench = structs.replace(bench, rate_source=structs.replace(bench.rate_source, timeout_s=0.3))
+    bench = structs.replace(bench, rate_source=structs.replace(bench.rate_source, timeout_s=timeout_s))
     (folder / "served.toml").write_text(bench_text(bench), encoding="utf-8")
     command = [sys.executable, "-W", "default", "-c", SCRIPT + end, str(folder / "served.toml")]
     while True:
@@ -94,7 +94,7 @@ with Control(int(bench.description.served.control.rpartition(":")[2])) as contro
     control.request("fault", instrument="rate_source", kind="silent")
 raise ValueError("a typo")
 """
-    done = ended(lab, tmp_path, end)
+    done = ended(lab, tmp_path, end, timeout_s=0.5)
     assert done.returncode == 5, done.stderr
     assert "ValueError: a typo" in done.stderr
     assert "NOT SAFE: rate_source at " in done.stderr

@@ -66,7 +66,7 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
 def impatient(bench: Bench, role: str) -> None:
     """Let the run wait shortly for the answers of an instrument."""
     described = load_bench(bench.path)
-    described = structs.replace(described, **{role: structs.replace(getattr(described, role), timeout_s=0.5)})
+    described = structs.replace(described, **{role: structs.replace(getattr(described, role), timeout_s=0.8)})
     bench.path.write_text(bench_text(described), encoding="utf-8")
 
 
