@@ -50,6 +50,16 @@ def rail(world: FakeWorld, start_s: float, stop_s: float) -> tuple[np.ndarray, n
     return times, np.array([world.rail_v("positive", each) for each in times])
 
 
+def test_a_level_that_is_given_up_at_its_start_is_no_movement() -> None:
+    """Set and reset in one message, so at one instant: from nothing to nothing there is no logarithm to take."""
+    world, _, talk = bench()
+    talk.write("OUTP ON;:CURR MIN;:VOLT 0")
+    talk.write("APPL P25V,10,0.1;*RST")
+    talk.settle()
+    world.clock.sleep_until(world.clock.now() + 1.0)
+    assert talk.ask("MEAS:VOLT? P25V;:SYST:ERR?").split(";") == ["+0.00000000E+00", '+0,"No error"']
+
+
 def test_up_and_off_are_one_exponential_each() -> None:
     world, _, talk = bench()
     talk.write("APPL P25V,10,1;:OUTP ON")

@@ -49,7 +49,7 @@ class _Ramp:
         """Return when it is looked at next; the last time is its end."""
         left = 1.0 - (self.looks + 1) / _LOOKS
         excursion = 2.0 * abs(self.to_v - self.from_v) / NOTHING_V
-        return self.start_s + self.tau_s * (-math.log(left) if left > 0 else max(_TO_1_PERCENT, math.log(excursion)))
+        return self.start_s + self.tau_s * (-math.log(left) if left > 0 else max(_TO_1_PERCENT, math.log(max(excursion, 1.0))))
 
     def when_s(self, level_v: float) -> float:
         """Return when it has a level between its ends."""
