@@ -48,8 +48,8 @@ class _Ramp:
     def instant_s(self) -> float:
         """Return when it is looked at next; the last time is its end."""
         left = 1.0 - (self.looks + 1) / _LOOKS
-        excursion = 2.0 * abs(self.to_v - self.from_v) / NOTHING_V
-        return self.start_s + self.tau_s * (-math.log(left) if left > 0 else max(_TO_1_PERCENT, math.log(max(excursion, 1.0))))
+        excursion = max(1.0, 2.0 * abs(self.to_v - self.from_v) / NOTHING_V)
+        return self.start_s + self.tau_s * (-math.log(left) if left > 0 else max(_TO_1_PERCENT, math.log(excursion)))
 
     def when_s(self, level_v: float) -> float:
         """Return when it has a level between its ends."""
