@@ -1,5 +1,7 @@
 """A whole simulated calibration: as a process, again and again in one process, against its third-party imports.
 
+Then an hour of readings, once a second: by a procedure's window, and by a script that knows nothing of vcfbench.
+
 CPU times are steadier than wall times; `taskset -c 0 python benchmarks/whole_runs.py` keeps them to one core.
 """
 
@@ -11,8 +13,10 @@ import sys
 
 from measure import COMMAND, Child, Figure, child, median_child, report
 
-THIRD_PARTY = "import msgspec, numpy, pyvisa, scipy.special, serial, typer"
-"""All that a run takes from others."""
+THIRD_PARTY = (
+    "import msgspec, numpy.fft, numpy.ma, numpy.polynomial, numpy.random, pyvisa, serial, typer, typer._adapters"
+)
+"""All that a run takes from others; `typer._adapters` is what Typer loads when it reads a command line."""
 AGAIN_AND_AGAIN = """
 import contextlib, io, sys, time
 from vcfbench.cli.main import main
@@ -24,6 +28,57 @@ for seed in range(9):
     print(time.process_time() - started)
 """
 """Runs in one process; the first pays for the imports."""
+MANY = """
+import resource, tempfile, time
+import vcfbench
+with tempfile.TemporaryDirectory() as runs:
+    vcfbench.run("virtual-coriolis", seed=0, runs=runs)
+    before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    for seed in range(100):
+        started = time.process_time()
+        vcfbench.run("virtual-coriolis", seed=seed, runs=runs)
+        print(time.process_time() - started)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb)
+"""
+"""A hundred seeds by the public face; the last figure is by how many MB the process has grown."""
+HOUR_OF_A_PROCEDURE = """
+import tempfile, time
+import vcfbench as vb
+
+def plan(settings):
+    return (yield from vb.powered(settings, window(settings)))
+
+def window(settings):
+    started = time.process_time()
+    yield from vb.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=0.0)
+    took_s.append(time.process_time() - started)
+    return vb.Outcome("one window")
+
+took_s = []
+one_window = vb.Procedure(
+    name="one-window", title="One window at rest.", settings=vb.ProcedureSettings, plan=plan,
+    results=lambda settings, points: len(points), report=lambda settings, points, found: vb.Report([]),
+)
+for samples in (60, 3600):  # the first pays for what is loaded once
+    with tempfile.TemporaryDirectory() as runs:
+        vb.run(one_window, seed=1, settings={"samples": samples}, runs=runs)
+print(took_s[-1])
+"""
+HOUR_OF_A_SCRIPT = """
+import time
+import pyvisa
+
+manager = pyvisa.ResourceManager("?speed=max&seed=1@vcfbench")
+meter = manager.open_resource("GPIB0::22::INSTR")
+meter.write("CONF:VOLT:DC 10")
+meter.write("VOLT:DC:NPLC 10")
+meter.query("READ?")
+started, instant_s = time.process_time(), manager.visalib.clock.now()
+for number in range(3600):
+    manager.visalib.clock.sleep_until(instant_s + number)
+    float(meter.query("READ?"))
+print(time.process_time() - started)
+"""
 
 
 def command(procedure: str, seed: int = 1) -> list[str]:
@@ -42,7 +97,31 @@ def figures(runs: int = 5) -> list[Figure]:
             _beyond_imports(procedure),
             *_against_imports(procedure, runs),
         ]
-    return found
+    return [*found, *_hours(runs)]
+
+
+def _hours(runs: int) -> list[Figure]:
+    """Return the CPU time of an hour of readings at 1 Hz."""
+    return [
+        report(Figure(name, statistics.median(float(out) for out in _answers(code, runs)), "s", bar=bar, gross=8))
+        for name, code, bar in (
+            ("an hour at 1 Hz, one window of a procedure, CPU", HOUR_OF_A_PROCEDURE, 0.6),
+            ("an hour at 1 Hz, a script on @vcfbench, CPU", HOUR_OF_A_SCRIPT, 1.0),
+        )
+    ]
+
+
+def _answers(code: str, runs: int) -> list[str]:
+    return [child([sys.executable, "-c", code]).out for _ in range(runs)]
+
+
+def many() -> list[Figure]:
+    """Return what a hundred seeds in one process cost, and by how much the process grows."""
+    *each, grown_mb = (float(line) for line in child([sys.executable, "-c", MANY]).out.split())
+    return [
+        report(Figure("each of 100 seeds in one process, CPU", statistics.median(each), "s", bar=0.25, gross=2)),
+        report(Figure("memory grown over 100 seeds", grown_mb, "MB", bar=5, gross=50)),
+    ]
 
 
 def _beyond_imports(procedure: str) -> Figure:
@@ -73,3 +152,4 @@ def _repeated(procedure: str, done: Child) -> Figure:
 
 if __name__ == "__main__":
     figures()
+    many()
