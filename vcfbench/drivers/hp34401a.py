@@ -122,7 +122,8 @@ class Hp34401A(ScpiInstrument):
         """Wait for the reading that was begun and return it, V; as of :meth:`read_voltage_v`, which see."""
         deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
         with self._session.exclusive():
-            first_v, again_v = (self._session.query_reading("FETC?", deadline, self.reading_form) for _ in range(2))
+            first_v = self._session.query_reading("FETC?", deadline, self.reading_form)
+            again_v = self._session.query_reading("FETC?", deadline, self.reading_form)
         if first_v != again_v:
             raise self._unbelievable(f"one reading was answered as {first_v:.9g} V and as {again_v:.9g} V")
         self._require_in_range(first_v)

@@ -245,6 +245,7 @@ class VisaWire:
         self._session = opened.session
         self._viread = opened.visalib.read
         self._viwrite = opened.visalib.write
+        self._set = opened.visalib.set_attribute
         self._timeout_s = -1.0
         self._chunk = _CHUNK
         self._knows_end = interface not in ("asrl", "socket")
@@ -315,7 +316,8 @@ class VisaWire:
             raise DeadlineExceeded("the time is up")
         if not 0.0 <= self._timeout_s - left <= _SLACK_S:
             # Rounded up: a VISA time-out of 0 ms would mean "do not wait at all".
-            self._opened.timeout = milliseconds = int(left * 1000.0) + 1
+            milliseconds = int(left * 1000.0) + 1
+            self._set(self._session, ResourceAttribute.timeout_value, milliseconds)
             self._timeout_s = milliseconds / 1000.0
 
 

@@ -90,7 +90,10 @@ class _Bench:
 class _Session:
     """An open resource."""
 
-    __slots__ = ("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "stream", "timeout_s")
+    __slots__ = (
+        *("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "stream", "terminator"),
+        "timeout_s",
+    )
 
     def __init__(self, bench: _Bench, place: _Place) -> None:
         self.bench = bench
@@ -115,6 +118,9 @@ class _Session:
         if self.kind[0] is InterfaceType.asrl:
             self.attributes[ResourceAttribute.asrl_end_in] = constants.SerialTermination.termination_char
         self._learn_names()
+        self.terminator: int | None = None
+        """The byte that ends a read, None when only END does."""
+        self.learn_terminator()
         self.line = place.device if isinstance(place.device, SerialLine) else None
         if self.line is not None:
             visa_serial.configure(self.line, self.attributes)
@@ -126,14 +132,12 @@ class _Session:
             if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
                 known[attribute] = convert(value)
 
-    @property
-    def terminator(self) -> int | None:
-        """The byte that ends a read, None when only END does."""
+    def learn_terminator(self) -> None:
+        """Work out what ends a read."""
         known = self.attributes
         ends_at_character = known.get(ResourceAttribute.asrl_end_in) == constants.SerialTermination.termination_char
-        if known[ResourceAttribute.termchar_enabled] or ends_at_character:
-            return cast("int", known[ResourceAttribute.termchar])
-        return None
+        enabled = known[ResourceAttribute.termchar_enabled] or ends_at_character
+        self.terminator = known[ResourceAttribute.termchar] if enabled else None
 
     def drop_buffer(self) -> None:
         """Forget what was received and not yet read."""
@@ -471,12 +475,15 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     ) -> StatusCode:
         """Set an attribute; VI_ERROR_ATTR_READONLY for one that cannot be."""
         opened = self._session(session)
+        if attribute == ResourceAttribute.timeout_value:  # what drivers set before nearly every exchange
+            opened.attributes[attribute] = attribute_state
+            opened.timeout_s = math.inf if attribute_state == constants.VI_TMO_INFINITE else attribute_state / 1e3
+            self._last_status = self._last_status_in_session[session] = StatusCode.success
+            return StatusCode.success
         if not _known_attribute(opened, attribute).write:
             raise errors.VisaIOError(StatusCode.error_attribute_read_only)
         opened.attributes[attribute] = attribute_state
-        if attribute == ResourceAttribute.timeout_value:
-            infinite = attribute_state == constants.VI_TMO_INFINITE
-            opened.timeout_s = math.inf if infinite else attribute_state / 1e3
+        opened.learn_terminator()
         if opened.line is not None:
             visa_serial.changed(opened.line, opened.attributes, attribute)
         return self._done(session)

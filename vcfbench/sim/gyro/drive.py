@@ -42,8 +42,7 @@ LONGEST_START_S = 3.0
 SETTLED = 1e-7
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """The mode under a constant force, exact from `start_s` on: two parts, force per mass, frame and phase there."""
 
     start_s: float
@@ -139,11 +138,13 @@ def start_up(
     stiffness = mode.natural_rad_s**2
     offset = 2 * math.pi * bench.drive_loop.pll_free_running_offset_hz
     loop = _Loop(bench, mode, mode.natural_rad_s + offset, 0.0, 0.0)
-    motions: list[Motion] = []
+    motions, known = list[Motion](), None
     for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
-        amplitude_m, supply_v = supplied(start_s + step * CONTROL_STEP_S)
-        holding = stiffness * amplitude_m / mode.quality
-        limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
+        allowed = supplied(start_s + step * CONTROL_STEP_S)
+        if allowed is not known:
+            known, (amplitude_m, supply_v) = allowed, allowed
+            holding = stiffness * amplitude_m / mode.quality
+            limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
         force, frequency, settled = loop.control(mode.displacement(parts), amplitude_m, limit)
         if settled and step % STEPS_A_SEGMENT == 0:
             break

@@ -187,10 +187,11 @@ class Dso7104B(ScpiInstrument):
 
     def next_event_s(self) -> float | None:
         """Return when the armed acquisition wants to look again, or the protection has seen enough."""
-        due = [] if self._acquisition is None else [self._acquisition.due_s]
-        if self.inputs.due_s is not None:
-            due.append(self.inputs.due_s)
-        return min(due, default=None)
+        armed_s = None if self._acquisition is None else self._acquisition.due_s
+        judged_s = self.inputs.due_s
+        if armed_s is None or judged_s is None:
+            return judged_s if armed_s is None else armed_s
+        return min(armed_s, judged_s)
 
     def _trip(self, channel: int) -> None:
         """A 50 ohm input got too much: it becomes 1 Mohm until the protection is cleared."""
