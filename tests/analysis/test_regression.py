@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -129,3 +132,11 @@ def test_stated_uncertainties_are_what_repetition_shows() -> None:
 def test_points_that_make_no_line_are_refused(rate: list[float], output: list[float], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         fit_line(rate, output)
+
+
+def test_a_line_and_its_coverage_factor_load_no_scipy() -> None:
+    """It takes as long to load as all the rest of what a calibration needs."""
+    code = "import sys; from vcfbench.analysis.regression import fit_line as fit; "
+    code += "print(fit([0, 1, 2], [0, 1, 2.1]).coverage_factor > 12, 'scipy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout.split() == ["True", "False"]
