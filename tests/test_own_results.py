@@ -15,7 +15,7 @@ import pytest
 
 import vcfbench
 from vcfbench.bench.file import embedded_text
-from vcfbench.procedures.settings import ProcedureSettings
+from vcfbench.bench.settings import ProcedureSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import vcfbench
 from vcfbench.bench.description import Limits
 from vcfbench.bench.served import on_wires
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.drivers.hp34401a import Hp34401A
@@ -31,7 +32,6 @@ from vcfbench.interfaces import (
 )
 from vcfbench.procedures.executor import ReadingTaken
 from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
-from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.procedures.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.record.schema import Status
 from vcfbench.testing import serve_simulated
@@ -209,7 +209,7 @@ OWN_FILE = """
 from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
-from vcfbench.procedures.settings import ProcedureSettings
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.steps import Outcome
 
 

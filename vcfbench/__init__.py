@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.file import load_bench
     from vcfbench.bench.safing import MadeSafe, safe_bench
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.clock import Clock, Deadline, PacedClock, ScaledClock, VirtualClock, WallClock, sleep
     from vcfbench.errors import (
         Aborted,
@@ -63,7 +64,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
-    from vcfbench.procedures.settings import ProcedureSettings
     from vcfbench.procedures.step import Outcome, Plan, Routine, Step, StepResult
     from vcfbench.procedures.steps import Note, Settle
     from vcfbench.record.schema import Point, Status
@@ -290,7 +290,7 @@ _HOMES = {
         "take",
         "v_vc_on",
     ),
-    "procedures.settings": ("ProcedureSettings",),
+    "bench.settings": ("ProcedureSettings",),
     "procedures.step": (
         "Outcome",
         "Plan",

@@ -12,11 +12,11 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.file import load_bench, parse_bench
 from vcfbench.bench.limits import LimitChecks
+from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.safing import safe_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.bench.writing import bench_text
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, MeasurementError
-from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.step import Context
 from vcfbench.procedures.steps import AwaitTemperature, SetTemperature, StopFlow, TemperatureReading, set_air_by_hand
 from vcfbench.testing import serve_simulated

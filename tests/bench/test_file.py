@@ -15,11 +15,11 @@ from msgspec import inspect, structs
 
 from vcfbench.bench.description import BenchDescription, SerialSettings, Served, Simulation
 from vcfbench.bench.file import EMBEDDED, embedded_text, load_bench, parse_bench, template
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

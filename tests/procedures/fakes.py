@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vcfbench.bench.settings import DriveWindow, Expected, Station
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import LinkLost, MeasurementError
 from vcfbench.interfaces import Identity, Regulation, SafeReport, Told, Waveform
-from vcfbench.procedures.settings import DriveWindow, Expected, Station
 from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
+from vcfbench.bench.settings import Limit, Match
 from vcfbench.procedures.acceptance import judged
 from vcfbench.procedures.results import turntable_results, virtual_coriolis_results
-from vcfbench.procedures.settings import Limit, Match
 from vcfbench.record.schema import Point
 
 K, K_VC = -0.0125, 150.0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.procedures.fakes import make_settings
+from vcfbench.bench.settings import Expected
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.agreement import (
     SWEEP_DRIFT,
@@ -17,7 +18,6 @@ from vcfbench.procedures.agreement import (
     require_same_zero,
     require_steady_slope,
 )
-from vcfbench.procedures.settings import Expected
 from vcfbench.record.schema import Point
 
 if TYPE_CHECKING:

@@ -8,14 +8,14 @@ import pytest
 from msgspec.structs import replace
 
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
+from vcfbench.bench.linear_gyro import LinearGyro
+from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.dry_run import walk
 from vcfbench.procedures.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
-from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.measured import Measured
-from vcfbench.procedures.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
+from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.errors import BenchError, MeasurementError
 from vcfbench.procedures.executor import Execution, Executor, ReadingTaken
-from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.routines import rails_of
 from vcfbench.procedures.steps import Acquire, Outcome, VerifyZero, Window, ZeroWindow
 from vcfbench.procedures.tally import Tally

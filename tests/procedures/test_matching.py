@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.settings import Match
 from vcfbench.record.schema import Point
 
 K, K_VC = -0.0125, 40.0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context, Plan
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 70, "settle_s": 0.5}

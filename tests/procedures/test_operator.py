@@ -14,10 +14,10 @@ from tests.procedures.fakes import FakeBench, MemoryJournal
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.hands import simulated_hands
+from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.decode import result_of, step_of
 from vcfbench.procedures.executor import Executor
-from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.step import Context, Outcome, Request
 from vcfbench.procedures.steps import AskOperator, MeasureVvc, OperatorAnswer, move_leads
 from vcfbench.testing import serve_simulated

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.procedures.fakes import make_settings
+from vcfbench.bench.linear_gyro import LinearGyro
+from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.errors import PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
 from vcfbench.procedures.dry_run import walk
-from vcfbench.procedures.linear_gyro import LinearGyro
-from vcfbench.procedures.settings import PAPER_RATES_DEG_S
 from vcfbench.procedures.steps import (
     Acquire,
     AwaitRate,

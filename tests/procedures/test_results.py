@@ -12,6 +12,7 @@ import pytest
 from tests.cells import few
 from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
+from vcfbench.bench.settings import Match
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.results import (
     GENERATOR_ACCURACY,
@@ -22,7 +23,6 @@ from vcfbench.procedures.results import (
     u_output_v,
     virtual_coriolis_results,
 )
-from vcfbench.procedures.settings import Match
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point
 from vcfbench.sim.instruments.agilent33220a import GeneratorErrors

@@ -18,7 +18,7 @@ from vcfbench.procedures.step import Effect, Outcome, Step, StepResult
 from vcfbench.procedures.steps import Done, SetRate, Settle
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context, Plan
 
 LIMITS = Limits(

@@ -12,12 +12,12 @@ from tests.procedures.fakes import FakeBench, FakeMeter, FakeVvcMeter, MemoryJou
 from vcfbench.analysis.csv_table import parse_table
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench, parse_bench
+from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.bench.writing import bench_text
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.decode import result_of, step_of
 from vcfbench.procedures.executor import Executor
-from vcfbench.procedures.linear_gyro import LinearGyro
 from vcfbench.procedures.step import Context, Outcome
 from vcfbench.procedures.steps import (
     Acquire,

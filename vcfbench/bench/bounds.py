@@ -11,8 +11,11 @@ from typing import Annotated
 from msgspec import Meta
 
 __all__ = [
+    "ADDRESS_PATTERN",
     "LEAST",
     "LEAST_V_VC_V",
+    "LINE_PATTERN",
+    "NAME_PATTERN",
     "Acceleration",
     "AmplitudeWindow",
     "BaudRate",
@@ -54,6 +57,10 @@ LEAST = 1e-6
 """Whatever the unit, a number is 0 or at least this: no instrument of a bench resolves less."""
 LEAST_V_VC_V = 1e-3
 """V: below, the generator's level is a few of its own steps, and its offset is as large."""
+
+NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
+ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
+LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
 
 Seconds = Annotated[float, Meta(ge=1e-3, le=86_400.0)]
 """s, time-outs: no exchange is over sooner than a millisecond; nobody waits for longer than a day."""

@@ -6,18 +6,18 @@ from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from msgspec import Struct, structs
+from msgspec import structs
 
-from vcfbench.bench.bounds import LEAST
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.misfit import Misfit, lost_digits, turned_windows
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from vcfbench.bench.description import BenchDescription, LimitKey, Node
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.parts import LimitKey, Node
 
-__all__ = ["lost_digits", "misfits", "turned_windows"]
+__all__ = ["misfits"]
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
@@ -109,13 +109,6 @@ def _windows(description: BenchDescription) -> Iterator[Misfit]:
     yield from turned_windows(description.acceptance, "acceptance")
 
 
-def turned_windows(table: Struct, path: str) -> Iterator[Misfit]:
-    """Yield every window of `table`, which stands at `path`, whose low is not below its high."""
-    for key, window in structs.asdict(table).items():
-        if isinstance(window, tuple) and not window[0] < window[1]:
-            yield Misfit(f"{path}.{key}", "a window [low, high] with low below high", list(window))
-
-
 def _resources(description: BenchDescription) -> Iterator[Misfit]:
     seen: dict[str, str] = {}
     for role in (*ROLES, "rate_table"):
@@ -189,15 +182,3 @@ def _lost_digits(description: BenchDescription) -> Iterator[Misfit]:
     for name, part in structs.asdict(description).items():
         if name not in {"simulation", "procedure_table"}:
             yield from lost_digits(part, name)
-
-
-def lost_digits(value: object, path: str) -> Iterator[Misfit]:
-    """Yield every number at or below `value`, which stands at `path`, that is so close to zero that it is a slip."""
-    if isinstance(value, Struct):
-        for name, below in structs.asdict(value).items():
-            yield from lost_digits(below, f"{path}.{name}" if path else name)
-    elif isinstance(value, tuple):
-        for index, below in enumerate(value):
-            yield from lost_digits(below, f"{path}[{index}]")
-    elif isinstance(value, float) and 0.0 < abs(value) < LEAST:
-        yield Misfit(path, f"0, or at least {LEAST:g} either sign", value)

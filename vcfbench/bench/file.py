@@ -11,11 +11,16 @@ from vcfbench.bench.consistency import misfits
 from vcfbench.bench.description import BenchDescription
 from vcfbench.bench.strict import converted, refusal, words
 from vcfbench.files import dotted, parse_toml, read_text, shown
+from vcfbench.models import resolve
 
 __all__ = ["EMBEDDED", "described", "embedded_text", "load_bench", "parse_bench", "template"]
 
 EMBEDDED = ("paper", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
+
+CHECK_OF_PROCEDURES = "vcfbench.procedures.layers:check_tables"
+"""Who checks ``[procedure]`` and ``[procedure.NAME]``. Procedures stand above the bench and bring the classes of their
+settings: they are named here as the classes of a model are in its row, and imported when a bench file is read."""
 
 
 def load_bench(path: Path | str | None = None) -> BenchDescription:
@@ -61,12 +66,10 @@ def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
 
 def parse_bench(text: str, source: str) -> BenchDescription:
     """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
-    from vcfbench.procedures.layers import check_tables  # noqa: PLC0415  # embedded benches are tested, not checked
-
     description = _described(text, source)
     for misfit in misfits(description):
         raise refusal(f"{source}: {misfit.path}", misfit.expected, words(misfit.came))
-    check_tables(description, source)
+    resolve(CHECK_OF_PROCEDURES)(description, source)
     return description
 
 

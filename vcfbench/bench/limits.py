@@ -14,7 +14,8 @@ from vcfbench.errors import LimitError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.description import BenchDescription, Limits, RailWiring
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.parts import Limits, RailWiring
     from vcfbench.clock import Deadline
     from vcfbench.interfaces import (
         FunctionGenerator,

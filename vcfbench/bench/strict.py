@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 from msgspec import inspect
 
-from vcfbench.bench.description import ADDRESS_PATTERN, NAME_PATTERN
+from vcfbench.bench.bounds import ADDRESS_PATTERN, NAME_PATTERN
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -12,24 +12,17 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["as_resolved", "bench_text", "resolved_text", "value_text"]
+__all__ = ["bench_text", "table_text", "value_text"]
 
 
 def bench_text(description: BenchDescription) -> str:
     """Return the bench file of `description`: every key, defaults included; of ``[procedure]`` what was given."""
-    return "\n".join(_lines(msgspec.to_builtins(description), "")) + "\n"
+    return table_text(msgspec.to_builtins(description))
 
 
-def resolved_text(description: BenchDescription) -> str:
-    """Return the same with every key of ``[procedure]``, defaults included."""
-    return "\n".join(_lines(as_resolved(description), "")) + "\n"
-
-
-def as_resolved(description: BenchDescription) -> dict[str, Any]:
-    """Return `description` as nested tables, with the settings of procedures that come to be in ``[procedure]``."""
-    from vcfbench.procedures.layers import resolved_table  # noqa: PLC0415  # it reads descriptions
-
-    return {**msgspec.to_builtins(description), "procedure": resolved_table(description)}
+def table_text(tables: dict[str, Any]) -> str:
+    """Return nested tables as a TOML file; what is None is left out."""
+    return "\n".join(_lines(tables, "")) + "\n"
 
 
 def _lines(table: dict[str, Any], path: str) -> Iterator[str]:

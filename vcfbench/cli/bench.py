@@ -41,7 +41,7 @@ def show(
     if template:
         typer.echo(file.template(), nl=False)
         return
-    from vcfbench.bench.writing import as_resolved, resolved_text  # noqa: PLC0415
+    from vcfbench.procedures.resolved import as_resolved, resolved_text  # noqa: PLC0415
 
     description = file.load_bench(bench)
     if json:

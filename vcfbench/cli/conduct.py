@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from vcfbench.bench.layering import Layer
     from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.ending import EarlyAndLate
-    from vcfbench.procedures.layers import Layer
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.progress import NoProgress
     from vcfbench.runs.asked import DryRun

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.bench.layering import Layer
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml
-from vcfbench.procedures.layers import Layer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

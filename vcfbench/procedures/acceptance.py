@@ -11,7 +11,7 @@ from vcfbench.record.plain import plain
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.procedures.settings import Limit
+    from vcfbench.bench.settings import Limit
     from vcfbench.record.schema import Point
 
 __all__ = ["Acceptance", "HasAcceptanceValues", "Verdict", "judged"]

@@ -19,7 +19,7 @@ from vcfbench.errors import MeasurementError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from vcfbench.procedures.settings import Expected, ProcedureSettings
+    from vcfbench.bench.settings import Expected, ProcedureSettings
     from vcfbench.record.schema import Point
 
 __all__ = [

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from vcfbench.bench.limits import LimitChecks
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Plan
 
 

@@ -14,7 +14,7 @@ from vcfbench.files import dotted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.procedures.settings import ProcedureSettings
+    from vcfbench.bench.settings import ProcedureSettings
 
 __all__ = ["SettableKey", "settable_keys"]
 

@@ -13,50 +13,25 @@ What is wrong is one line with the place that gave it, the key, what was expecte
 from __future__ import annotations
 
 import difflib
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from msgspec import ValidationError, convert, structs, to_builtins
 
-from vcfbench.bench.strict import converted, refusal, unknown_key, words
+from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
+from vcfbench.bench.settings import ProcedureSettings, Station
+from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.errors import ConfigError
-from vcfbench.files import dotted, unfit_numbers
+from vcfbench.files import dotted
 from vcfbench.models import find_model, resolve
-from vcfbench.procedures.settings import ProcedureSettings, Station
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.strict import Keys, Naming
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
     from vcfbench.specifications import VoltmeterSpecification
 
 S = TypeVar("S", bound=ProcedureSettings)
-
-
-convert({}, ProcedureSettings)  # msgspec works a type out when first used; two threads at once would break that
-
-
-@dataclass(frozen=True, slots=True)
-class Layer:
-    """Settings that one place gives, nested as in a bench file, and how errors name a key of it."""
-
-    values: Mapping[str, Any]
-    naming: Naming
-
-    def has(self, keys: Keys) -> bool:
-        """Tell whether the value at `keys`, or one above it, is given here."""
-        below: Any = self.values
-        for key in keys:
-            if not isinstance(below, Mapping):
-                return True
-            if key not in below:
-                return False
-            below = below[key]
-        return True
 
 
 def asked_in_python(settings: Mapping[str, Any]) -> Layer:
@@ -68,11 +43,6 @@ def asked_in_python(settings: Mapping[str, Any]) -> Layer:
 def _plain_number(value: object) -> object:
     tolist = getattr(value, "tolist", None)
     return str(value) if tolist is None else tolist()
-
-
-def setting_keys(kind: type[ProcedureSettings]) -> tuple[str, ...]:
-    """Return the keys that can be set."""
-    return tuple(each.encode_name for each in structs.fields(kind) if each.name != "station")
 
 
 def settings_of(
@@ -89,7 +59,7 @@ def settings_of(
     Raises:
         ConfigError: a key is unknown, a value cannot be, or the meter has no data sheet.
     """
-    layers = _layers_of(procedure, description, source or description.name)
+    layers = layers_of(procedure, description, source or description.name)
     chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
     station = structs.replace(chosen.station, meter_resolution_v=_meter_resolution_v(description, chosen))
     return structs.replace(chosen, station=station)
@@ -111,33 +81,14 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
     return settings
 
 
-def shared_settings(description: BenchDescription) -> ProcedureSettings:
-    """Return what ``[procedure]`` says to every procedure."""
-    return _chosen(ProcedureSettings, [_shared(ProcedureSettings, description, description.name)])
-
-
 def with_settings(description: BenchDescription, settings: ProcedureSettings) -> BenchDescription:
     """Return the bench with `settings` in place of what its ``[procedure]`` says to every procedure."""
-    shared = _plain(settings, setting_keys(ProcedureSettings))
+    shared = plain_settings(settings, setting_keys(ProcedureSettings))
     return structs.replace(description, procedure_table={**description.procedure_table, **shared})
 
 
-def resolved_table(description: BenchDescription) -> dict[str, Any]:
-    """Return ``[procedure]`` with every key: what all share, and for each installed procedure a table of its own."""
-    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is asked for when a bench is shown
-
-    shared = setting_keys(ProcedureSettings)
-    given = {key: value for key, value in description.procedure_table.items() if key not in shared}
-    own = {}
-    for each in PROCEDURES.loaded():
-        keys = [key for key in setting_keys(each.settings) if key not in shared]
-        if keys:
-            chosen = _chosen(each.settings, _layers_of(each, description, description.name))
-            own[each.name] = {**_plain(chosen, keys), **given.get(each.name, {})}
-    return {**_plain(shared_settings(description), shared), **given, **own}
-
-
-def _plain(settings: ProcedureSettings, keys: Sequence[str]) -> dict[str, Any]:
+def plain_settings(settings: ProcedureSettings, keys: Sequence[str]) -> dict[str, Any]:
+    """Return those of `settings` that are called `keys`, as a bench file has them."""
     values: dict[str, Any] = to_builtins(settings)
     return {key: values[key] for key in keys}
 
@@ -151,11 +102,11 @@ def check_tables(description: BenchDescription, source: str) -> None:
         ConfigError: a key is unknown to every procedure, or a value cannot be.
     """
     station = _station(description)
-    _settled(ProcedureSettings, [_shared(ProcedureSettings, description, source)], station)
+    _settled(ProcedureSettings, [shared_layer(ProcedureSettings, description.procedure_table, source)], station)
     known = setting_keys(ProcedureSettings)
     own = {key: value for key, value in description.procedure_table.items() if key not in known and value != {}}
     for procedure in _addressed(own, source) if own else ():
-        _settled(procedure.settings, _layers_of(procedure, description, source), station)
+        _settled(procedure.settings, layers_of(procedure, description, source), station)
 
 
 def _addressed(own: Mapping[str, Any], source: str) -> Iterator[AnyProcedure]:
@@ -176,63 +127,24 @@ def _addressed(own: Mapping[str, Any], source: str) -> Iterator[AnyProcedure]:
             raise unknown_key(key, close, where)
 
 
-def _layers_of(procedure: AnyProcedure, description: BenchDescription, source: str) -> list[Layer]:
+def layers_of(procedure: AnyProcedure, description: BenchDescription, source: str) -> list[Layer]:
+    """Return what the bench file `source` says to `procedure`: what it says to all, then what to this one."""
     own = description.procedure_table.get(procedure.name, {})
     path = ("procedure", procedure.name)
     if not isinstance(own, dict):
         raise refusal(f"{source}: {dotted(path)}", "a table", words(own))
     return [
-        _shared(procedure.settings, description, source),
+        shared_layer(procedure.settings, description.procedure_table, source),
         Layer(own, lambda keys: f"{source}: {dotted((*path, *keys))}"),
     ]
 
 
-def _shared(kind: type[ProcedureSettings], description: BenchDescription, source: str) -> Layer:
-    """Return what ``[procedure]`` says to procedures with settings of `kind`."""
-    known = setting_keys(kind)
-    told = {key: value for key, value in description.procedure_table.items() if key in known}
-    return Layer(told, lambda keys: f"{source}: {dotted(('procedure', *keys))}")
-
-
 def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
     """Return the settings that `layers` come to at `station`, which must bear them."""
-    chosen = structs.replace(_chosen(kind, layers), station=station)
+    chosen = structs.replace(chosen_settings(kind, layers), station=station)
     for misfit in chosen.contradictions():
-        raise refusal(_named(layers, keys_of(misfit.path)), misfit.expected, words(misfit.came))
+        raise refusal(named(layers, keys_of(misfit.path)), misfit.expected, words(misfit.came))
     return chosen
-
-
-def _chosen(kind: type[S], layers: Sequence[Layer]) -> S:
-    """Return the settings that `layers` come to, the last before the others."""
-    known = setting_keys(kind)
-    values: dict[str, Any] = {}
-    for layer in layers:
-        for key in layer.values:
-            if key not in known:
-                raise unknown_key(key, known, layer.naming((key,)))
-        for keys, expected, came in unfit_numbers(dict(layer.values)):
-            raise refusal(layer.naming(keys), expected, came)
-        values = _merged(values, layer.values)
-    return converted(values, kind, lambda keys: _named(layers, keys))
-
-
-def _named(layers: Sequence[Layer], keys: Keys) -> str:
-    """Name `keys` by where their value was given; one that is a default could be set for all procedures."""
-    return next((layer for layer in reversed(layers) if layer.has(keys)), layers[0]).naming(keys)
-
-
-def keys_of(path: str) -> Keys:
-    """Return the keys of a path as misfits have it: ``drive.phase_deg``, ``rates_deg_s[2]``."""
-    parts = re.findall(r"[^.\[\]]+|\[\d+\]", path)
-    return tuple(int(part[1:-1]) if part.startswith("[") else part for part in parts)
-
-
-def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for name, value in changes.items():
-        below = merged.get(name)
-        merged[name] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged
 
 
 def _station(description: BenchDescription) -> Station:

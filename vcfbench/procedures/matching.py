@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.settings import Match
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

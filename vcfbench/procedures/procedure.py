@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
-    from vcfbench.procedures.settings import Match
+    from vcfbench.bench.settings import Match
     from vcfbench.record.schema import Point
 
 __all__ = [

@@ -37,7 +37,7 @@ from vcfbench.procedures.steps import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.settings import DriveWindow, ProcedureSettings
+    from vcfbench.bench.settings import DriveWindow, ProcedureSettings
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
         RateTable,
         TemperatureChamber,
     )
-    from vcfbench.procedures.linear_gyro import LinearGyro
     from vcfbench.procedures.scatter import NoiseSeen
     from vcfbench.procedures.steps.meter import Reading
     from vcfbench.record.schema import Point

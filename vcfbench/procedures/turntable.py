@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.agreement import (
     SWEEP_DRIFT,
     require_agreement,
@@ -15,7 +16,6 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.reports import turntable_report
 from vcfbench.procedures.results import TurntableResult, turntable_results
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
-from vcfbench.procedures.settings import ProcedureSettings
 from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:

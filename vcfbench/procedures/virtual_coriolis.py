@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
 from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.settings import Match, ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.agreement import (
     MATCH_DRIFT,
@@ -38,7 +39,6 @@ from vcfbench.procedures.routines import (
     take_zero_again,
     v_vc_on,
 )
-from vcfbench.procedures.settings import Match, ProcedureSettings, rate_words
 from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 

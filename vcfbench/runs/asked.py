@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.layering import Layer
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.dry_run import PlannedStep
     from vcfbench.procedures.executor import Event, Observer
-    from vcfbench.procedures.layers import Layer
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.procedures.settings import ProcedureSettings
     from vcfbench.procedures.step import Operator, Plan
 
     Display = Callable[[float], AbstractContextManager[Observer]]

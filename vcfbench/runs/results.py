@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from vcfbench.bench.settings import Limit
     from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.procedures.settings import Limit
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.schema import Point

@@ -16,7 +16,7 @@ from vcfbench.record.schema import Point, fits_one_chunk
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
 
 

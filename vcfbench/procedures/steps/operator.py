@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from vcfbench.procedures.step import Effect, Request, Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
 
 _NAMES = {"output": "output", "v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}

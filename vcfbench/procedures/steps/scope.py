@@ -9,8 +9,8 @@ from vcfbench.errors import MeasurementError
 from vcfbench.procedures.step import Effect, Step, StepResult
 
 if TYPE_CHECKING:
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.interfaces import Oscilloscope
-    from vcfbench.procedures.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
 
 _DIVISIONS = 3.0

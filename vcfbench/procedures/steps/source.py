@@ -10,7 +10,7 @@ from vcfbench.procedures.steps.wait import Done
 
 if TYPE_CHECKING:
     from vcfbench.bench.limits import LimitChecks
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
 
 

@@ -15,8 +15,8 @@ from vcfbench.record.schema import Point
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.interfaces import Multimeter
-    from vcfbench.procedures.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
     from vcfbench.procedures.steps.supply import RailReading
 

@@ -9,7 +9,7 @@ from vcfbench.clock import sleep
 from vcfbench.procedures.step import Effect, Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.linear_gyro import LinearGyro
+    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
 
 

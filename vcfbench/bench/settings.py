@@ -31,16 +31,15 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     VoltageTolerance,
     WarmUp,
 )
-from vcfbench.bench.consistency import lost_digits, turned_windows
-from vcfbench.bench.description import Acceptance, Expected, Limits, OscilloscopeWiring, RailWiring
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.linear_gyro import LinearGyro
+from vcfbench.bench.misfit import Misfit, lost_digits, turned_windows
+from vcfbench.bench.parts import Acceptance, Expected, Limits, OscilloscopeWiring, RailWiring
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.linear_gyro import LinearGyro
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.description import Node
+    from vcfbench.bench.parts import Node
 
 __all__ = [
     "PAPER_RATES_DEG_S",

@@ -1,0 +1,130 @@
+"""Tables of the bench file that settings of procedures hold too: wiring, limits, what is expected and what passes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from msgspec import Struct
+
+from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
+    Acceleration,
+    Current,
+    LeastRail,
+    NoiseWindow,
+    OutputDrift,
+    OutputSlopeWindow,
+    OutputWindow,
+    PercentWindow,
+    PositiveRail,
+    PpmWindow,
+    RateLimit,
+    RateWindow,
+    SlopeWindow,
+    Temperature,
+    TemperatureRamp,
+    VVcLimit,
+)
+from vcfbench.errors import LimitError
+
+__all__ = [
+    "Acceptance",
+    "Expected",
+    "LimitKey",
+    "Limits",
+    "Node",
+    "OscilloscopeWiring",
+    "Part",
+    "RailWiring",
+    "SupplyOutput",
+    "Window",
+]
+
+Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
+SupplyOutput = Literal["P6V", "P25V", "N25V"]
+Window = tuple[float, float]
+LimitKey = Literal[
+    "max_rate_deg_s",
+    "max_acceleration_deg_s2",
+    "max_v_vc_v",
+    "min_rail_v",
+    "max_rail_v",
+    "max_rail_current_a",
+    "min_temperature_c",
+    "max_temperature_c",
+    "max_ramp_k_min",
+]
+
+
+class Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the bench file: frozen, strict."""
+
+
+class RailWiring(Part, frozen=True, kw_only=True):
+    """Which supply output feeds which rail of the PCB."""
+
+    positive: SupplyOutput = "P25V"
+    negative: SupplyOutput = "N25V"
+
+
+class OscilloscopeWiring(Part, frozen=True, kw_only=True):
+    """Which node of the PCB each oscilloscope channel sees."""
+
+    channel_1: Node | None = "drive"
+    channel_2: Node | None = "carrier"
+    channel_3: Node | None = "sense"
+    channel_4: Node | None = "output"
+
+    def channels(self) -> dict[int, Node]:
+        """Return the wired channels: number to node."""
+        nodes = (self.channel_1, self.channel_2, self.channel_3, self.channel_4)
+        return {number: node for number, node in enumerate(nodes, start=1) if node is not None}
+
+    def channel_of(self, node: Node) -> int | None:
+        """Return the lowest channel that sees `node`, None when none does."""
+        return next((number for number, seen in self.channels().items() if seen == node), None)
+
+
+class Limits(Part, frozen=True, kw_only=True):
+    """What must never be exceeded on this station; checked before anything is sent.
+
+    Those of an instrument that the bench has are there; those of one that it has not may be None.
+    """
+
+    max_rate_deg_s: RateLimit | None = None
+    max_acceleration_deg_s2: Acceleration | None = None
+    max_v_vc_v: VVcLimit | None = None
+    min_rail_v: LeastRail | None = None
+    max_rail_v: PositiveRail | None = None
+    max_rail_current_a: Current | None = None
+    min_temperature_c: Temperature | None = None
+    max_temperature_c: Temperature | None = None
+    max_ramp_k_min: TemperatureRamp | None = None
+
+    def of(self, key: LimitKey) -> float:
+        """Return the limit called `key`; LimitError where the station has none, for then nothing is allowed."""
+        limit: float | None = getattr(self, key)
+        if limit is None:
+            raise LimitError(f"the bench has no limit for this, so nothing is allowed (limits.{key})")
+        return limit
+
+
+class Expected(Part, frozen=True, kw_only=True):
+    """What this gyroscope should show: a run that shows something else is ended. Each window ``[low, high]``."""
+
+    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
+    bias_v: OutputWindow | None = None
+    k_vc_deg_s_per_v: SlopeWindow | None = None
+    reading_noise_v: NoiseWindow | None = None
+    zero_drift_v: OutputDrift | None = None
+
+
+class Acceptance(Part, frozen=True, kw_only=True):
+    """Limits of the results, each ``[low, high]``: a run whose results are outside has failed, with exit code 1."""
+
+    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
+    bias_v: OutputWindow | None = None
+    bias_deg_s: RateWindow | None = None
+    nonlinearity_ppm: PpmWindow | None = None
+    reading_noise_v: NoiseWindow | None = None
+    k_vc_deg_s_per_v: SlopeWindow | None = None
+    scale_factor_error_percent: PercentWindow | None = None

@@ -1,0 +1,41 @@
+"""A bench with the settings of all procedures as they come to be, written as a bench file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msgspec import to_builtins
+
+from vcfbench.bench.layering import chosen_settings, setting_keys
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.writing import table_text
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import layers_of, plain_settings
+
+if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+
+__all__ = ["as_resolved", "resolved_text"]
+
+
+def resolved_text(description: BenchDescription) -> str:
+    """Return the bench file of `description` with every key of ``[procedure]``, defaults included."""
+    return table_text(as_resolved(description))
+
+
+def as_resolved(description: BenchDescription) -> dict[str, Any]:
+    """Return `description` as nested tables, with the settings of procedures that come to be in ``[procedure]``."""
+    return {**to_builtins(description), "procedure": _resolved_table(description)}
+
+
+def _resolved_table(description: BenchDescription) -> dict[str, Any]:
+    """Return ``[procedure]`` with every key: what all share, and for each installed procedure a table of its own."""
+    shared = setting_keys(ProcedureSettings)
+    given = {key: value for key, value in description.procedure_table.items() if key not in shared}
+    own = {}
+    for each in PROCEDURES.loaded():
+        keys = [key for key in setting_keys(each.settings) if key not in shared]
+        if keys:
+            chosen = chosen_settings(each.settings, layers_of(each, description, description.name))
+            own[each.name] = {**plain_settings(chosen, keys), **given.get(each.name, {})}
+    return {**plain_settings(description.procedure, shared), **given, **own}
