@@ -78,7 +78,7 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
         return BUILT_IN[name][1] if name in BUILT_IN else f"Of {self.origin(name)}."
 
     def origin(self, name: str) -> str:
-        """Say where the procedure called `name` comes from."""
+        """Say where the procedure called `name` comes from, "" where there is none."""
         own = ["vcfbench itself"] if name in BUILT_IN else []
         return " and ".join([*own, *map(_origin, _installed().get(name, ()))])
 
@@ -112,7 +112,7 @@ def procedure(name: str | Path) -> AnyProcedure:
     if not isinstance(name, str) or is_file(name):
         from vcfbench.procedures.own_code import procedure_in  # noqa: PLC0415
 
-        return procedure_in(name)
+        return procedure_in(name, PROCEDURES.origin)
     try:
         return PROCEDURES[name]
     except KeyError:

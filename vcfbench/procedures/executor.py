@@ -21,8 +21,7 @@ from vcfbench.record.schema import Status
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from vcfbench.procedures.step import OpenBench, Operator, Plan, Step, StepResult
-    from vcfbench.procedures.steps.meter import Reading
+    from vcfbench.procedures.step import OpenBench, Operator, Plan, Reading, Step, StepResult
     from vcfbench.record.schema import Point
 
 __all__ = [

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 from vcfbench.errors import BenchError, ConfigError, PlanError
 from vcfbench.files import read_text, shown
-from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.procedure import Procedure
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from vcfbench.procedures.procedure import AnyProcedure
 
@@ -23,8 +22,10 @@ __all__ = ["mistake_in", "mistake_of", "procedure_in"]
 _OURS = str(Path(__file__).parents[1])
 
 
-def procedure_in(path: Path | str) -> AnyProcedure:
+def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure:
     """Return the procedure that the file at `path` defines: the one `Procedure` among its names, imported ones apart.
+
+    `origin` says where the procedure of a name comes from, "" where none is known by it.
 
     Raises:
         ConfigError: the file cannot be read or run, or defines none, more than one, or one of a name that is known.
@@ -40,14 +41,12 @@ def procedure_in(path: Path | str) -> AnyProcedure:
         del sys.modules[name]
         raise ConfigError(f"{shown(path)} cannot be run: {mistake_in(error)}") from error
     found = {each.name: each for each in vars(module).values() if isinstance(each, Procedure)}
-    own = [each for each in found.values() if each.name not in PROCEDURES]
+    own = [each for each in found.values() if not origin(each.name)]
     if len(own) == 1:
         return own[0]
     if found and not own:
         known = next(iter(found))
-        raise ConfigError(
-            f"{shown(path)}: its procedure is called {known!r}, a name taken by {PROCEDURES.origin(known)}"
-        )
+        raise ConfigError(f"{shown(path)}: its procedure is called {known!r}, a name taken by {origin(known)}")
     came = f"{len(own)}: {', '.join(each.name for each in own)}" if own else "none"
     raise ConfigError(f"{shown(path)}: expected a file with one Procedure, came {came}")
 

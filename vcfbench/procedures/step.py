@@ -34,7 +34,6 @@ if TYPE_CHECKING:
         TemperatureChamber,
     )
     from vcfbench.procedures.scatter import NoiseSeen
-    from vcfbench.procedures.steps.meter import Reading
     from vcfbench.record.schema import Point
 
 _T = TypeVar("_T")
@@ -119,6 +118,14 @@ def nobody(request: Request) -> str:
         f"somebody would have to {request.words}, and nobody is there to be asked",
         hint="give the run an operator, or say --yes if all is done as asked",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One reading of the multimeter: bench time at which it was asked for (s) and voltage (V)."""
+
+    t_s: float
+    voltage_v: float
 
 
 def _nowhere(readings: Sequence[Reading]) -> None:

@@ -1,6 +1,6 @@
 """The steps that come with the project, a page for each instrument."""
 
-from vcfbench.procedures.step import Effect, Outcome, Plan, Step, StepResult
+from vcfbench.procedures.step import Effect, Outcome, Plan, Reading, Step, StepResult
 from vcfbench.procedures.steps.chamber import (
     AwaitTemperature,
     SetTemperature,
@@ -8,7 +8,7 @@ from vcfbench.procedures.steps.chamber import (
     TemperatureReading,
     set_air_by_hand,
 )
-from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, Reading, VerifyZero, Window, ZeroWindow
+from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, VerifyZero, Window, ZeroWindow
 from vcfbench.procedures.steps.operator import AskOperator, OperatorAnswer, move_leads
 from vcfbench.procedures.steps.scope import (
     ConfigureScope,

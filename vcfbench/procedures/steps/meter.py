@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.procedures.scatter import NoiseSeen
-from vcfbench.procedures.step import Effect, Step, StepResult, problem
+from vcfbench.procedures.step import Effect, Reading, Step, StepResult, problem
 from vcfbench.procedures.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.procedures.steps.table import read_rate
 from vcfbench.procedures.steps.wait import Done
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.step import Context
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """One reading of the multimeter: bench time at which it was asked for (s) and voltage (V)."""
-
-    t_s: float
-    voltage_v: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from vcfbench.interfaces import BeginsReadings
-from vcfbench.procedures.step import Effect, Step, StepResult, problem
-from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, Reading, Window
+from vcfbench.procedures.step import Effect, Reading, Step, StepResult, problem
+from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, Window
 from vcfbench.procedures.steps.wait import Done
 from vcfbench.procedures.tally import Tally
 from vcfbench.record.schema import Point
