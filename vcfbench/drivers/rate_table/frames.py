@@ -2,21 +2,61 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msgspec import Meta, Struct
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.checksums import checksum, checksum_length
-from vcfbench.drivers.rate_table.fields import decode, encode
+from vcfbench.drivers.rate_table.fields import Order, decode, encode
 from vcfbench.errors import FramingError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.drivers.rate_table.profile import Frame
 
-__all__ = ["frame_bytes", "frame_text", "take_frame", "take_text"]
+__all__ = ["ByteValue", "Frame", "HexBytes", "Place", "frame_bytes", "frame_text", "take_frame", "take_text"]
 
 _LINE_ENDS = ("\r\n", "\r", "\n")
+
+
+HexBytes = Annotated[str, Meta(pattern=r"\A(?:[0-9A-Fa-f]{2} ?)*\Z")]
+ByteValue = Annotated[int, Meta(ge=0, le=255)]
+Place = Annotated[int, Meta(ge=0, le=4096)]
+"""Where something stands in a message, in bytes."""
+
+
+class Frame(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What surrounds a message: text lines, or binary frames found by header, length and checksum."""
+
+    kind: Literal["line", "fixed", "length_field", "delimited"] = "line"
+    start: str = ""
+    header: HexBytes = ""
+    trailer: HexBytes = ""
+    length: Annotated[int, Meta(ge=2, le=4096)] | None = None
+    pad: ByteValue = 0
+    length_at: Place | None = None
+    length_type: Literal["u8", "u16"] = "u8"
+    length_extra: Annotated[int, Meta(ge=-64, le=64)] = 0
+    longest: Annotated[int, Meta(ge=2, le=4096)] = 256
+    checksum: (
+        Literal[
+            "sum8",
+            "neg_sum8",
+            "xor8",
+            "lrc_hex",
+            "sum_hex",
+            "nmea_xor_hex",
+            "crc8",
+            "crc16_modbus",
+            "crc16_ccitt",
+            "crc32",
+        ]
+        | None
+    ) = None
+    checksum_from: Place = 0
+    checksum_mark: str = ""
+    order: Order = "little"
 
 
 def frame_text(frame: Frame, text: str, end: str) -> bytes:

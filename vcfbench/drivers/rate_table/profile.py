@@ -16,8 +16,8 @@ from msgspec import Meta, Struct, field
 
 from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.checksums import CHECKSUMS
-from vcfbench.drivers.rate_table.fields import BinaryType, Order, TextType, Wrap  # noqa: TC001 - msgspec reads them
-from vcfbench.drivers.rate_table.frames import frame_bytes
+from vcfbench.drivers.rate_table.fields import BinaryType, TextType, Wrap  # noqa: TC001 - msgspec reads them
+from vcfbench.drivers.rate_table.frames import ByteValue, Frame, Place, frame_bytes
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 from vcfbench.models import find_language
@@ -61,9 +61,6 @@ STREAM = "stream"
 """In place of a command: the status that comes unasked."""
 
 _Name = Annotated[str, Meta(min_length=1, max_length=60)]
-_Hex = Annotated[str, Meta(pattern=r"\A(?:[0-9A-Fa-f]{2} ?)*\Z")]
-_Byte = Annotated[int, Meta(ge=0, le=255)]
-_Place = Annotated[int, Meta(ge=0, le=4096)]
 _Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
 _Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 _Times = Annotated[int, Meta(ge=1, le=10)]
@@ -93,39 +90,6 @@ class Link(_Part, frozen=True, kw_only=True):
     rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
     echo: Literal["none", "optional", "always"] = "none"
     prompt: str | None = None
-
-
-class Frame(_Part, frozen=True, kw_only=True):
-    """What surrounds a message: text lines, or binary frames found by header, length and checksum."""
-
-    kind: Literal["line", "fixed", "length_field", "delimited"] = "line"
-    start: str = ""
-    header: _Hex = ""
-    trailer: _Hex = ""
-    length: Annotated[int, Meta(ge=2, le=4096)] | None = None
-    pad: _Byte = 0
-    length_at: _Place | None = None
-    length_type: Literal["u8", "u16"] = "u8"
-    length_extra: Annotated[int, Meta(ge=-64, le=64)] = 0
-    longest: Annotated[int, Meta(ge=2, le=4096)] = 256
-    checksum: (
-        Literal[
-            "sum8",
-            "neg_sum8",
-            "xor8",
-            "lrc_hex",
-            "sum_hex",
-            "nmea_xor_hex",
-            "crc8",
-            "crc16_modbus",
-            "crc16_ccitt",
-            "crc32",
-        ]
-        | None
-    ) = None
-    checksum_from: _Place = 0
-    checksum_mark: str = ""
-    order: Order = "little"
 
 
 class Units(_Part, frozen=True, kw_only=True):
@@ -166,8 +130,8 @@ class Step(_Part, frozen=True, kw_only=True):
 class Byte(_Part, frozen=True, kw_only=True):
     """A byte that a reply must have."""
 
-    at: _Place
-    value: _Byte = field(name="is")
+    at: Place
+    value: ByteValue = field(name="is")
 
 
 class Reply(_Part, frozen=True, kw_only=True):
@@ -200,10 +164,10 @@ class Field(_Part, frozen=True, kw_only=True):
     """A number in the last reply of a command, or in the stream; or the slope of another number."""
 
     source: _Name | None = field(name="from", default=None)
-    at: _Place | None = None
+    at: Place | None = None
     type: BinaryType | TextType = "decimal"
     group: _Name | None = None
-    item: _Place | None = None
+    item: Place | None = None
     scale: _Number = 1.0
     offset: _Number = 0.0
     wrap: Wrap = "continuous"
@@ -215,11 +179,11 @@ class Flag(_Part, frozen=True, kw_only=True):
     """Yes or no in a reply: one bit, a value among some, a piece of text, or a bound; `negate` turns it round."""
 
     source: _Name = field(name="from")
-    at: _Place | None = None
+    at: Place | None = None
     bit: Annotated[int, Meta(ge=0, le=31)] | None = None
     type: BinaryType | TextType = "u8"
     group: _Name | None = None
-    item: _Place | None = None
+    item: Place | None = None
     among: tuple[float, ...] | None = field(name="in", default=None)
     contains: str | None = None
     above: float | None = None
