@@ -10,7 +10,7 @@ from __future__ import annotations
 import bisect
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads
@@ -27,15 +27,43 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
     from vcfbench.sim.gyro.stretch import Stretch
-    from vcfbench.sim.leads import Leads
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Drive, Played, Ripple
 
-__all__ = ["NODES", "RAILS", "Capture", "Recording", "Window", "World"]
+__all__ = ["NODES", "RAILS", "Capture", "LeadEnd", "LeadsOfRole", "Recording", "Window", "World"]
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
 EARLY_S = 1e-9
+
+
+class LeadEnd(Protocol):
+    """Where a lead goes."""
+
+    @property
+    def node(self) -> str | None:
+        """The node of the PCB, None when it hangs free."""
+
+    @property
+    def reversed(self) -> bool:
+        """Whether it is the wrong way round."""
+
+
+class LeadsOfRole(Protocol):
+    """What a person can do to the leads of one instrument; they look at the World, which only knows that there are."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The names of the inputs."""
+
+    def lead(self, name: str) -> LeadEnd:
+        """Return where the lead of an input goes."""
+
+    def connect(self, name: str, node: str | None) -> None:
+        """Put the lead of input `name` on another node, or leave it free."""
+
+    def turn(self, name: str, *, reversed_: bool) -> None:
+        """Put the lead of input `name` on the right way round, or reversed."""
 
 
 class Window:
@@ -147,7 +175,7 @@ class World:
         self._gyro = Gyro(parameters, seed, clock.now())
         self.mains = Mains.drawn(parameters.pick_up, seed)
         """What the leads catch of the mains."""
-        self.leads: dict[str, Leads] = {}
+        self.leads: dict[str, LeadsOfRole] = {}
         """The leads of what looks at the World, by role."""
         self._rails = dict.fromkeys(RAILS, Approach(0.0))
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
-    from vcfbench.sim.leads import Leads
-    from vcfbench.sim.world import World
+    from vcfbench.sim.world import LeadsOfRole, World
 
 __all__ = ["adjustments_of"]
 
@@ -72,7 +71,7 @@ def _leads(world: World) -> Iterator[Adjustment]:
             yield _way_round(leads, role, name)
 
 
-def _end(leads: Leads, role: str, name: str) -> Adjustment:
+def _end(leads: LeadsOfRole, role: str, name: str) -> Adjustment:
     def connect(node: Any) -> None:
         leads.connect(name, node)
 
@@ -80,7 +79,7 @@ def _end(leads: Leads, role: str, name: str) -> Adjustment:
     return Adjustment(f"{role}.{name}.node", "", meaning, lambda: leads.lead(name).node, connect)
 
 
-def _way_round(leads: Leads, role: str, name: str) -> Adjustment:
+def _way_round(leads: LeadsOfRole, role: str, name: str) -> Adjustment:
     def turn(value: Any) -> None:
         leads.turn(name, reversed_=_truth(value))
 
