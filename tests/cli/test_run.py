@@ -20,6 +20,7 @@ from vcfbench.cli import run as run_module
 from vcfbench.cli import runs as runs_module
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, NotSafe, PlanError
 from vcfbench.interfaces import SafeReport
+from vcfbench.procedures.catalogue import BUILT_IN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -279,7 +280,7 @@ def test_same_seed_same_bytes_of_results(station: Station, name: str, tmp_path: 
 def test_an_unknown_procedure_is_one_line_with_the_known_ones(station: Station) -> None:
     result = call("run", "spin")
     assert isinstance(result.exception, PlanError)
-    assert str(result.exception) == "there is no procedure 'spin'; known are turntable, virtual-coriolis"
+    assert str(result.exception) == f"there is no procedure 'spin'; known are {', '.join(BUILT_IN)}"
     assert station.opened == []
 
 

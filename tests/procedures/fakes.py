@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
 
+CALIBRATIONS = ("turntable", "virtual-coriolis")
+"""The procedures that visit the paper's rates."""
+
+
 def make_settings(*, expected: Expected | None = None, **changes: Any) -> VirtualCoriolisSettings:
     """Return settings of both calibrations; turntable takes no notice of those that are not its own."""
     values: dict[str, Any] = {

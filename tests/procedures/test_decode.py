@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
+from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
 from tests.procedures.test_long_window import acquire, bench, plan
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.decode import Recorded, result_of, step_of
@@ -50,7 +50,7 @@ def assert_comes_back(steps: Plan, on: FakeBench) -> list[dict[str, Any]]:
     return lines
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", CALIBRATIONS)
 def test_each_step_and_result_of_a_run_comes_back(name: str) -> None:
     settings = make_settings()
     lines = assert_comes_back(PROCEDURES[name].plan(settings), FakeBench(Gyro(noise_v=1e-4)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
+from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
@@ -62,7 +62,7 @@ def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
     assert execution.bench_seconds == pytest.approx(by_hand_s, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", CALIBRATIONS)
 def test_estimate_is_within_five_per_cent_of_the_run(name: str) -> None:
     settings = make_settings()
     planned = list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess_deg_s_per_v)))
@@ -73,7 +73,7 @@ def test_estimate_is_within_five_per_cent_of_the_run(name: str) -> None:
 def test_walking_a_plan_touches_nothing() -> None:
     bench = FakeBench()
     settings = make_settings()
-    for name in PROCEDURES:
+    for name in CALIBRATIONS:
         assert len(list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess_deg_s_per_v)))) > 80
     assert bench.calls == []
     assert bench.clock.now() == 0.0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.procedures.fakes import make_settings
+from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.errors import PlanError
@@ -163,7 +163,7 @@ def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", CALIBRATIONS)
 def test_limits_are_set_before_the_supply_is_on_and_the_drive_is_checked_before_the_table(name: str) -> None:
     kinds = [type(step) for step in steps_of(name)]
     assert max(i for i, kind in enumerate(kinds) if kind is ConfigureRail) < kinds.index(EnableSupply)
@@ -172,7 +172,7 @@ def test_limits_are_set_before_the_supply_is_on_and_the_drive_is_checked_before_
     assert kinds.index(ConfigureMeter) < kinds.index(Acquire)
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", CALIBRATIONS)
 def test_generator_is_off_while_the_table_turns_and_the_table_rests_while_it_is_on(name: str) -> None:
     on, rate = False, 0.0
     for step in steps_of(name):
@@ -186,7 +186,7 @@ def test_generator_is_off_while_the_table_turns_and_the_table_rests_while_it_is_
             assert step.table_deg_s == rate
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", CALIBRATIONS)
 def test_every_window_comes_two_seconds_after_the_last_change(name: str) -> None:
     settled_s = 0.0
     for step in steps_of(name):
@@ -204,7 +204,7 @@ def test_keys_name_steps_by_their_parameters() -> None:
     assert SetVvc(0.1).key != SetVvc(0.2).key
 
 
-@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("name", CALIBRATIONS)
 def test_every_step_says_what_it_does(name: str) -> None:
     for step in steps_of(name):
         assert step.describe()

@@ -35,6 +35,10 @@ BUILT_IN = {
         "vcfbench.procedures.virtual_coriolis:VIRTUAL_CORIOLIS",
         "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
     ),
+    "zero": (
+        "vcfbench.procedures.zero:ZERO",
+        "Record the output at rest: Allan deviation, noise coefficients, bias stability.",
+    ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""
 

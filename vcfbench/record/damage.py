@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["first_damage", "own_readings"]
 
+_WINDOWS = frozenset({"Acquire", "AcquireGapless", "AcquireWithVvc"})
+"""Kinds of steps whose point is the mean of their readings."""
+
 
 def first_damage(lines: Sequence[Mapping[str, Any]]) -> str | None:
     """Return in words the first thing that is wrong with the whole lines of a journal, None when nothing is."""
@@ -92,7 +95,7 @@ def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         if line.get("type") not in ("step", "error"):
             continue
         readings, chunked = chunked, []
-        if line.get("step_kind") not in ("Acquire", "AcquireWithVvc") or "point" not in line or "result" not in line:
+        if line.get("step_kind") not in _WINDOWS or "point" not in line or "result" not in line:
             continue
         point = line["point"]
         readings += own_readings(line)

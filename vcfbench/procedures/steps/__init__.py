@@ -8,6 +8,7 @@ from vcfbench.procedures.steps.chamber import (
     TemperatureReading,
     set_air_by_hand,
 )
+from vcfbench.procedures.steps.gapless import AcquireGapless
 from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, VerifyZero, Window, ZeroWindow
 from vcfbench.procedures.steps.operator import AskOperator, OperatorAnswer, move_leads
 from vcfbench.procedures.steps.scope import (
@@ -40,6 +41,7 @@ from vcfbench.procedures.steps.wait import Done, NotChecked, Note, Settle
 
 __all__ = [
     "Acquire",
+    "AcquireGapless",
     "AcquireWithVvc",
     "AskOperator",
     "AwaitRate",

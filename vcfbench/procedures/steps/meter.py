@@ -145,9 +145,7 @@ class Acquire(Step):
         clock = context.bench.clock
         start_s = clock.now()
         tally = self._new_tally()
-        for number in range(self.samples):
-            if closed := self._read_at(start_s + number * self.interval_s, number, context):
-                self._take_in(closed, tally, context)
+        self._read(start_s, tally, context)
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
         table_deg_s = self._table_rate(context)
         last = context.rest()
@@ -205,6 +203,12 @@ class Acquire(Step):
     def _predicted(self, t_s: float, output_v: float) -> Reading:
         """Return the reading that `output_v` would give."""
         return Reading(t_s, output_v)
+
+    def _read(self, start_s: float, tally: Tally, context: Context) -> None:
+        """Take all readings; sum up each chunk of a long window as it is closed."""
+        for number in range(self.samples):
+            if closed := self._read_at(start_s + number * self.interval_s, number, context):
+                self._take_in(closed, tally, context)
 
     def _read_at(self, instant_s: float, number: int, context: Context) -> tuple[Reading, ...]:
         clock, meter = context.bench.clock, context.bench.multimeter

@@ -1,0 +1,219 @@
+"""The static record: its plan, and what it finds of the noise that the paper's gyroscope is simulated with."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import vcfbench
+from tests.procedures.fakes import FakeBench, MemoryJournal
+from vcfbench.analysis.sampling import Sampling
+from vcfbench.bench.description import Limits
+from vcfbench.bench.settings import Station
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.dry_run import walk
+from vcfbench.procedures.executor import Executor
+from vcfbench.procedures.static_noise import ScaleFactor, ZeroResult, zero_results
+from vcfbench.procedures.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
+from vcfbench.procedures.zero import ZERO, Mode, ZeroSettings, scale_factor_of
+from vcfbench.sim.parameters import BenchParameters
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+PAPER = BenchParameters.paper()
+N_DEG_RTH = 60.0 * PAPER.noise.angle_random_walk_deg_sqrt_s
+B_DEG_H = 3600.0 * PAPER.noise.bias_instability_deg_s
+TRUE_SCALE = -0.0125527
+ON_PAPER: dict[str, Any] = {"scale_factor_v_per_deg_s": TRUE_SCALE}
+
+
+def run(runs: Path, **settings: Any) -> Run:
+    return vcfbench.run("zero", seed=3, settings={**ON_PAPER, **settings}, runs=runs)
+
+
+@pytest.fixture(scope="module")
+def hour(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """An hour at one reading of 0.2 s a second, its 3.4 Hz of noise declared."""
+    return run(tmp_path_factory.mktemp("hour"), noise_bandwidth_hz=3.4)
+
+
+def walk_of(results: ZeroResult) -> tuple[float, float]:
+    found = results.coefficient("angle random walk")
+    assert found.u is not None
+    return found.value, found.u
+
+
+def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_corrected(hour: Run) -> None:
+    value, u = walk_of(hour.results)
+    assert hour.results.angle_random_walk_as_read / N_DEG_RTH == pytest.approx(2.6, abs=0.1)
+    assert hour.results.white_noise_seen == pytest.approx(math.sqrt(2.0 * 3.4))
+    assert abs(value - N_DEG_RTH) < 3.0 * u < 0.015
+    unstable = hour.results.coefficient("bias instability")
+    assert abs(unstable.value - B_DEG_H) < 3.0 * unstable.u < 3.0
+    text = vcfbench.text_of(hour.report())
+    assert "white noise is seen 2.61 times too large" in text
+    assert "NOT corrected" not in text
+
+
+def test_as_it_stands_is_said_to_be_so(hour: Run, tmp_path: Path) -> None:
+    raw = run(tmp_path, mode="dead-time", duration_s=1200.0)
+    value, u = walk_of(raw.results)
+    assert value / N_DEG_RTH == pytest.approx(2.6, abs=0.15)
+    assert value - N_DEG_RTH > 20.0 * u
+    assert raw.results.dead_share == pytest.approx(0.8)
+    assert raw.results.white_noise_seen == pytest.approx(math.sqrt(5.0))
+    assert all(row.corrected is None for row in raw.results.allan_deg_h)
+    assert "NOT corrected" in vcfbench.text_of(raw.report())
+    assert hour.results.allan_deg_h[0].corrected == pytest.approx(3600.0 * N_DEG_RTH / 60.0, rel=0.1)
+
+
+def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
+    done = run(tmp_path, mode="gapless", duration_s=1800.0)
+    value, u = walk_of(done.results)
+    assert abs(value - N_DEG_RTH) < 3.0 * u < 0.06
+    assert (done.results.white_noise_seen, done.results.samples) == (1.0, 1800)
+    assert 0.0 < done.results.dead_share < 0.02
+    assert len(done.readings) == 9000
+    assert np.median(np.diff([reading.t_s for reading in done.readings])) == pytest.approx(0.2)
+    again = vcfbench.load_run("last", runs=tmp_path)
+    assert again.status == "complete"
+    assert again.results == done.results
+
+
+def test_its_record_gives_the_same_results_and_report(hour: Run) -> None:
+    assert hour.directory is not None
+    again = vcfbench.load_run(hour.directory)
+    assert again.no_results is None
+    assert again.results == hour.results
+    assert vcfbench.text_of(again.report()) == vcfbench.text_of(hour.report())
+    (figure,) = [part for part in again.report().parts if isinstance(part, vcfbench.Figure)]
+    assert (figure.x.scale, figure.y.scale) == ("log", "log")
+    written = json.loads((hour.directory / "result.json").read_text())["results"]
+    assert written["noise"][0]["unit"] == "deg/sqrt(h)"
+
+
+def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None:
+    bias, trend = hour.results.bias, hour.results.trend
+    assert bias is not None
+    assert trend is not None
+    assert bias.value == pytest.approx(np.mean([reading.voltage_v for reading in hour.readings]) / TRUE_SCALE)
+    assert 0.3 * 3.7 / 3600.0 < bias.u < 3.0 * 3.7 / 3600.0  # the flicker floor, not 34 deg/h / sqrt(3600)
+    assert bias.u_95 > 1.9 * bias.u
+    assert bias.dof is not None
+    assert bias.dof > 5.0
+    assert abs(trend.value) < 4.0 * trend.u
+    assert trend.unit == "(deg/h)/h"
+
+
+def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None:
+    """u(slope) = s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; U95 holds the true slope, which is 0."""
+    n, scale, found = 400, ScaleFactor(1.0, None, "test"), []
+    rng, times_s = np.random.default_rng(5), np.arange(400.0)
+    for _ in range(200):
+        trend = zero_results(rng.standard_normal(n), times_s, Sampling.without_gaps(1.0), scale, "dead-time").trend
+        assert trend is not None
+        found.append(trend)
+    expected = 3600.0**2 / math.sqrt(n * (n**2 - 1) / 12.0)
+    assert np.median([trend.u for trend in found]) == pytest.approx(expected, rel=0.25)
+    assert np.std([trend.value for trend in found]) == pytest.approx(expected, rel=0.15)
+    assert 0.92 < np.mean([abs(trend.value) < trend.u_95 for trend in found]) <= 1.0
+
+
+def test_a_record_without_noise_has_no_coefficients() -> None:
+    times_s = np.arange(400.0)
+    found = zero_results(np.full(400, 0.25), times_s, Sampling(1.0, 0.2), ScaleFactor(0.0125, None, "t"), "corrected")
+    assert (found.noise, found.bias, found.bias_deg_s) == ((), None, 20.0)
+    assert "no noise" in vcfbench.text_of(ZERO.report(ZeroSettings(), vcfbench.Measured(()), found))
+
+
+def steps(**changes: Any) -> list[Any]:
+    limits = changes.pop("limits", Limits(max_rate_deg_s=300.0, max_v_vc_v=2.0))
+    settings = ZeroSettings(station=Station(meter_resolution_v=1e-5, limits=limits), **changes)
+    return [each.step for each in walk(ZERO.plan(settings), settings.expected_gyro())]
+
+
+def test_the_plan_warms_up_looks_at_the_drive_holds_the_table_and_leaves_v_vc_off() -> None:
+    plan = steps()
+    kinds = [type(step) for step in plan]
+    assert kinds.index(EnableSupply) < kinds.index(EnableTable) < kinds.index(Acquire)
+    assert EnableVvc not in kinds
+    assert any(isinstance(step, Settle) and step.seconds == 1800.0 for step in plan)
+    (window,) = [step for step in plan if isinstance(step, Acquire)]
+    assert (window.samples, window.interval_s, window.table_deg_s) == (3600, 1.0, 0.0)
+
+
+def test_a_bench_of_supply_and_multimeter_will_do() -> None:
+    kinds = {type(step).__name__ for step in steps(limits=Limits())}
+    assert kinds.isdisjoint({"DisableVvc", "ConfigureGenerator", "EnableTable", "SetRate", "DisableTable"})
+    assert {"EnableSupply", "Acquire", "DisableSupply"} <= kinds
+    assert [*ZERO.needs] == ["power", "multimeter"]
+
+
+def test_bursts_hold_whole_intervals_and_count_what_lies_between_them() -> None:
+    (window,) = [step for step in steps(mode=Mode.GAPLESS, burst_readings=512) if isinstance(step, AcquireGapless)]
+    assert (window.samples, window.interval_s, window.burst) == (18_000, 0.2, 510)
+    assert window.duration_s > window.physical_s == pytest.approx(3600.0)
+
+
+def test_a_meter_that_takes_no_readings_by_itself_is_named() -> None:
+    settings = ZeroSettings(mode=Mode.GAPLESS, powered_s=1.0, station=Station(meter_resolution_v=1e-5))
+    plan = ZERO.plan(replace_drive(settings))
+    error = Executor(FakeBench(), MemoryJournal()).execute(plan).error
+    assert isinstance(error, MeasurementError)
+    assert "takes no readings by itself" in str(error)
+
+
+def replace_drive(settings: ZeroSettings) -> ZeroSettings:
+    from msgspec import structs  # noqa: PLC0415
+
+    return structs.replace(settings, station=structs.replace(settings.station, oscilloscope=None))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"duration_s": 100.0}, "duration_s: expected at least 200 s"),
+        ({"mode": "gapless", "sample_interval_s": 0.5}, "whole number of integration times of 0.2 s"),
+        ({"sample_interval_s": 0.1}, "sample_interval_s: expected at least 0.4 s"),
+        ({"noise_bandwidth_hz": -1.0}, "noise_bandwidth_hz: expected"),
+        ({"mode": "raw"}, "mode: expected"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused_before_anything_is_opened(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        vcfbench.dry_run("zero", settings=changes)
+
+
+def test_ten_a_second_are_within_reach_of_one_power_line_cycle() -> None:
+    planned = vcfbench.dry_run("zero", settings={"sample_interval_s": 0.1, "nplc": 1, "duration_s": 7200.0})
+    (window,) = [each.step for each in planned.steps if isinstance(each.step, Acquire)]
+    assert (window.samples, window.interval_s) == (72_000, 0.1)
+
+
+def test_the_scale_factor_of_a_record_is_taken_and_kept(tmp_path: Path) -> None:
+    quick = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3}
+    calibration = vcfbench.run("turntable", seed=3, settings=quick, runs=tmp_path)
+    record = str(calibration.directory)
+    done = vcfbench.run("zero", seed=3, settings={"duration_s": 200.0, "scale_factor_from": record}, runs=tmp_path)
+    used = done.results.scale_factor_v_per_deg_s
+    assert (used.value, used.u) == (calibration.results.scale_factor.value, calibration.results.scale_factor.u)
+    assert calibration.name in used.source
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(ConfigError, match="expected a calibration's scale factor"):
+        scale_factor_of(tmp_path)
+    assert vcfbench.load_run(done.directory or "").results == done.results
+
+
+def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path: Path) -> None:
+    done = vcfbench.run("zero", seed=3, settings={"duration_s": 200.0}, runs=tmp_path)
+    assert done.results.scale_factor_v_per_deg_s.value == -0.0125
+    text = vcfbench.text_of(done.report())
+    assert "that of the paper: nothing tells this gyroscope's" in text
+    assert "set noise_bandwidth_hz, or measure with mode=gapless" in text
