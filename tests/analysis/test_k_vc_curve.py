@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from vcfbench.analysis.k_vc_curve import KVcCurve, covariance_of, fit_k_vc_curve
+from vcfbench.analysis.k_vc_curve import KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 
 K, EVEN, ODD = 149.99, 0.0132, 0.0145
@@ -169,3 +169,14 @@ def test_what_cannot_be_fitted_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         fit_k_vc_curve(rate, v, of_rate, of_v)
+
+
+def test_the_parts_of_the_covariance_add_up_to_it() -> None:
+    v = np.array([-1.3, -0.7, -0.3, 0.3, 0.7, 1.3])
+    rate = 150.0 * v + 2.0 * v**2 + 2.2 * v**3
+    of_rate = {"readings": covariance_of(rate, 3e-3), "table": covariance_of(rate, 0.0, 6e-6)}
+    of_v = {"gain": covariance_of(v, 0.0, 9e-6), "offset": covariance_of(v, 0.0, 0.0, 1e-5)}
+    curve = fit_k_vc_curve(rate, v, sum(of_rate.values()), sum(of_v.values()))
+    parts = covariance_parts(curve, v, of_rate, of_v)
+    assert sum(parts.values()) == pytest.approx(np.array(curve.covariance), rel=1e-6)
+    assert parts["gain"][1, 1] ** 0.5 / curve.k_vc == pytest.approx(9e-6, rel=1e-3)

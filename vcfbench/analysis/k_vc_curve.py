@@ -16,9 +16,11 @@ import numpy as np
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Curvature", "KVcCurve", "covariance_of", "fit_k_vc_curve"]
+__all__ = ["Curvature", "KVcCurve", "covariance_of", "covariance_parts", "fit_k_vc_curve"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
@@ -177,6 +179,37 @@ def fit_k_vc_curve(
         lack_of_fit_p=_tail(chi_square, dof),
         lack_of_fit_deg_s=_excess(residuals, weight, covariance, np.vander(v / scale, order + 1, increasing=True)),
     )
+
+
+def covariance_parts(
+    curve: KVcCurve, v_vc_v: ArrayLike, of_rate: Mapping[str, ArrayLike], of_v_vc: Mapping[str, ArrayLike]
+) -> dict[str, Floats]:
+    """Return what each source puts into the covariance of the coefficients; together they are that covariance.
+
+    Args:
+        curve: the fit.
+        v_vc_v: V_Vc of its pairs.
+        of_rate: sources by name, each with its part of the rates' covariance.
+        of_v_vc: the same of V_Vc.
+
+    Raises:
+        ConfigError: the parts are all zero, or depend on each other completely.
+
+    """
+    v = np.asarray(v_vc_v, dtype=np.float64)
+    scale = float(np.abs(v).max())
+    slope = _slope(np.array(curve.coefficients), v)
+    through = np.outer(slope, slope)
+    parts = {name: np.asarray(part, dtype=np.float64) for name, part in of_rate.items()}
+    parts |= {name: np.asarray(part, dtype=np.float64) * through for name, part in of_v_vc.items()}
+    powers = np.vander(v / scale, len(curve.coefficients), increasing=True)
+    try:
+        weighted = powers.T @ np.linalg.inv(sum(parts.values(), start=np.zeros((v.size, v.size))))
+        making = np.linalg.inv(weighted @ powers) @ weighted
+    except np.linalg.LinAlgError as error:
+        raise ConfigError("the uncertainties of the pairs are zero or depend on each other completely") from error
+    making = making / (scale ** np.arange(powers.shape[1]))[:, None]
+    return {name: making @ part @ making.T for name, part in parts.items()}
 
 
 def _check(rate: Floats, v: Floats, order: int) -> None:

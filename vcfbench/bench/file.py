@@ -15,7 +15,7 @@ from vcfbench.models import resolve
 
 __all__ = ["EMBEDDED", "described", "embedded_text", "load_bench", "parse_bench", "template"]
 
-EMBEDDED = ("paper", "ideal")
+EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
 
 CHECK_OF_PROCEDURES = "vcfbench.procedures.layers:check_tables"

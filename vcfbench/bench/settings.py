@@ -38,6 +38,7 @@ from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import Self
 
     from vcfbench.bench.parts import Node
 
@@ -47,6 +48,7 @@ __all__ = [
     "Expected",
     "Limit",
     "Match",
+    "Placed",
     "ProcedureSettings",
     "RailSettings",
     "Station",
@@ -89,13 +91,27 @@ class Limit:
     high: float
 
 
+class Placed(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An instrument of the bench file: the model whose data sheet counts, and where it answers or its serial number."""
+
+    model: str
+    where: str
+
+    @property
+    def name(self) -> str:
+        """What tells it from others: ``34401A at GPIB0::22::INSTR``."""
+        return f"{self.model} {self.where}"
+
+
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the place gives: wiring, limits, what is expected and what passes; nothing that a procedure could choose.
 
+    `instruments` are those of the bench file by role, the rate table apart.
     `oscilloscope` is what its channels see, None on a bench that has none.
     `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
     """
 
+    instruments: dict[str, Placed] = field(default_factory=dict)
     rails: RailWiring = field(default_factory=RailWiring)
     oscilloscope: OscilloscopeWiring | None = field(default_factory=OscilloscopeWiring)
     mains_hz: Literal[50, 60] = 50
@@ -201,6 +217,17 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             -0.0125 if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
             0.0 if expected.bias_v is None else _middle(expected.bias_v),
         )
+
+    def recalled(self) -> Self:
+        """Return these settings with what they name looked up: asked for once, before anything is opened.
+
+        A procedure that builds on what is kept of a device puts it into its settings here, so that the record holds all
+        that its results are made of.
+
+        Raises:
+            ConfigError: what they name is not there.
+        """
+        return self
 
     def contradictions(self) -> Iterator[Misfit]:
         """Yield what the ranges cannot say: values that contradict each other, or the limits of the station."""

@@ -120,6 +120,8 @@ def _show_text(run: Run, physical_minimum_s: float) -> None:
     )
     if run.directory is not None:
         typer.echo(f"record: {run.directory}")
+    if run.device_entry is not None:
+        typer.echo(f"device: {run.device_entry}")
 
 
 def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:

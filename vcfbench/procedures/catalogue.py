@@ -39,6 +39,10 @@ BUILT_IN = {
         "vcfbench.procedures.zero:ZERO",
         "Record the output at rest: Allan deviation, noise coefficients, bias stability.",
     ),
+    "kvc": (
+        "vcfbench.procedures.k_vc:K_VC",
+        "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
+    ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""
 

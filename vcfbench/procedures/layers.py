@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec import ValidationError, convert, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
-from vcfbench.bench.settings import ProcedureSettings, Station
+from vcfbench.bench.settings import Placed, ProcedureSettings, Station
 from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
-from vcfbench.models import find_model, resolve
+from vcfbench.models import ROLES, find_model, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -62,7 +62,7 @@ def settings_of(
     layers = layers_of(procedure, description, source or description.name)
     chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
     station = structs.replace(chosen.station, meter_resolution_v=_meter_resolution_v(description, chosen))
-    return structs.replace(chosen, station=station)
+    return structs.replace(chosen, station=station).recalled()
 
 
 def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
@@ -150,6 +150,7 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
 def _station(description: BenchDescription) -> Station:
     """Return what the bench file says of its place; the meter's resolution depends on what is chosen."""
     return Station(
+        instruments=_placed(description),
         rails=description.wiring.rails,
         oscilloscope=None if description.oscilloscope is None else description.wiring.oscilloscope,
         mains_hz=description.site.mains_hz,
@@ -157,6 +158,20 @@ def _station(description: BenchDescription) -> Station:
         expected=description.expected,
         acceptance=description.acceptance,
     )
+
+
+def _placed(description: BenchDescription) -> dict[str, Placed]:
+    """Return the instruments of the bench file by role."""
+    parts = {role: getattr(description, role) for role in ROLES}
+    return {
+        role: Placed(model=part.like or part.model, where=_where(part))
+        for role, part in parts.items()
+        if part is not None
+    }
+
+
+def _where(part: Any) -> str:
+    return f"at {part.resource}" if part.serial_number is None else f"no. {part.serial_number}"
 
 
 def _meter_resolution_v(description: BenchDescription, chosen: ProcedureSettings) -> float | None:

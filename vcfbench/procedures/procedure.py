@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
@@ -14,9 +14,11 @@ from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from datetime import datetime
 
     from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.step import Plan
+    from vcfbench.record.devices import Kept
     from vcfbench.report.document import Report
 
 S = TypeVar("S", bound=ProcedureSettings)
@@ -47,6 +49,8 @@ class Procedure(Generic[S, R]):
             results.
         needs: the roles that must be on the bench, and what the instrument in each must be able to do.
         uses: the roles that it makes use of where the bench has them, likewise; what looks at no drive signal uses {}.
+        entry: makes what is kept of the device that was measured, None where none was named: it is added to the device
+            store when the run is complete, recorded and safe.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Procedure(Generic[S, R]):
     report: Callable[[S, Measured, R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
+    entry: Callable[[S, R, Made], Kept | None] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""
@@ -71,6 +76,20 @@ class Procedure(Generic[S, R]):
 
     def __repr__(self) -> str:
         return f"<Procedure {self.name}>"
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """Where and when results were made, for what is kept of a device."""
+
+    bench: str
+    run: str
+    simulated: bool
+    instruments: Mapping[str, str]
+    """Who measured, by role: maker, model, serial number and firmware as they answered."""
+    finished: datetime
+    verdict: Literal["pass", "fail"] | None
+    """That of the acceptance limits, None where nothing was judged."""
 
 
 AnyProcedure = Procedure[Any, Any]

@@ -179,17 +179,17 @@ def take(
     settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
     """Average one window and return its point; `table_deg_s` is what the table must read back, None asks no table."""
-    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **_window_of(settings))
+    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window_of(settings))
     return answer((yield acquire), Window).point
 
 
 def take_zero_again(settings: ProcedureSettings, step: int) -> Routine[Point]:
     """Average one window more at zero and return what it gives; it is for comparison and no point of the run."""
-    verify = VerifyZero(step, 0.0, 0.0, 0.0, **_window_of(settings))
+    verify = VerifyZero(step, 0.0, 0.0, 0.0, **window_of(settings))
     return answer((yield verify), Window).point
 
 
-def _window_of(settings: ProcedureSettings) -> dict[str, Any]:
+def window_of(settings: ProcedureSettings) -> dict[str, Any]:
     """Return what all windows of a run have in common."""
     return {
         "tolerance_deg_s": settings.rate_tolerance_deg_s,

@@ -26,11 +26,16 @@ __all__ = [
     "FORMAT",
     "Certificate",
     "Conditions",
+    "CurveShare",
+    "DeviceRecord",
     "DeviceStore",
     "Entry",
+    "Kept",
     "KvcCurve",
     "Measured",
     "SelfCalibration",
+    "Share",
+    "read_entry",
 ]
 
 FORMAT = 1
@@ -50,6 +55,17 @@ class _Value(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A part of an entry: frozen, strict."""
 
 
+class Share(_Value, frozen=True, kw_only=True):
+    """What one source puts into a standard uncertainty, in the unit of the value."""
+
+    source: Text
+    """What it is, in words."""
+    u: float
+    """Its part; the sign is that of its effect, the same in all entries."""
+    of: Text | None = None
+    """Whose it is, where other entries have the same: an instrument, a certificate. It cancels between them."""
+
+
 class Measured(_Value, frozen=True, kw_only=True):
     """A value with its standard uncertainty; the unit is in the name of the field that holds it."""
 
@@ -58,6 +74,19 @@ class Measured(_Value, frozen=True, kw_only=True):
     """Standard uncertainty (k = 1), in the unit of the value."""
     dof: Annotated[float, Meta(gt=0.0)] | None = None
     """Effective degrees of freedom of `u`; None is as many as one likes."""
+    shares: tuple[Share, ...] = ()
+    """What `u` is made of, where that is known: their squares add up to its square."""
+
+
+class CurveShare(_Value, frozen=True, kw_only=True):
+    """What one source puts into the covariance of a curve."""
+
+    source: Text
+    """What it is, in words."""
+    of: Text | None = None
+    """Whose it is, as of a :class:`Share`."""
+    covariance: tuple[tuple[float, ...], ...]
+    """Its part; all parts together are the covariance of the curve."""
 
 
 class KvcCurve(_Value, frozen=True, kw_only=True):
@@ -71,6 +100,10 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
     """Lowest V_Vc at which it was measured; the curve says nothing below."""
     v_vc_max_v: float
     """Highest V_Vc at which it was measured."""
+    shares: tuple[CurveShare, ...] = ()
+    """What the covariance is made of, where that is known."""
+    lack_of_fit_deg_s: float | None = None
+    """What the curve leaves over beyond the uncertainties, root mean square; it is in no uncertainty."""
 
     def __post_init__(self) -> None:
         """See that the parts fit together; ValueError when they do not."""
@@ -184,6 +217,14 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
 
 
 DeviceRecord = Certificate | SelfCalibration
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What is to be added to a device store, and to which."""
+
+    record: DeviceRecord
+    store: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,8 +351,13 @@ def _record(text: str, source: str) -> DeviceRecord:
     return made
 
 
+def read_entry(path: Path) -> DeviceRecord:
+    """Return what the file of an entry says, wherever it lies; ConfigError when it is none."""
+    return _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))
+
+
 def _read(path: Path, serial: str) -> DeviceRecord:
-    record = _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))
+    record = read_entry(path)
     if record.serial != serial:
         raise ConfigError(f"{shown(path)}: it is of device {record.serial!r}, and lies with {serial!r}")
     return record

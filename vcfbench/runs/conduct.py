@@ -9,6 +9,7 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 
+from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.runs.asked import Asked, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.executor import Execution, Observer
-    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.procedures.procedure import AnyProcedure, Made
     from vcfbench.procedures.step import Operator
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
@@ -117,6 +118,7 @@ class _Course:
     came_to: CameTo | None = None
     error: BenchError | None = None
     observers: Mapping[str, Shielded] = field(default_factory=dict)
+    kept: Path | None = None
 
     def take_error(self, error: BenchError) -> None:
         """Keep the first error, unless something is not safe: that comes before everything."""
@@ -158,6 +160,7 @@ class _Course:
             asked_again=() if execution is None else execution.asked_again,
             observers_lost=tuple(self.observers_lost()),
             not_checked=() if execution is None else execution.not_checked,
+            device_entry=self.kept,
             _came_to=came_to.report,
         )
 
@@ -236,6 +239,7 @@ class _Record:
     prepared: Prepared
     journal: Journal | None = None
     safe_reports: Sequence[SafeReport] = ()
+    identities: Mapping[str, Identity] = field(default_factory=dict)
 
     def prepare(self) -> None:
         """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin."""
@@ -250,6 +254,7 @@ class _Record:
         course, prepared = self.course, self.prepared
         course.checked.seed = bench.seed
         self.safe_reports = bench.safe_reports  # filled when the bench is left
+        self.identities = dict(bench.identities)
         journal = self._open_journal(bench.identities)
         executor = Executor(bench, journal, watchers, operator_of(course.asked, bench))
         try:
@@ -298,6 +303,7 @@ class _Record:
         if self.journal is not None:
             try:
                 self._end(self.journal, display_lost)
+                self._keep_of_device()
             except BenchError as error:
                 course.take_error(error)
 
@@ -310,6 +316,31 @@ class _Record:
                 self._derive()
             finally:
                 journal.close()
+
+    def _keep_of_device(self) -> None:
+        """Add what the procedure keeps of the device to its store: of a run that is complete, recorded and safe."""
+        course, procedure, settings = self.course, self.prepared.procedure, self.prepared.settings
+        if procedure.entry is None or course.error is not None or course.came_to is None:
+            return
+        kept = procedure.entry(settings, course.came_to.results, self._made(course.came_to))
+        if kept is not None:
+            from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
+
+            course.kept = DeviceStore(kept.store).add(kept.record).path
+
+    def _made(self, came_to: CameTo) -> Made:
+        from vcfbench.procedures.procedure import Made  # noqa: PLC0415
+
+        assert self.course.directory is not None  # noqa: S101  # there is a journal
+        description, verdict = self.prepared.description, came_to.verdict
+        return Made(
+            bench=description.name,
+            run=self.course.directory.run,
+            simulated=description.simulated,
+            instruments={role: _words_of(identity) for role, identity in self.identities.items()},
+            finished=utc_now(),
+            verdict=None if verdict is None else "pass" if verdict.passed else "fail",
+        )
 
     def _without_journal(self) -> None:
         """Keep no record of a bench that did not open, unless something was left unsafe by that."""
@@ -364,6 +395,11 @@ class _Record:
         answer["physical_minimum_s"] = done.physical_minimum_s
         write_result(done.directory / "result.json", answer)
         write_text(done.directory / "points.csv", points_csv(done.points))
+
+
+def _words_of(identity: Identity) -> str:
+    fields = (identity.maker, identity.model, identity.serial, identity.firmware)
+    return ",".join(fields) if any(fields) else "says nothing of itself"
 
 
 def _profile_of(description: BenchDescription) -> dict[str, str]:

@@ -50,7 +50,8 @@ class Run:
     nothing was recorded. `bench` is its name; `seed` that of a simulated bench. `bench_seconds` is how long it took in
     bench time, `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
-    `not_checked` says what the procedure would have checked on a bench with more instruments.
+    `not_checked` says what the procedure would have checked on a bench with more instruments. `device_entry` is the
+    file in the device store that the run added, None if it added none.
     """
 
     procedure: str
@@ -70,6 +71,7 @@ class Run:
     observers_lost: tuple[str, ...] = ()
     damage: str | None = None
     not_checked: tuple[str, ...] = ()
+    device_entry: Path | None = None
     _came_to: Report = field(default=Report(), repr=False)
 
     @property
@@ -132,6 +134,7 @@ class Run:
             "acceptance": None if self.verdict is None else self.verdict.as_json(),
             "asked_again": list(self.asked_again),
             **({"not_checked": list(self.not_checked)} if self.not_checked else {}),
+            **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
         }
         return answer if self.error is None else {**answer, "error": str(self.error)}
 

@@ -1,0 +1,203 @@
+"""The calibration of K_Vc on the simulated bench, against the modulator and scale factor that its parameters make."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+import vcfbench
+from tests.sim.gyro.plain import output_v, steady_output_v
+from vcfbench.bench.simulated import physical_parameters
+from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.k_vc import K_VC
+from vcfbench.procedures.k_vc_results import UNSEEN
+from vcfbench.record.devices import Certificate, DeviceStore
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.sim.parameters import BenchParameters
+
+LAB = vcfbench.load_bench("lab")
+QUICK: dict[str, Any] = {"cycles": 1, "samples": 5, "match_rates_deg_s": [20.0, 100.0, 200.0]}
+
+
+def still(bench: BenchDescription, **errors: Any) -> BenchDescription:
+    """Return `bench` with noise and pick-up off, and the errors of each instrument as told, else none."""
+    off = dict.fromkeys(("power", "rate_source", "multimeter", "v_vc_meter", "rate_table"), "none")
+    simulation = structs.replace(
+        bench.simulation,
+        errors=structs.replace(bench.simulation.errors, **{**off, **errors}),
+        override={
+            "noise": {"angle_random_walk_deg_sqrt_s": 0.0, "bias_instability_deg_s": 0.0},
+            "table": {
+                "rate_error": 0.0,
+                "flutter_per_sqrt_hz": 0.0,
+                "ripple_arcsec": [],
+                "ripple_harmonic": [],
+                "ripple_phase_rad": [],
+            },
+            "pick_up": {"meter_leads_v": 0.0, "v_vc_lead_v": 0.0},
+        },
+    )
+    return structs.replace(bench, simulation=simulation)
+
+
+def warm(parameters: BenchParameters) -> BenchParameters:
+    """Return the gyroscope at the temperature that it comes to by its own heat."""
+    heat = parameters.thermal.self_heating_k
+
+    def at(mode: Any) -> Any:
+        return replace(
+            mode,
+            frequency_hz=mode.frequency_hz * (1.0 + mode.frequency_coefficient_per_k * heat),
+            quality=mode.quality * (1.0 + mode.quality_coefficient_per_k * heat),
+        )
+
+    return replace(
+        parameters,
+        drive_mode=at(parameters.drive_mode),
+        sense_in_phase=at(parameters.sense_in_phase),
+        sense_anti_phase=at(parameters.sense_anti_phase),
+    )
+
+
+def truth(parameters: BenchParameters) -> tuple[float, float]:
+    """Return scale factor at rest, V/(deg/s), and K_Vc of small signals, (deg/s)/V, by the closed forms."""
+    earth_rad_s = math.radians(15.041067 / 3600.0) * math.sin(math.radians(parameters.site.latitude_deg))
+    small, path = 0.01, parameters.virtual_path
+    divided = 10e6 / (10e6 + parameters.source.output_ohm)
+
+    def read_v(rate_deg_s: float, multiplicand_v: float) -> float:
+        rate_rad_s = earth_rad_s + math.radians(rate_deg_s)
+        return divided * output_v(parameters, steady_output_v(parameters, rate_rad_s, multiplicand_v))
+
+    scale_factor = (read_v(small, 0.0) - read_v(-small, 0.0)) / (2.0 * small)
+    on = path.offset_v
+    per_v = (read_v(0.0, on + 1e-4) - read_v(0.0, on - 1e-4)) / 2e-4
+    return scale_factor, per_v / scale_factor
+
+
+def test_without_noise_and_errors_the_parameters_come_out(tmp_path: Path) -> None:
+    bench = still(LAB)
+    found = vcfbench.run("kvc", bench, settings={"warm_up_s": 3600.0, **QUICK}, runs=tmp_path).results
+    scale_factor, k_vc = truth(warm(physical_parameters(bench)))
+    assert found.scale_factor.value == pytest.approx(scale_factor, rel=20e-6)
+    assert found.k_vc.value == pytest.approx(k_vc, rel=20e-6)
+    assert found.curvature.second_per_v == pytest.approx(0.013, rel=0.01)
+    assert found.curvature.third_per_v2 == pytest.approx(0.0145, rel=0.01)
+
+
+@pytest.mark.parametrize("by", ["v_vc_meter", "hand"])
+def test_what_is_measured_with_drawn_instruments_is_within_its_uncertainty(by: str, tmp_path: Path) -> None:
+    errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
+    bench = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=errors))
+    if by == "hand":
+        bench = structs.replace(bench, v_vc_meter=None)
+    run = vcfbench.run("kvc", bench, seed=7, settings=QUICK, runs=tmp_path)
+    scale_factor, k_vc = truth(warm(physical_parameters(bench)))
+    for found, true in ((run.results.scale_factor, scale_factor), (run.results.k_vc, k_vc)):
+        assert abs(found.value - true) <= 4.0 * found.u
+        assert found.u <= 100e-6 * abs(true)
+        assert sum(part.u**2 for part in found.parts) == pytest.approx(found.u**2)
+    again = vcfbench.load_run(run.directory)
+    assert again.results == run.results
+    assert ("its leads moved by hand" in run.results.v_vc_by) == (by == "hand")
+
+
+def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: Path) -> None:
+    errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
+    bench = structs.replace(LAB, v_vc_meter=None, simulation=structs.replace(LAB.simulation, errors=errors))
+    found = vcfbench.run("kvc", bench, seed=7, settings={"v_vc": "set", **QUICK}, runs=tmp_path).results
+    assert found.k_vc.u / found.k_vc.value == pytest.approx(0.02 / math.sqrt(3.0), rel=0.1)
+    assert found.k_vc.parts[0].source == "gain of what V_Vc is known by"
+    assert "setting" in found.v_vc_by
+
+
+def test_the_certificate_is_written_when_the_run_is_over(tmp_path: Path) -> None:
+    store = DeviceStore(tmp_path / "devices")
+    settings = {"dut": "G-0042", "devices": str(store.root), "temperature_c": 21.5, **QUICK}
+    run = vcfbench.run("kvc", LAB, seed=1, settings=settings, runs=tmp_path)
+    entry = store.certificate("G-0042")
+    assert run.device_entry == entry.path
+    known = entry.record
+    assert isinstance(known, Certificate)
+    assert known.k_vc.coefficients == run.results.curve.coefficients
+    assert known.unseen == UNSEEN
+    assert (known.valid_until - known.issued).days == 365  # type: ignore[operator]
+    assert known.conditions.temperature_c == 21.5
+    assert set(known.conditions.instruments) >= {"multimeter", "v_vc_meter", "rate_table", "rate_source", "power"}
+    summed = [[math.fsum(each.covariance[i][j] for each in known.k_vc.shares) for j in range(4)] for i in range(4)]
+    assert [summed[i][i] for i in range(4)] == pytest.approx([known.k_vc.covariance[i][i] for i in range(4)], rel=1e-3)
+    assert "device_entry" not in json.loads((run.directory / "result.json").read_text())  # type: ignore[operator]
+
+
+def test_no_certificate_of_a_run_that_failed(tmp_path: Path) -> None:
+    store = DeviceStore(tmp_path / "devices")
+    settings = {"dut": "G-1", "devices": str(store.root), "k_vc_guess_deg_s_per_v": -150.0, **QUICK}
+    with pytest.raises(MeasurementError, match="leads of the output or of V_Vc swapped"):
+        vcfbench.run("kvc", LAB, settings=settings, runs=tmp_path)
+    assert store.entries("G-1") == ()
+
+
+def test_a_serial_number_that_is_none_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="serial number"):
+        vcfbench.run("kvc", LAB, settings={"dut": "../G-1"}, runs=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"match_rates_deg_s": [10.0, -10.0, 10.0]}, "different rates for a curve of order 3"),
+        ({"match_rates_deg_s": [10.0, 100.0, 400.0]}, r"match_rates_deg_s\[2\]"),
+        ({"k_vc_guess_deg_s_per_v": 15.0}, "at least 20"),
+        ({"v_vc_meter_age_days": 4000.0}, "promises nothing 4000 days after calibration"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.dry_run("kvc", LAB, settings=settings)
+
+
+def test_the_plan_chops_and_brackets() -> None:
+    words = [each.step.describe() for each in vcfbench.dry_run("kvc", LAB, settings={**QUICK, "cycles": 2}).steps]
+    table = [
+        word.split(": ")[1].split(",")[0] for word in words if word.startswith("average") and "measured" not in word
+    ]
+    assert table[:6] == ["+0 deg/s", "+20 deg/s", "-20 deg/s", "-20 deg/s", "+20 deg/s", "+0 deg/s"]
+    assert len(table) == 2 * 3 * 6
+    assert sum("V_Vc measured" in word for word in words) >= 2 * 3 * 6
+
+
+def test_the_leads_are_moved_where_there_is_one_meter() -> None:
+    bench = structs.replace(LAB, v_vc_meter=None)
+    words = [each.step.describe() for each in vcfbench.dry_run("kvc", bench, settings=QUICK).steps]
+    assert [word for word in words if word.startswith("by hand")] == [
+        "by hand: move the leads of the multimeter to the V_Vc input",
+        "by hand: move the leads of the multimeter to the output",
+    ]
+    assert sum(word.startswith("measure V_Vc") for word in words) == 7
+
+
+def test_the_command_prints_where_the_certificate_is(tmp_path: Path) -> None:
+    sets = [word for key, value in QUICK.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+    where = ["--runs", str(tmp_path / "runs"), "--devices", str(tmp_path / "devices"), "--dut", "G-7"]
+    answer = CliRunner().invoke(app, ["run", "kvc", "--bench", "lab", "--seed", "2", "--quiet", *where, *sets])
+    assert answer.exit_code == 0, answer.output
+    assert f"device: {tmp_path / 'devices' / 'G-7' / '0001.json'}" in answer.stdout
+    assert "uncertainty of K_Vc" in answer.stdout
+    assert "cannot see" in answer.stdout
+
+
+def test_a_bench_without_a_table_is_refused() -> None:
+    with pytest.raises(ConfigError, match="kvc needs rate_table"):
+        vcfbench.dry_run(K_VC, structs.replace(LAB, rate_table=None))

@@ -1,0 +1,87 @@
+"""Measured values as they are reported: one combined uncertainty, what it is made of, what it holds and what not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.analysis.budget import Source, evaluate
+from vcfbench.record.devices import Measured, Share
+from vcfbench.report.document import Column, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["Measurand", "Part", "measurand"]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one source puts into a standard uncertainty, in the unit of the value; the sign is that of its effect.
+
+    `of` says whose it is where other results have the same, so that it cancels between them: an instrument, a
+    certificate. None is this result's own.
+    """
+
+    source: str
+    u: float
+    dof: float | None = None
+    of: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Measurand:
+    """A value with its combined standard uncertainty, all sources in it; their parts add up in squares."""
+
+    value: float
+    u: float
+    unit: str
+    dof: float | None
+    """Effective degrees of freedom, None where they are as many as one likes."""
+    coverage_factor: float
+    expanded_u: float
+    """Half width of the interval that holds the true value with 95 %."""
+    parts: tuple[Part, ...]
+    """The largest first."""
+
+    def kept(self) -> Measured:
+        """Return it as it is kept of a device."""
+        shares = tuple(Share(source=part.source, u=part.u, of=part.of) for part in self.parts)
+        return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares)
+
+
+def measurand(value: float, unit: str, parts: Sequence[Part]) -> Measurand:
+    """Return `value` with the combined uncertainty of independent `parts`, after the GUM (Welch and Satterthwaite)."""
+    sources = [
+        Source(f"{number}: {part.source}", 0.0, abs(part.u), unit, math.inf if part.dof is None else part.dof)
+        for number, part in enumerate(parts)
+    ]
+    budget = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=value)})
+    result = budget.result("value")
+    dof = result.dof if math.isfinite(result.dof) else None
+    by_size = tuple(sorted(parts, key=lambda part: -abs(part.u)))
+    return Measurand(value, result.u, unit, dof, result.coverage_factor, result.expanded_u, by_size)
+
+
+def said_of(name: str, found: Measurand) -> str:
+    """Return a line: value, unit, standard and expanded uncertainty."""
+    relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if found.value else ""
+    factor = f"k = {found.coverage_factor:.2f}"
+    return f"{name}: {found.value:.8g} {found.unit}, u {found.u:.2g}{relative}, U95 {found.expanded_u:.2g} ({factor})"
+
+
+def budget_table(name: str, found: Measurand) -> Table:
+    """Return the contributions to the uncertainty of `found`, the largest first."""
+    columns = (
+        *(Column("source", align="left"), Column("u", found.unit, ".2g"), Column("u", "ppm", ".2f")),
+        *(Column("share", "%", ".1f"), Column("degrees of freedom", "", ".3g"), Column("shared with", align="left")),
+    )
+    rows = [
+        (
+            *(part.source, abs(part.u), 1e6 * abs(part.u / found.value) if found.value else None),
+            *(100.0 * (part.u / found.u) ** 2 if found.u else None, part.dof, part.of or ""),
+        )
+        for part in found.parts
+    ]
+    return Table(columns, rows, f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}")

@@ -1,0 +1,222 @@
+"""How V_Vc is known: measured by a meter of its own, by the one meter with its leads moved, or believed as it is set.
+
+What a generator was set to it reads back to the last digit, however far it is off; so V_Vc is measured unless somebody
+says that the setting is believed, and then the generator's accuracy is the uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msgspec import Meta
+
+from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.errors import ConfigError
+from vcfbench.models import find_model, resolve
+from vcfbench.procedures.routines import answer, take, window_of
+from vcfbench.procedures.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Window, move_leads
+from vcfbench.record.devices import Conditions, DeviceStore
+from vcfbench.specifications import AGILENT_33220A, LevelSpecification, VoltmeterSpecification
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from typing import Self
+
+    from vcfbench.procedures.procedure import Made
+    from vcfbench.procedures.step import Routine
+    from vcfbench.record.schema import Point
+
+__all__ = [
+    "InstrumentError",
+    "KnownVvcSettings",
+    "VvcKnown",
+    "conditions",
+    "measured_level",
+    "measured_levels",
+    "meter_error",
+    "ready_meters",
+    "take_level",
+    "v_vc_error",
+]
+
+_DESIGNED_SIGMAS = {"34401A": 4.0, "34461A": 4.0, "34465A": 4.0}
+"""Standard deviations within the published limits, where the maker says so (34401A User's Guide p. 227); the Truevolt
+meters are its successors and taken alike (unverified)."""
+
+
+class VvcKnown(Enum):
+    """How V_Vc is known."""
+
+    MEASURED = "measured"
+    SET = "set"
+
+
+Age = Annotated[float, Meta(ge=0.0, le=36_500.0)]
+
+
+class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What procedures are told that go by V_Vc."""
+
+    v_vc: Annotated[
+        VvcKnown,
+        Meta(
+            description="V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or believed as it is set",
+            extra={"option": True},
+        ),
+    ] = VvcKnown.MEASURED
+    v_vc_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the meter on V_Vc")] = 10
+    multimeter_age_days: Annotated[Age, Meta(description="since the multimeter's calibration, days")] = 365.0
+    v_vc_meter_age_days: Annotated[Age, Meta(description="since that of the meter on V_Vc, days")] = 365.0
+    temperature_c: Annotated[
+        Annotated[float, Meta(ge=-100.0, le=200.0)] | None, Meta(description="of the gyroscope, where it was measured")
+    ] = None
+    cycles: Annotated[int, Meta(ge=1, le=100, description="times that every level is taken")] = 2
+
+    dut: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=200)] | None,
+        Meta(description="serial number of the gyroscope: what is found is kept under it", extra={"option": True}),
+    ] = None
+    devices: Annotated[
+        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
+    ] = "devices"
+
+    @property
+    def store(self) -> DeviceStore:
+        """What is known of the devices."""
+        return DeviceStore(Path(self.devices))
+
+    def recalled(self) -> Self:
+        """See that the device, where one is named, can be one, and that what is known of it can be read."""
+        if self.dut is not None:
+            self.store.entries(self.dut)
+        return self
+
+    @property
+    def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:
+        """The role of the meter that measures V_Vc, None where the setting is believed."""
+        if self.v_vc is VvcKnown.SET:
+            return None
+        return "v_vc_meter" if "v_vc_meter" in self.station.instruments else "multimeter"
+
+    def contradictions(self) -> Iterator[Misfit]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        for key, role in (("multimeter_age_days", "multimeter"), ("v_vc_meter_age_days", self.v_vc_role)):
+            try:
+                if role in self.station.instruments:
+                    meter_error(self, role)
+            except ConfigError as error:
+                yield Misfit(key, error.what, getattr(self, key))
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentError:
+    """How far an instrument may be off, as standard uncertainties, and which instrument it is."""
+
+    name: str
+    u_gain: float
+    u_offset_v: float
+
+
+def conditions(settings: KnownVvcSettings, made: Made) -> Conditions:
+    """Return under what was measured, for what is kept of a device."""
+    return Conditions(
+        bench=made.bench,
+        run=made.run,
+        simulated=made.simulated,
+        positive_rail_v=settings.positive_rail_v,
+        negative_rail_v=settings.negative_rail_v,
+        temperature_c=settings.temperature_c,
+        instruments=dict(made.instruments),
+    )
+
+
+def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
+    """Return how far the meter of `role` may be off, on its range and so long after its calibration.
+
+    Raises:
+        ConfigError: its data sheet says nothing of that.
+    """
+    placed = settings.station.instruments[role]
+    row = find_model(placed.model)
+    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
+    if not isinstance(sheet, VoltmeterSpecification):
+        raise ConfigError(f"a data sheet of the {placed.model}, there is none")
+    own = role == "v_vc_meter"
+    range_v = float(settings.v_vc_range_v if own else settings.meter_range_v)
+    try:
+        accuracy = sheet.accuracy_of(range_v, settings.v_vc_meter_age_days if own else settings.multimeter_age_days)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    parts = _DESIGNED_SIGMAS.get(sheet.model, math.sqrt(3.0))
+    return InstrumentError(placed.name, accuracy.reading / parts, accuracy.range * range_v / parts)
+
+
+def v_vc_error(settings: KnownVvcSettings) -> InstrumentError:
+    """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
+    if settings.v_vc_role is not None:
+        return meter_error(settings, settings.v_vc_role)
+    placed = settings.station.instruments["rate_source"]
+    sheet = _generator(settings)
+    return InstrumentError(placed.name, sheet.setting / math.sqrt(3.0), sheet.offset_v / math.sqrt(3.0))
+
+
+def _generator(settings: KnownVvcSettings) -> LevelSpecification:
+    placed = settings.station.instruments.get("rate_source")
+    row = None if placed is None else find_model(placed.model)
+    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
+    return sheet if isinstance(sheet, LevelSpecification) else AGILENT_33220A
+
+
+def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
+    """Set up the meter on V_Vc, where the bench has one of its own."""
+    if settings.v_vc_role == "v_vc_meter":
+        yield ConfigureVvcMeter(float(settings.v_vc_range_v), float(settings.nplc))
+
+
+def take_level(
+    settings: KnownVvcSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None
+) -> Routine[Point]:
+    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that."""
+    if settings.v_vc_role != "v_vc_meter":
+        return (yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+    acquire = AcquireWithVvc(
+        step, rate_deg_s, v_vc_v, table_deg_s, v_vc_tolerance_v=_tolerance_v(settings, v_vc_v), **window_of(settings)
+    )
+    return answer((yield acquire), Window).point
+
+
+def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Routine[None]:
+    """Have V_Vc measured at each level by the one meter, whose leads a person moves there and back.
+
+    The levels are those at which the output was measured; the generator sets them once more. Where V_Vc was measured
+    beside the output, or its setting is believed, nothing is done.
+    """
+    if settings.v_vc_role != "multimeter":
+        return
+    from vcfbench.procedures.routines import set_v_vc  # noqa: PLC0415
+
+    yield move_leads("multimeter", "v_vc")
+    for level_v in levels_v:
+        v_vc_v = yield from set_v_vc(settings, level_v)
+        tolerance_v = _tolerance_v(settings, v_vc_v)
+        yield MeasureVvc(v_vc_v, settings.samples, settings.sample_interval_s, tolerance_v, "multimeter")
+    yield move_leads("multimeter", "output")
+
+
+def _tolerance_v(settings: KnownVvcSettings, v_vc_v: float) -> float:
+    """Return how far V_Vc may be from its setting: what the generator promises and a quarter more."""
+    return 1.25 * _generator(settings).limit_v(v_vc_v)
+
+
+def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> float:
+    """Return V_Vc of windows at one setting, V: measured beside them, by hand, or else as it was set."""
+    seen = [point.v_vc_measured_v for point in points if point.v_vc_measured_v is not None]
+    if seen:
+        return math.fsum(seen) / len(seen)
+    return by_hand.get(points[0].v_vc_v, points[0].v_vc_v)
