@@ -7,7 +7,7 @@ import warnings
 from measure import Figure, report, seconds_of
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
@@ -16,7 +16,7 @@ DEMANDS_DEG_S = (200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0,
 
 def world() -> World:
     """Return a powered gyroscope on a table under servo."""
-    made = World(VirtualClock(), BenchParameters.paper(), seed=1)
+    made = World(VirtualClock(), paper_bench(), seed=1)
     made.set_rail("positive", 10.0)
     made.set_rail("negative", -10.0)
     made.table.close_servo()

@@ -11,11 +11,11 @@ from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.analysis.allan import allan_deviation
 from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise
 from vcfbench.analysis.sampling import Sampling, block_means
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import paper_bench
 
 pytestmark = pytest.mark.exhaustive
 
-PAPER = BenchParameters.paper()
+PAPER = paper_bench()
 STILL = replace(PAPER, thermal=replace(PAPER.thermal, self_heating_k=0.0))
 SCALE_FACTOR = 12.5527e-3
 N_DEG_RTH = 60.0 * PAPER.noise.angle_random_walk_deg_sqrt_s

@@ -42,12 +42,12 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
 def bench(model: str, interface: str = "gpib") -> Bench:
     """Switch an ideal instrument on, on a World of its own."""
     clock = AttendedClock(VirtualClock())
-    device = _DEVICES[model](World(clock, BenchParameters.ideal(), 0), interface)
+    device = _DEVICES[model](World(clock, ideal_bench(), 0), interface)
     clock.attend(device)
     made = Bench(device, clock)
     made.write("SYST:REM" if interface == "rs232" else "*CLS")

@@ -12,11 +12,11 @@ from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import DeadlineExceeded, InterlockError
 from vcfbench.interfaces import Regulation
 from vcfbench.sim import serial_backend
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
 from vcfbench.sim.visa_backend import SimVisaLibrary
 from vcfbench.sim.world import World
@@ -31,7 +31,7 @@ HANDLE = "driver-tests"
 
 @pytest.fixture
 def world() -> World:
-    return World(VirtualClock(), BenchParameters.ideal(), 0)
+    return World(VirtualClock(), ideal_bench(), 0)
 
 
 class Plugs:

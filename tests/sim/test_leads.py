@@ -13,15 +13,15 @@ from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.leads import Lead, Leads
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from vcfbench.sim.adjustment import Adjustment
 
-IDEAL = BenchParameters.ideal()
+IDEAL = ideal_bench()
 
 
 @pytest.fixture

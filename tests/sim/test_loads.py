@@ -10,12 +10,12 @@ import pytest
 
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.leads import Leads
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
-IDEAL = BenchParameters.ideal()
+IDEAL = ideal_bench()
 UNEVEN = replace(IDEAL, source=replace(IDEAL.source, output_ohm=200.0, drive_ohm=50.0, carrier_ohm=25.0))
 
 

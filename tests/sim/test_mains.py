@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.leads import Leads
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
-IDEAL = BenchParameters.ideal()
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
+
+IDEAL = ideal_bench()
 CAUGHT = replace(IDEAL, pick_up=replace(IDEAL.pick_up, meter_leads_v=10e-3, v_vc_lead_v=5e-3))
 
 

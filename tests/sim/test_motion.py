@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.motion import Ripple, Swing, TableMotion
-from vcfbench.sim.parameters import BenchParameters
 
 if TYPE_CHECKING:
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import TableMechanics
 
-PERFECT = BenchParameters.ideal().table
-REAL = BenchParameters.paper().table
+PERFECT = ideal_bench().table
+REAL = paper_bench().table
 
 
 def table(mechanics: TableMechanics = PERFECT) -> tuple[VirtualClock, TableMotion]:

@@ -2,14 +2,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 
 import pytest
 
 from vcfbench.errors import ConfigError
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
+
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
 
 
-@pytest.mark.parametrize("bench", [BenchParameters.ideal(), BenchParameters.paper()])
+@pytest.mark.parametrize("bench", [ideal_bench(), paper_bench()])
 def test_every_parameter_says_its_unit_meaning_and_source(bench: BenchParameters) -> None:
     rows = bench.rows()
     assert len(rows) > 70
@@ -21,7 +25,7 @@ def test_every_parameter_says_its_unit_meaning_and_source(bench: BenchParameters
 
 
 def test_the_structure_is_the_papers() -> None:
-    values = {row.path: row.value for row in BenchParameters.paper().rows()}
+    values = {row.path: row.value for row in paper_bench().rows()}
     assert values["drive_mode.frequency_hz"] == 3488.9
     assert values["drive_mode.quality"] == 1395.0
     assert values["sense_in_phase.frequency_hz"] == 3342.0
@@ -31,7 +35,7 @@ def test_the_structure_is_the_papers() -> None:
 
 
 def test_ideal_has_every_imperfection_off() -> None:
-    values = {row.path: row.value for row in BenchParameters.ideal().rows()}
+    values = {row.path: row.value for row in ideal_bench().rows()}
     ending = ("offset_v", "second_order_per_v", "third_order_per_v2", "quadrature_rad_s", "coefficient_per_k", "_error")
     noise = ("noise.angle_random_walk_deg_sqrt_s", "noise.bias_instability_deg_s", "site.latitude_deg")
     imperfect = [value for path, value in values.items() if path.endswith(ending) or path in noise]
@@ -54,7 +58,7 @@ def test_ideal_has_every_imperfection_off() -> None:
 )
 def test_a_value_without_a_meaning_is_refused(group: str, name: str, value: object, expected: str) -> None:
     with pytest.raises(ValueError, match=f"^{expected}$"):
-        replace(getattr(BenchParameters.paper(), group), **{name: value})
+        replace(getattr(paper_bench(), group), **{name: value})
 
 
 @pytest.mark.parametrize(
@@ -69,7 +73,7 @@ def test_a_value_without_a_meaning_is_refused(group: str, name: str, value: obje
 def test_values_that_contradict_each_other_are_refused(
     group: str, change: dict[str, object], expected: str | None
 ) -> None:
-    paper = BenchParameters.paper()
+    paper = paper_bench()
     changed = {group: replace(getattr(paper, group), **change)}
     if expected is None:
         assert replace(paper, **changed) != paper
@@ -79,7 +83,7 @@ def test_values_that_contradict_each_other_are_refused(
 
 
 def test_every_group_checks_its_ranges() -> None:
-    paper = BenchParameters.paper()
+    paper = paper_bench()
     for each in fields(paper):
         group = getattr(paper, each.name)
         limited = [f for f in fields(group) if str(f.metadata["allowed"]) != "a number "]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.leads import Leads
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def world() -> World:
-    return World(VirtualClock(), BenchParameters.ideal(), 0)
+    return World(VirtualClock(), ideal_bench(), 0)
 
 
 def _sum(piece: Piece, times_s: np.ndarray) -> np.ndarray:

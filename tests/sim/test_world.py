@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -12,12 +12,15 @@ from hypothesis import strategies as st
 from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.sources import Drive, Ripple, Sine
 from vcfbench.sim.world import NODES, World
 
-IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
+
+IDEAL, PAPER = ideal_bench(), paper_bench()
 QUIET = replace(
     PAPER,
     noise=replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0),
@@ -89,7 +92,7 @@ def test_supply_current_is_resistive_below_brown_out_and_larger_while_starting()
 
 def test_a_rail_that_would_start_the_board_would_draw_the_start_up_current() -> None:
     """A supply asks before it gives: the other rail is there already, this one is not."""
-    bench = BenchParameters.paper()
+    bench = paper_bench()
     world = World(VirtualClock(), bench, 0)
     world.set_rail("positive", 10.0)
     starting_a = bench.supply.quiescent_a + bench.supply.start_up_a

@@ -121,9 +121,9 @@ def profile_twin(dialect: str) -> str:
 
 def named_parameters(simulation: Simulation) -> BenchParameters:
     """Return the shipped parameter set that the bench file names."""
-    from vcfbench.sim.parameters import BenchParameters  # noqa: PLC0415
+    from vcfbench.sim.gyro.design import ideal_bench, paper_bench  # noqa: PLC0415
 
-    return BenchParameters.ideal() if simulation.parameters == "ideal" else BenchParameters.paper()
+    return ideal_bench() if simulation.parameters == "ideal" else paper_bench()
 
 
 def physical_parameters(description: BenchDescription) -> BenchParameters:

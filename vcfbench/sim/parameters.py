@@ -1,8 +1,7 @@
 """Every physical parameter of the simulated bench, with its unit, meaning and source.
 
-Nothing here is a result: scale factors, biases and non-linearities are what comes out of the model. Two sets are
-shipped. :meth:`BenchParameters.ideal` has every imperfection off, noise too; :meth:`BenchParameters.paper` is a
-realistic specimen whose imperfections were *chosen* so that the calibration of Wang et al. (2018) comes out.
+Nothing here is a result: scale factors, biases and non-linearities are what comes out of the model. The two sets
+that are shipped, `ideal` and `paper`, are made in :mod:`vcfbench.sim.gyro.design`.
 """
 
 from __future__ import annotations
@@ -372,20 +371,6 @@ class BenchParameters:
             rises = (thermal.ambient_c - thermal.reference_c, thermal.self_heating_k)
             worst = min(mode.quality * (1 + mode.quality_coefficient_per_k * rise) for rise in (rises[0], sum(rises)))
             yield f"{name}.quality above 0.5 at every temperature from ambient_c up", worst, worst > 0.5
-
-    @classmethod
-    def ideal(cls) -> BenchParameters:
-        """Return the bench with every imperfection off, noise too."""
-        from vcfbench.sim.gyro.design import ideal_bench  # noqa: PLC0415  (the design needs these classes)
-
-        return ideal_bench()
-
-    @classmethod
-    def paper(cls) -> BenchParameters:
-        """Return the realistic bench; see :mod:`vcfbench.sim.gyro.design` for what was chosen and how."""
-        from vcfbench.sim.gyro.design import paper_bench  # noqa: PLC0415  (the design needs these classes)
-
-        return paper_bench()
 
     def rows(self) -> list[ParameterRow]:
         """Return every parameter with its dotted path, unit, meaning and source."""

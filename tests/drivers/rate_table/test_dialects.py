@@ -15,7 +15,7 @@ from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, TransportError
 from vcfbench.sim import serial_backend
 from vcfbench.sim.attendance import AttendedClock
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.rate_tables.aaaa import AaaaTable
 from vcfbench.sim.rate_tables.acl import AclTable
 from vcfbench.sim.rate_tables.atl import AtlTable
@@ -83,7 +83,7 @@ class Bench:
 
     def __init__(self, name: str, **settings: Any) -> None:
         self.clock = AttendedClock(VirtualClock())
-        self.world = World(self.clock, BenchParameters.ideal(), 0)
+        self.world = World(self.clock, ideal_bench(), 0)
         errors = StepperErrors.none() if name == "zaber" else TableErrors.none()
         self.twin = Muffled(TWINS[name](self.world, errors=errors), self.clock)
         self.clock.attend(self.twin)

@@ -14,18 +14,19 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import noise_matrices
 from vcfbench.sim.gyro.bridge import NoisePath
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
 from vcfbench.sim.instruments.hp34401a.ac import Response, detect
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
-from vcfbench.sim.parameters import BenchParameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import VirtualClock
+    from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.world import World
 
-PAPER = BenchParameters.paper()
+PAPER = paper_bench()
 STILL = replace(PAPER, thermal=replace(PAPER.thermal, self_heating_k=0.0))
 WHITE = math.radians(PAPER.noise.angle_random_walk_deg_sqrt_s)
 COUNT = PAPER.noise.flicker_processes
@@ -255,7 +256,7 @@ def test_the_noise_on_sense_is_the_noise_that_the_demodulator_brings_down() -> N
 
 def test_flutter_of_the_table_is_in_the_waveforms_too() -> None:
     """1e-3 of 300 deg/s per root hertz drowns all else; tenths of a record of 2 s, by the unit of rate noise."""
-    ideal = BenchParameters.ideal()
+    ideal = ideal_bench()
     bench = replace(ideal, table=replace(ideal.table, flutter_per_sqrt_hz=1e-3))
     clock, world = turned(bench, 300.0)
     squares = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,9 +13,12 @@ from tests.sim.gyro.bench import locked_chain
 from tests.sim.gyro.plain import carrier_rhs, steady_output_v
 from vcfbench.sim.gyro.carrier import CarrierModel, CarrierRun
 from vcfbench.sim.gyro.chain import ChainState, Forcing, Response
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 
-BENCHES = [BenchParameters.ideal(), BenchParameters.paper()]
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
+
+BENCHES = [ideal_bench(), paper_bench()]
 FULL_SCALE_RAD_S = math.radians(200.0)
 
 
@@ -62,7 +66,7 @@ def test_ripple_at_twice_the_carrier_is_4e_8_of_the_demodulated_signal() -> None
 
 
 def test_the_carrier_level_meets_an_independent_integrator_on_a_short_span() -> None:
-    bench = BenchParameters.paper()
+    bench = paper_bench()
     model = CarrierModel(bench)
     rate, virtual, cycles = 2.0, -1.5, 60
     run = model.run(model.at_rest(), cycles, rate_rad_s=rate, virtual_v=virtual)

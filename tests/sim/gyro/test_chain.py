@@ -3,6 +3,7 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from scipy.optimize import brentq
 from tests.sim.gyro.bench import locked_chain
 from tests.sim.gyro.plain import combs, output_v, share, steady_output_v
 from vcfbench.sim.gyro.chain import Chain, ChainDesign, ChainState, Forcing
-from vcfbench.sim.gyro.design import Targets, design
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import Targets, design, ideal_bench, paper_bench
 
-IDEAL, PAPER = BenchParameters.ideal(), BenchParameters.paper()
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
+
+IDEAL, PAPER = ideal_bench(), paper_bench()
 
 
 def still(rate_rad_s: float = 0.0, virtual_v: float = 0.0) -> Forcing:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.sim.gyro.bench import powered
 from vcfbench.sim.gyro.dense import coarser
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import paper_bench
 
 
 @pytest.mark.parametrize("count", [1024, 5000, 65536])
@@ -31,7 +31,7 @@ def test_times_that_are_few_wide_or_uneven_are_taken_one_by_one() -> None:
 
 @pytest.mark.parametrize("node", ["drive", "carrier", "sense", "output"])
 def test_a_dense_record_shows_what_single_looks_show(node: str) -> None:
-    clock, world = powered(BenchParameters.paper(), 3)
+    clock, world = powered(paper_bench(), 3)
     capture = world.capture(4.0, 4.01)
     clock.sleep_until(4.02)
     times = np.linspace(4.001, 4.003, 20_000)

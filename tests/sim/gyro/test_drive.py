@@ -11,16 +11,16 @@ import pytest
 
 from tests.sim.gyro.bench import powered
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.gyro.drive import Supplied, ring_down, start_up
 from vcfbench.sim.gyro.modes import Resonance
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Approach
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PAPER = BenchParameters.paper()
+PAPER = paper_bench()
 MODE = Resonance(2 * math.pi * 3488.9, 1395.0)
 AMPLITUDE = PAPER.drive_loop.amplitude_m
 

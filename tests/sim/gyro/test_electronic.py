@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.sim.gyro.bench import mean_v, powered
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.gyro.electronic import ElectronicNoise
-from vcfbench.sim.parameters import BenchParameters
 
 DENSITY, CORNER_HZ = 2e-6, 800.0
 
@@ -48,7 +48,7 @@ def test_the_same_instant_has_the_same_volts_for_everybody() -> None:
 
 
 def test_readings_and_records_of_the_output_have_it_and_the_rest_stays() -> None:
-    ideal = BenchParameters.ideal()
+    ideal = ideal_bench()
     loud = replace(ideal, noise=replace(ideal.noise, electronic_v_sqrt_hz=1e-5))
     clock, world = powered(loud, 6)
     seen = []

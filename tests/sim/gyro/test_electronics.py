@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.gyro.electronics import Oscillation, amplify, modulate, node_voltage, output_limits, rail_current_a
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
-from vcfbench.sim.parameters import BenchParameters
 
-PAPER = BenchParameters.paper()
+PAPER = paper_bench()
 
 
 @given(st.floats(-5, 5), st.floats(0.01, 5), st.floats(0, 6), st.floats(-1e-2, 1e-2), st.floats(-1e-2, 1e-2))
@@ -64,9 +64,7 @@ def test_a_rail_held_below_brown_out_while_the_drive_would_start_draws_no_start_
 
 
 def test_several_sines_stay_exact_through_the_modulators_curvature() -> None:
-    path = replace(
-        BenchParameters.paper().virtual_path, offset_v=0.01, second_order_per_v=0.02, third_order_per_v2=0.03
-    )
+    path = replace(paper_bench().virtual_path, offset_v=0.01, second_order_per_v=0.02, third_order_per_v2=0.03)
     terms = [(0.4 + 0.1j, 200j), (0.2 - 0.3j, 600j), (0.1j, 47j), (0.05 + 0j, 153j)]
     node = Oscillation(0.7, terms)
     times = np.linspace(0.0, 1.0, 777)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from scipy.integrate import solve_ivp
 
 from tests.sim.gyro.bench import powered
 from vcfbench.sim.gyro.carrier import CarrierModel
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.sources import Drive
 
-IDEAL = BenchParameters.ideal()
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
+
+IDEAL = ideal_bench()
 LEAKING = replace(
     IDEAL,
     sense_path=replace(

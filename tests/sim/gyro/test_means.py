@@ -14,14 +14,14 @@ from tests.sim.gyro.test_bridge import FILTERED, STILL, deviation_v, stationary,
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.noise import Flicker, NoisyChain
 from vcfbench.sim.gyro.signals import ExponentialSum
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
-IDEAL = BenchParameters.ideal()
+IDEAL = ideal_bench()
 QUIET = replace(
     STILL,
     noise=replace(STILL.noise, angle_random_walk_deg_sqrt_s=0.0, bias_instability_deg_s=0.0),

@@ -10,11 +10,11 @@ import pytest
 
 from tests.sim.gyro.bench import powered
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.sources import Approach, Ripple
 from vcfbench.sim.world import World
 
-IDEAL = BenchParameters.ideal()
+IDEAL = ideal_bench()
 TAU_S = 0.08
 
 

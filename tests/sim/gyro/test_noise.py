@@ -10,16 +10,16 @@ from scipy.linalg import expm
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import noise_matrices
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.drive import locked
 from vcfbench.sim.gyro.gyro import NOISE_STEP_K, Gyro
 from vcfbench.sim.gyro.noise import STEPS_KEPT, Flicker, Flutter, NoiseState, NoisyChain
-from vcfbench.sim.parameters import BenchParameters
 
 if TYPE_CHECKING:
     from vcfbench.clock import VirtualClock
     from vcfbench.sim.world import World
 
-PAPER = BenchParameters.paper()
+PAPER = paper_bench()
 WHITE = math.radians(PAPER.noise.angle_random_walk_deg_sqrt_s)
 COUNT = PAPER.noise.flicker_processes
 
@@ -246,7 +246,7 @@ def test_minimum_of_the_allan_deviation_is_3_7_deg_per_hour_within_its_spread(re
 
 
 def test_ideal_has_no_noise() -> None:
-    clock, world = powered(BenchParameters.ideal(), seed=1)
+    clock, world = powered(ideal_bench(), seed=1)
     first = mean_v(clock, world, 1.0)
     assert mean_v(clock, world, 1.0) == pytest.approx(first, abs=1e-13)
 
@@ -256,7 +256,7 @@ FLUTTER = 20e-6
 
 def turning(seed: int, rate_deg_s: float, flutter: float) -> tuple[VirtualClock, World]:
     """The ideal gyro on a table that flutters, nothing else being random."""
-    ideal = BenchParameters.ideal()
+    ideal = ideal_bench()
     clock, world = powered(replace(ideal, table=replace(ideal.table, flutter_per_sqrt_hz=flutter)), seed)
     world.table.demand_rate(rate_deg_s, 1000.0)
     clock.sleep_until(8.0)

@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 from tests.cells import few
 from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import carrier_rhs, combs, output_v, steady_output_v
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
-from vcfbench.sim.parameters import BenchParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Volts = Callable[[float], float]
 
-IDEAL = BenchParameters.ideal()
+IDEAL = ideal_bench()
 BENT = replace(
     IDEAL,
     virtual_path=replace(IDEAL.virtual_path, offset_v=0.02, second_order_per_v=0.03, third_order_per_v2=0.01),

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from tests.sim.gyro.bench import powered
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.sources import Drive
 
-IDEAL = BenchParameters.ideal()
+if TYPE_CHECKING:
+    from vcfbench.sim.parameters import BenchParameters
+
+IDEAL = ideal_bench()
 SKEWED = replace(
     IDEAL,
     sense_in_phase=replace(IDEAL.sense_in_phase, quadrature_rad_s=0.02),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.motion import TableMotion
-from vcfbench.sim.parameters import BenchParameters
 
 
 class RealWorld:
@@ -13,4 +13,4 @@ class RealWorld:
 
     def __init__(self) -> None:
         self.clock = AttendedClock(VirtualClock())
-        self.table = TableMotion(self.clock, BenchParameters.paper().table, lambda: None)
+        self.table = TableMotion(self.clock, paper_bench().table, lambda: None)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.rate_tables.axis import Axis, TableErrors
 from vcfbench.sim.world import World
 
@@ -15,7 +15,7 @@ QUIET = TableErrors.none()
 
 def world() -> tuple[VirtualClock, World]:
     clock = VirtualClock()
-    made = World(clock, BenchParameters.ideal(), 0)
+    made = World(clock, ideal_bench(), 0)
     made.table.close_servo()
     return clock, made
 

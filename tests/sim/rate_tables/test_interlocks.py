@@ -11,7 +11,7 @@ from tests.sim.rate_tables.ideal import exchange
 from tests.sim.rate_tables.turning import RATE, START, aaaa, dd16, mn
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.faults import Fault, FaultInjector
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.rate_tables.aaaa import AaaaTable
 from vcfbench.sim.rate_tables.acl import AclTable
 from vcfbench.sim.rate_tables.atl import AtlTable
@@ -43,8 +43,8 @@ class Bench:
     def __init__(self, name: str, **errors: Any) -> None:
         self.name = name
         self.clock = VirtualClock()
-        mechanics = replace(BenchParameters.ideal().table, friction_deg_s2=40.0)
-        self.world = World(self.clock, replace(BenchParameters.ideal(), table=mechanics), 0)
+        mechanics = replace(ideal_bench().table, friction_deg_s2=40.0)
+        self.world = World(self.clock, replace(ideal_bench(), table=mechanics), 0)
         kind = StepperErrors if name == "zaber" else TableErrors
         self.table = TWINS[name](self.world, replace(kind.none(), **errors))
 
@@ -298,7 +298,7 @@ def test_a_table_of_limited_travel_stops_at_its_end_and_turns_back() -> None:
 
 def test_an_axis_without_ends_turns_on_for_ever() -> None:
     clock = VirtualClock()
-    world = World(clock, BenchParameters.ideal(), 0)
+    world = World(clock, ideal_bench(), 0)
     axis = ServoAxis(world, TableErrors.none(), 100.0)
     axis.enable()
     axis.run(300.0)

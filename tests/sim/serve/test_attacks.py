@@ -16,7 +16,7 @@ import pytest
 
 from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, serving
 from tests.sim.serve.test_tables import StillWorld
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.rate_tables.ruya import RuyaTable, TableErrors
 from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, ServedClock, ServerSettings
 from vcfbench.sim.world import World
@@ -31,7 +31,7 @@ LOCK_WAIT = struct.Struct(">iiI")
 @pytest.fixture
 def served() -> Iterator[Served]:
     clock = ServedClock(MAX_SPEED)
-    world = World(clock, BenchParameters.ideal(), seed=1)
+    world = World(clock, ideal_bench(), seed=1)
     devices = {"lamp": Lamp(clock), "table": RuyaTable(StillWorld(clock), TableErrors.none())}
     with serving(devices, clock, ServerSettings(offers={"lamp": ALL}), world) as lamp:
         yield lamp

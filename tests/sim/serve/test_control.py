@@ -15,7 +15,7 @@ from tests.sim.serve.test_vxi11 import callers
 from vcfbench.clock import sleep
 from vcfbench.errors import ConfigError
 from vcfbench.sim.faults import Fault, FaultScript, read_script
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.serve import (
     MAX_SPEED,
     Adjustment,
@@ -45,7 +45,7 @@ class DimmableLamp(Lamp):
 @pytest.fixture
 def served() -> Iterator[Served]:
     clock = ServedClock(1.0)
-    world = World(clock, BenchParameters.ideal(), seed=1)
+    world = World(clock, ideal_bench(), seed=1)
     with serving({"lamp": DimmableLamp(clock)}, clock, ServerSettings(offers={"lamp": ALL}), world) as lamp:
         yield lamp
 

@@ -232,7 +232,7 @@ PERFECT = BenchParameters(
 
 
 def ideal_bench() -> BenchParameters:
-    """Return the shipped set `ideal`."""
+    """Return the shipped set `ideal`: every imperfection off, noise too."""
     return design(PERFECT, IDEAL_TARGETS)
 
 
@@ -282,5 +282,9 @@ def _imperfect() -> BenchParameters:
 
 
 def paper_bench() -> BenchParameters:
-    """Return the shipped set `paper`: the turntable column's K and bias, 51.7 mV when the switch closes at 0 V."""
+    """Return the shipped set `paper`, a realistic specimen.
+
+    Its imperfections were chosen so that the calibration of Wang et al. (2018) comes out: the turntable column's K and
+    bias, 51.7 mV when the switch closes at 0 V.
+    """
     return design(_imperfect(), PAPER_TARGETS)

@@ -10,8 +10,8 @@ import pytest
 
 from tests.sim.instruments.dso7104b.bench import Bench, F, errors_with, waveform
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.world import World
 
 # --- segments
@@ -141,7 +141,7 @@ def test_a_long_record_of_peaks_comes_in_blocks() -> None:
 @pytest.fixture(scope="module")
 def real() -> tuple[VirtualClock, World, Dso7104B]:
     clock = VirtualClock()
-    world = World(clock, BenchParameters.ideal(), 0)
+    world = World(clock, ideal_bench(), 0)
     scope = Dso7104B(world, {1: "drive", 2: "v_vc", 3: "rail_positive", 4: "output"}, ScopeErrors.none())
     world.set_rail("positive", 10.0)
     world.set_rail("negative", -10.0)

@@ -9,13 +9,13 @@ import pytest
 
 from tests.sim.instruments.dso7104b.bench import Bench
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.leads import Leads
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
-IDEAL = BenchParameters.ideal()
+IDEAL = ideal_bench()
 BENCH = replace(IDEAL, source=replace(IDEAL.source, drive_ohm=75.0, output_ohm=150.0))
 
 

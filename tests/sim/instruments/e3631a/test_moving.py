@@ -14,8 +14,8 @@ from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.e3631a.test_instrument import bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.e3631a import E3631A, OutputErrors, SupplyErrors
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Real(NamedTuple):
 
 def real(errors: SupplyErrors | None = None) -> Real:
     clock = AttendedClock(VirtualClock())
-    world = World(clock, BenchParameters.ideal(), 0)
+    world = World(clock, ideal_bench(), 0)
     supply = E3631A(world, errors=errors or SupplyErrors.none())
     clock.attend(supply)
     return Real(world, supply, Conversation(supply, clock))

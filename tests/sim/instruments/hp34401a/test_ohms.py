@@ -10,10 +10,10 @@ import pytest
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
 from vcfbench.sim.instruments.hp34401a.errors import CurrentErrors, OhmsErrors
 from vcfbench.sim.leads import Leads
-from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
@@ -199,7 +199,7 @@ def test_an_open_ac_current_input_reads_no_less_than_0() -> None:
 
 @pytest.fixture
 def world() -> World:
-    return World(VirtualClock(), BenchParameters.ideal(), 0)
+    return World(VirtualClock(), ideal_bench(), 0)
 
 
 def test_on_the_world_a_node_presents_what_hangs_on_it(world: World) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:
     from tests.sim.rate_tables.acl.hosts import AttendedHost, Host
@@ -88,7 +88,7 @@ def test_a_position_move_is_a_trapezoid(attended: AttendedHost) -> None:
     attended.acl.write(b":Demand:Position 1,60\n")
     attended.world.clock.sleep_until(start + 2.0)
     assert attended.world.table.profile_rate_deg_s() == 20.0
-    mechanics = BenchParameters.paper().table
+    mechanics = paper_bench().table
     lag_s = 2 * mechanics.loop_damping / (2 * math.pi * mechanics.loop_hz)
     assert attended.world.table.angle_deg() == pytest.approx(0.5 * 20 * 0.5 + 20 * (1.5 - lag_s), abs=1e-2)
     attended.world.clock.sleep_until(start + 60 / 20 + 20 / 40 + 0.2)
