@@ -20,14 +20,14 @@ from vcfbench.procedures.executor import Executor
 from vcfbench.procedures.static_noise import ScaleFactor, ZeroResult, zero_results
 from vcfbench.procedures.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.zero import ZERO, Mode, ZeroSettings, scale_factor_of
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench import Run
 
-PAPER = BenchParameters.paper()
+PAPER = paper_bench()
 N_DEG_RTH = 60.0 * PAPER.noise.angle_random_walk_deg_sqrt_s
 B_DEG_H = 3600.0 * PAPER.noise.bias_instability_deg_s
 TRUE_SCALE = -0.0125527
