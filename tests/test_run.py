@@ -175,7 +175,8 @@ def test_a_notebook_shows_table_and_results(quick: Run) -> None:
     shown = quick._repr_html_()
     assert "complete" in shown
     assert "scale factor" in shown.lower()
-    assert shown.count("<tr>") == 1 + 3
+    points, *_ = shown.split("</table>")
+    assert points.count("<tr>") == 1 + 3
 
 
 def test_without_pandas_the_table_says_what_to_install(quick: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,6 +45,8 @@ class VoltmeterSpecification:
         resolution: power-line cycles, rising, to the resolution of a reading as a part of the range.
         accuracy_source: where `accuracy` stands.
         resolution_source: where `resolution` stands.
+        limit_sigmas: how many standard deviations of its specimens a limit of `accuracy` is, as the maker says; None
+            where nothing is said: then any error within the limit is as likely as any other.
     """
 
     model: str
@@ -52,6 +54,7 @@ class VoltmeterSpecification:
     resolution: Mapping[float, float]
     accuracy_source: str
     resolution_source: str
+    limit_sigmas: float | None = None
 
     def accuracy_of(self, range_v: float, age_days: float) -> Accuracy:
         """Return what is promised of a range so long after a calibration.
@@ -80,16 +83,27 @@ class VoltmeterSpecification:
 
 @dataclass(frozen=True, slots=True)
 class LevelSpecification:
-    """What a generator promises of a direct voltage into an open circuit: a part of the setting, and volts."""
+    """What a generator promises of a direct voltage into an open circuit: a part of the setting, and volts.
+
+    Any error within the limits is as likely as any other. `ranges_v` are the largest levels of its ranges, V, within
+    each of which the errors are the same at all levels; `bits` are those of its converter over the range, both signs.
+    """
 
     model: str
     setting: float
     offset_v: float
     source: str
+    ranges_v: tuple[float, ...]
+    bits: int
+    ranges_source: str
 
     def limit_v(self, level_v: float) -> float:
         """Return the largest error of a level, V."""
         return self.setting * abs(level_v) + self.offset_v
+
+    def range_of(self, level_v: float) -> float:
+        """Return the range that a level is made on, by its largest level, V."""
+        return min((each for each in self.ranges_v if each >= abs(level_v)), default=self.ranges_v[-1])
 
 
 def _listed(values: Mapping[float, object]) -> str:
@@ -118,6 +132,7 @@ HP_34401A: Final = VoltmeterSpecification(
     resolution=_CLASSIC,
     accuracy_source="User's Guide 34401-90004 p. 216; the sums agree with the test limits of the Service Guide, p. 69",
     resolution_source="User's Guide 34401-90004 p. 54-57",
+    limit_sigmas=4.0,  # "better than 4 sigma", User's Guide p. 227
 )
 
 KEYSIGHT_34461A: Final = VoltmeterSpecification(
@@ -153,4 +168,7 @@ AGILENT_33220A: Final = LevelSpecification(
     setting=0.02,
     offset_v=4e-3,
     source="data sheet, unverified: 2 % of the setting and 2 mV into 50 ohm, hence 4 mV into an open circuit",
+    ranges_v=(0.32, 1.0, 3.2, 10.0),
+    bits=14,
+    ranges_source="14 bits by the data sheet; ranges 10 dB apart, each with its own errors: unverified",
 )

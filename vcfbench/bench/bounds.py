@@ -19,11 +19,14 @@ __all__ = [
     "Acceleration",
     "AmplitudeWindow",
     "BaudRate",
+    "BiasInstability",
     "Current",
     "FrequencyWindow",
+    "Horizon",
     "Interval",
     "Latitude",
     "LeastRail",
+    "MeterAge",
     "NegativeRail",
     "NoiseWindow",
     "OutputDrift",
@@ -46,6 +49,7 @@ __all__ = [
     "SlopeWindow",
     "StartUp",
     "StepsPerDegree",
+    "TableRateError",
     "Temperature",
     "TemperatureRamp",
     "VVcLimit",
@@ -138,3 +142,12 @@ PpmWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(
 """ppm: from straight to as large as what it is a part of."""
 PercentWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]
 """%: from one to the other."""
+
+MeterAge = Annotated[float, Meta(ge=0.0, le=3650.0)]
+"""days: ten years; data sheets promise nothing beyond one or two."""
+TableRateError = Annotated[float, Meta(ge=0.0, le=0.1)]
+"""Relative: no table for gyroscopes is worse than a tenth."""
+BiasInstability = Annotated[float, Meta(ge=0.0, le=1e5)]
+"""deg/h: from none to that of the worst gyroscopes."""
+Horizon = Annotated[float, Meta(ge=1.0, le=8_760.0)]
+"""h: longer than a calibration, up to a year."""

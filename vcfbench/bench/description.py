@@ -16,10 +16,14 @@ from vcfbench.bench.bounds import (
     LINE_PATTERN,
     NAME_PATTERN,
     BaudRate,
+    BiasInstability,
+    Horizon,
     Latitude,
+    MeterAge,
     Pause,
     Seconds,
     StepsPerDegree,
+    TableRateError,
 )
 from vcfbench.bench.layering import shared_settings
 from vcfbench.bench.parts import (
@@ -41,6 +45,7 @@ __all__ = [
     "ChamberRole",
     "Expected",
     "FunctionGeneratorRole",
+    "Knowledge",
     "Limits",
     "MultimeterRole",
     "Node",
@@ -150,6 +155,20 @@ class Site(Part, frozen=True, kw_only=True):
     mains_hz: Literal[50, 60] = 50
 
 
+class Knowledge(Part, frozen=True, kw_only=True):
+    """What is known of instruments and gyroscope for the uncertainties; what is not given is not in them, and said so.
+
+    `meter_age_days` is the time since the multimeter was calibrated, `table_rate_error` the largest relative error of
+    the table's rate, `bias_instability_deg_h` the gyroscope's coefficient B of a zero record, and `horizon_h` the time
+    over which a bias is a statement.
+    """
+
+    meter_age_days: MeterAge = 365.0
+    table_rate_error: TableRateError | None = None
+    bias_instability_deg_h: BiasInstability | None = None
+    horizon_h: Horizon = 24.0
+
+
 class SimulationErrors(Part, frozen=True, kw_only=True):
     """The imperfections of each simulated instrument.
 
@@ -210,6 +229,7 @@ class BenchDescription(Part, frozen=True, kw_only=True):
 
     expected: Expected = field(default_factory=Expected)
     acceptance: Acceptance = field(default_factory=Acceptance)
+    uncertainty: Knowledge = field(default_factory=Knowledge)
     simulation: Simulation | None = None
     served: Served | None = None
 

@@ -51,6 +51,7 @@ __all__ = [
     "Placed",
     "ProcedureSettings",
     "RailSettings",
+    "Sources",
     "Station",
 ]
 
@@ -103,12 +104,35 @@ class Placed(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return f"{self.model} {self.where}"
 
 
+class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What instruments and gyroscope contribute to uncertainties, at the settings of the run; None: nothing is known.
+
+    `meter_gain` (relative) and `meter_offset_v` are the limits of the multimeter's errors, of which `meter_sigmas`
+    standard deviations lie within (None: any error within is as likely). `generator_gain`, `generator_offset_v` are
+    those of V_Vc on each of its ranges, the same at all levels of a range, with a converter of `generator_bits`.
+    The rest is that of ``[uncertainty]``.
+    """
+
+    meter_gain: float | None = None
+    meter_offset_v: float | None = None
+    meter_sigmas: float | None = None
+    meter_age_days: float | None = None
+    generator_gain: float | None = None
+    generator_offset_v: float | None = None
+    generator_ranges_v: tuple[float, ...] = ()
+    generator_bits: int = 0
+    table_rate: float | None = None
+    bias_instability_deg_h: float | None = None
+    horizon_h: float = 24.0
+
+
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the place gives: wiring, limits, what is expected and what passes; nothing that a procedure could choose.
 
     `instruments` are those of the bench file by role, the rate table apart.
     `oscilloscope` is what its channels see, None on a bench that has none.
     `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
+    `sources` are what uncertainties come from.
     """
 
     instruments: dict[str, Placed] = field(default_factory=dict)
@@ -119,6 +143,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     limits: Limits = field(default_factory=Limits)
     expected: Expected = field(default_factory=Expected)
     acceptance: Acceptance = field(default_factory=Acceptance)
+    sources: Sources = field(default_factory=Sources)
 
     def channel_of(self, node: Node) -> int:
         """Return the oscilloscope's channel that sees `node`.

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec import ValidationError, convert, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
-from vcfbench.bench.settings import Placed, ProcedureSettings, Station
+from vcfbench.bench.settings import Placed, ProcedureSettings, Sources, Station
 from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
-    from vcfbench.specifications import VoltmeterSpecification
+    from vcfbench.specifications import LevelSpecification, VoltmeterSpecification
 
 S = TypeVar("S", bound=ProcedureSettings)
 
@@ -61,7 +61,11 @@ def settings_of(
     """
     layers = layers_of(procedure, description, source or description.name)
     chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
-    station = structs.replace(chosen.station, meter_resolution_v=_meter_resolution_v(description, chosen))
+    station = structs.replace(
+        chosen.station,
+        meter_resolution_v=_meter_resolution_v(description, chosen),
+        sources=_sources(description, chosen),
+    )
     return structs.replace(chosen, station=station).recalled()
 
 
@@ -179,14 +183,60 @@ def _meter_resolution_v(description: BenchDescription, chosen: ProcedureSettings
     part = description.multimeter
     if part is None:
         return None
-    row = find_model(part.like or part.model)
-    if row is None or row.specifications is None:
+    sheet: VoltmeterSpecification | None = _sheet_of(part)
+    if sheet is None:
         raise ConfigError(
             f"multimeter.model: nothing tells the resolution of a {part.model}",
             hint="its row in vcfbench.models names a data sheet (specifications)",
         )
-    sheet: VoltmeterSpecification = resolve(row.specifications)
     try:
         return sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
     except ValueError as error:
         raise ConfigError(f"procedure.nplc: {error}") from error
+
+
+def _sheet_of(part: Any) -> Any:
+    """Return the data sheet of an instrument, None when there is none."""
+    row = find_model(part.like or part.model)
+    return None if row is None or row.specifications is None else resolve(row.specifications)
+
+
+def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
+    """Return what uncertainties come from; ConfigError when the meter's calibration is older than its data sheet."""
+    known = description.uncertainty
+    return structs.replace(
+        _generator_sources(description),
+        **_meter_sources(description, float(chosen.meter_range_v)),
+        table_rate=known.table_rate_error,
+        bias_instability_deg_h=known.bias_instability_deg_h,
+        horizon_h=known.horizon_h,
+    )
+
+
+def _meter_sources(description: BenchDescription, range_v: float) -> dict[str, float | None]:
+    sheet: VoltmeterSpecification | None = None if description.multimeter is None else _sheet_of(description.multimeter)
+    if sheet is None or range_v not in sheet.accuracy:
+        return {}
+    age_days = description.uncertainty.meter_age_days
+    try:
+        promised = sheet.accuracy_of(range_v, age_days)
+    except ValueError as error:
+        raise ConfigError(f"uncertainty.meter_age_days: {error}") from error
+    return {
+        "meter_gain": promised.reading,
+        "meter_offset_v": promised.range * range_v,
+        "meter_sigmas": sheet.limit_sigmas,
+        "meter_age_days": age_days,
+    }
+
+
+def _generator_sources(description: BenchDescription) -> Sources:
+    sheet: LevelSpecification | None = None if description.rate_source is None else _sheet_of(description.rate_source)
+    if sheet is None:
+        return Sources()
+    return Sources(
+        generator_gain=sheet.setting,
+        generator_offset_v=sheet.offset_v,
+        generator_ranges_v=sheet.ranges_v,
+        generator_bits=sheet.bits,
+    )

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
+    from vcfbench.procedures.uncertainty import Statement
     from vcfbench.record.schema import Point
 
 __all__ = ["turntable_report", "virtual_coriolis_report"]
@@ -28,6 +29,7 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
         [
             Table(columns, rows),
             Text(_fit("turntable", results)),
+            *_stated(results.uncertainty),
             _outputs("Output against the table's rate", lines),
             _residuals(lines),
         ]
@@ -43,11 +45,42 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
         [
             _table_1(table, virtual),
             Text(_comparison(results)),
+            *_stated(results.uncertainty),
             _outputs("Output against rate, real and virtual", lines),
             _residuals(lines),
             _difference(table, virtual, results),
         ]
     )
+
+
+_LEAST_SHARE = 0.001
+"""Share of the variance from which a contribution is shown; all are in the JSON."""
+
+
+def _stated(statement: Statement | None) -> list[Table | Text]:
+    """Lay out the combined uncertainties, what they are made of, E_n, and what they do not hold."""
+    if statement is None:
+        return []
+    columns = (
+        *(Column("value", align="left"), Column("", "", ".7g"), Column("U95", "", ".2g"), Column("u", "", ".2g")),
+        *(Column("k", "", ".2f"), Column("unit", align="left"), Column("of what", align="left")),
+    )
+    rows = [(v.name, v.value, v.u95, v.u, v.coverage_factor, v.unit, v.of) for v in statement.values]
+    shares = (
+        *(Column("value", align="left"), Column("contribution", align="left"), Column("u", "", ".2g")),
+        *(Column("unit", align="left"), Column("share", "%", ".1f")),
+    )
+    lines = [
+        (value.name if not place else "", each.source, each.u, value.unit, 100.0 * each.share)
+        for value in statement.values
+        for place, each in enumerate(each for each in value.contributions if each.share >= _LEAST_SHARE)
+    ]
+    ratio = [] if statement.e_n is None else [f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)"]
+    return [
+        Table(columns, rows, "Values with their combined uncertainty (95 %)"),
+        Table(shares, lines, "Largest contributions"),
+        Text("\n".join([*ratio, "not in these uncertainties:", *(f"  {each}" for each in statement.not_in_u)])),
+    ]
 
 
 def _table_1(table: Sequence[Point], virtual: Sequence[Point]) -> Table:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
-    from vcfbench.bench.settings import Match
+    from vcfbench.bench.settings import Match, ProcedureSettings
+    from vcfbench.procedures.uncertainty import Statement
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -48,6 +49,9 @@ GENERATOR_ACCURACY, GENERATOR_OFFSET_V = AGILENT_33220A.setting, AGILENT_33220A.
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TurntableResult(CalibrationColumn):
     """What a calibration on the rate table came to: its one column."""
+
+    uncertainty: Statement | None = None
+    """Combined uncertainties; None where nothing is told of the run but its points."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys."""
@@ -86,6 +90,8 @@ class VirtualCoriolisResult:
     u_output_v: float
     """Standard uncertainty of one window's mean."""
     meter_resolution_v: float
+    uncertainty: Statement | None = None
+    """Combined uncertainties; None where nothing is told of the run but its points."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
@@ -106,17 +112,27 @@ def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
     }
 
 
-def turntable_results(points: Sequence[Point], meter_resolution_v: float) -> TurntableResult:
-    """Return the results of a turntable calibration: those of its one column."""
+def turntable_results(
+    points: Sequence[Point], meter_resolution_v: float, settings: ProcedureSettings | None = None
+) -> TurntableResult:
+    """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
+    from vcfbench.procedures.uncertainty import turntable_statement  # noqa: PLC0415  # numpy comes with it
+
     column = _column(points, u_output_v(points, meter_resolution_v)).column()
-    return TurntableResult(**{each.name: getattr(column, each.name) for each in fields(column)})
+    statement = None if settings is None else turntable_statement(settings, points)
+    return TurntableResult(**{each.name: getattr(column, each.name) for each in fields(column)}, uncertainty=statement)
 
 
 def virtual_coriolis_results(
-    points: Sequence[Point], match: Match, match_rate_deg_s: float, meter_resolution_v: float
+    points: Sequence[Point],
+    match: Match,
+    match_rate_deg_s: float,
+    meter_resolution_v: float,
+    settings: ProcedureSettings | None = None,
 ) -> VirtualCoriolisResult:
-    """Return the results of a four-step calibration."""
+    """Return the results of a four-step calibration, with `settings` their uncertainties."""
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.uncertainty import four_step_statement  # noqa: PLC0415  # as above
 
     u_v = u_output_v(points, meter_resolution_v)
     matching = Matching.of(points, match, match_rate_deg_s)
@@ -143,6 +159,7 @@ def virtual_coriolis_results(
         match_residual_v=matching.residual_v,
         u_output_v=u_v,
         meter_resolution_v=meter_resolution_v,
+        uncertainty=None if settings is None else four_step_statement(settings, points, matching),
     )
 
 

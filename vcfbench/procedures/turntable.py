@@ -66,7 +66,7 @@ def table_sweep(settings: ProcedureSettings, step: int, earlier: Sequence[Point]
 
 
 def _results(settings: ProcedureSettings, points: Sequence[Point]) -> TurntableResult:
-    return turntable_results(points, settings.meter_resolution_v)
+    return turntable_results(points, settings.meter_resolution_v, settings)
 
 
 TURNTABLE = Procedure(

@@ -206,7 +206,9 @@ def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[
 
 
 def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
-    return virtual_coriolis_results(points, settings.match, settings.match_rate_deg_s, settings.meter_resolution_v)
+    return virtual_coriolis_results(
+        points, settings.match, settings.match_rate_deg_s, settings.meter_resolution_v, settings
+    )
 
 
 VIRTUAL_CORIOLIS = Procedure(

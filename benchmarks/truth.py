@@ -1,0 +1,189 @@
+"""Whether stated uncertainties tell the truth: calibrations on simulated benches whose instruments are drawn.
+
+Each seed draws every instrument from its accuracy, the generator and the table's rate too, and runs both calibrations.
+The truth is a closed form of the gyroscope's parameters, written here from docs/theory.md and used by nothing else:
+demodulated modes at the temperature of a warm gyroscope, modulator, output amplifier, a meter that does not load it.
+For every value with an uncertainty the study prints z = (value - truth) / u over the seeds, and how often U95 holds the
+truth.
+
+    python benchmarks/truth.py --seeds 200 --processes 2
+
+The same seeds give the same bytes, whatever the number of processes. A thousand seeds are the study that counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cmath
+import math
+import multiprocessing
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import vcfbench
+from vcfbench.sim.parameters import BenchParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from vcfbench.procedures.uncertainty import Statement
+
+WARM_UP_S = 1800.0
+"""Six of the gyroscope's thermal time constants: what is left of the warm-up is no part of this study."""
+TABLE_RATE_ERROR = 1e-5
+EARTH_DEG_S = 15.041067 / 3600.0
+
+BENCH = Path(str(vcfbench.__path__[0])) / "bench" / "paper.toml"
+
+
+def bench_of(seed: int) -> str:
+    """Return the embedded bench with all instruments drawn; its table's rate error is drawn here."""
+    text, _ = BENCH.read_text(encoding="utf-8").split("# The generator's errors are chosen", 1)
+    error = np.random.default_rng([seed, 9]).uniform(-TABLE_RATE_ERROR, TABLE_RATE_ERROR)
+    drawn = f'[simulation.errors]\nrate_source = "drawn"\n[simulation.override.table]\nrate_error = {float(error)!r}\n'
+    return f"{text}\n{drawn}"
+
+
+def calibrations(seed: int) -> list[tuple[str, float, float, bool]]:
+    """Return name, z, truth and whether U95 holds it, of each value of both calibrations."""
+    with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "bench.toml"
+        file.write_text(bench_of(seed), encoding="utf-8")
+        told: dict[str, Any] = {"bench": file, "seed": seed, "settings": {"warm_up_s": WARM_UP_S}, "runs": directory}
+        table, four = vcfbench.run("turntable", **told), vcfbench.run("virtual-coriolis", **told)
+    for run in (table, four):
+        if run.results is None:
+            raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
+    levels = [point.v_vc_v for point in four.points if point.step == 4]
+    rates = [point.rate_deg_s for point in table.points]
+    truth = truths(rates, levels, 10.0)
+    alone = {name.removeprefix("turntable."): value for name, value in truth.items() if name.startswith("turntable.")}
+    return [
+        *_scored("turntable: ", table.results.uncertainty, alone),
+        *_scored("virtual-coriolis: ", four.results.uncertainty, truth),
+    ]
+
+
+def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> list[tuple[str, float, float, bool]]:
+    return [
+        (
+            prefix + each.name,
+            (each.value - truth[each.name]) / each.u,
+            each.value,
+            abs(each.value - truth[each.name]) <= each.u95,
+        )
+        for each in statement.values
+    ]
+
+
+def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], match_deg_s: float) -> dict[str, float]:
+    """Return the true values: lines through the true outputs, K_Vc where the outputs are equal."""
+    output = true_output(BenchParameters.paper())
+    slope, bias = _line(rates_deg_s, [output(rate, None) for rate in rates_deg_s])
+    span = output(match_deg_s, None) - output(0.0, None)
+    matched = _root(lambda volts: output(0.0, volts) - output(0.0, 0.0) - span, 0.0, 2.0 * match_deg_s / 150.0)
+    k_vc = match_deg_s / matched
+    virtual_slope, virtual_bias = _line([k_vc * v for v in levels_v], [output(0.0, v) for v in levels_v])
+    return {
+        "k_vc": k_vc,
+        "turntable.scale_factor": slope,
+        "turntable.bias": bias,
+        "turntable.bias_deg_s": bias / slope,
+        "virtual.scale_factor": virtual_slope,
+        "virtual.bias": virtual_bias,
+        "virtual.bias_deg_s": virtual_bias / virtual_slope,
+        "scale_factor_error_percent": 100.0 * (virtual_slope / slope - 1.0),
+        "bias_difference_v": virtual_bias - bias,
+    }
+
+
+def true_output(bench: BenchParameters) -> Callable[[float, float | None], float]:
+    """Return the output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off."""
+    thermal, path, virtual, stage = bench.thermal, bench.sense_path, bench.virtual_path, bench.output_stage
+    rise = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
+    drive = 2 * math.pi * bench.drive_mode.frequency_hz * (1 + bench.drive_mode.frequency_coefficient_per_k * rise)
+    per_rate = per_volt = shifted = 0j
+    demodulator = 1j * cmath.exp(-1j * path.demodulator_phase_rad)
+    chain = path.preamplifier_gain * path.amplifier_gain * path.multiplier_per_v * path.reference_amplitude_v / 2
+    for mode in (bench.sense_in_phase, bench.sense_anti_phase):
+        own = 2 * math.pi * mode.frequency_hz * (1 + mode.frequency_coefficient_per_k * rise)
+        quality = mode.quality * (1 + mode.quality_coefficient_per_k * rise)
+        answer = chain * mode.pick_off_v_per_m / complex(own**2 - drive**2, own * drive / quality)
+        left, right = mode.left_participation, mode.right_participation
+        velocity = bench.drive_loop.amplitude_m * drive
+        combs = left * virtual.left_comb_n_per_v2 + right * virtual.right_comb_n_per_v2
+        force = combs * path.reference_amplitude_v / virtual.mass_kg
+        per_rate += answer * (left + right) * 2j * velocity * math.pi / 180
+        shifted += answer * 2 * velocity * mode.quadrature_rad_s
+        per_volt += answer * -1j * cmath.exp(1j * virtual.carrier_phase_rad) * force
+    seen = [(demodulator * each).real for each in (per_rate, per_volt, shifted)]
+    steady_deg_s = (
+        EARTH_DEG_S * math.sin(math.radians(bench.site.latitude_deg)) + thermal.bias_coefficient_deg_s_k * rise
+    )
+
+    def output(rate_deg_s: float, v_vc_v: float | None) -> float:
+        modulated = 0.0
+        if v_vc_v is not None:
+            node = v_vc_v * virtual.pull_down_ohm / (virtual.pull_down_ohm + 50.0)
+            modulated = (
+                virtual.offset_v + node + virtual.second_order_per_v * node**2 + virtual.third_order_per_v2 * node**3
+            )
+        u = stage.gain * (seen[0] * (rate_deg_s + steady_deg_s) + seen[1] * modulated + seen[2])
+        return stage.offset_v + u + stage.second_order_per_v * u**2 + stage.third_order_per_v2 * u**3
+
+    return output
+
+
+def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    design = np.stack([np.asarray(x), np.ones(len(x))], axis=1)
+    slope, intercept = np.linalg.lstsq(design, np.asarray(y), rcond=None)[0]
+    return float(slope), float(intercept)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    rising = function(high) > function(low)
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if (function(middle) > 0.0) == rising else (middle, high)
+    return 0.5 * (low + high)
+
+
+def study(seeds: Sequence[int], processes: int) -> list[str]:
+    """Return the table of the study, a line a value."""
+    if processes > 1:
+        with multiprocessing.get_context("spawn").Pool(processes) as pool:
+            scored = pool.map(calibrations, seeds, chunksize=1)
+    else:
+        scored = [calibrations(seed) for seed in seeds]
+    lines = [
+        f"{len(seeds)} seeds from {seeds[0]}",
+        f"{'value':48} {'mean z':>7} {'sd z':>6} {'max |z|':>7} {'in U95':>7}",
+    ]
+    for place, (name, *_) in enumerate(scored[0]):
+        z = np.array([each[place][1] for each in scored])
+        held = np.mean([each[place][3] for each in scored])
+        good = abs(z.mean()) <= 0.1 and 0.93 <= z.std(ddof=1) <= 1.07 and 0.93 <= held <= 0.97
+        mark = "" if good else "  *"
+        lines.append(f"{name:48} {z.mean():+7.3f} {z.std(ddof=1):6.3f} {abs(z).max():7.2f} {100 * held:6.1f}%{mark}")
+    error = 1.0 / math.sqrt(len(seeds))
+    chance = f"by chance alone the mean varies by {error:.3f}, the sd by {error / math.sqrt(2):.3f}"
+    lines.append(f"* outside |mean| 0.1, sd 0.93-1.07 or 93-97 %; {chance}")
+    return lines
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=2)
+    told = parser.parse_args()
+    print("\n".join(study(range(told.first, told.first + told.seeds), told.processes)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,140 @@
+"""Budgets of the two calibrations against closed forms, and against errors drawn with NumPy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.procedures.fakes import make_settings
+from vcfbench.bench.settings import Match, ProcedureSettings, Sources, Station
+from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.uncertainty import Statement, four_step_statement, turntable_statement, window_times
+from vcfbench.record.plain import plain
+from vcfbench.record.schema import Point
+
+RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
+SXX = 106_060.0
+K, BIAS, K_VC, NOISE, READINGS = -0.0125, -0.042, 150.0, 1e-4, 10
+METER = Sources(meter_gain=35e-6, meter_offset_v=50e-6, meter_sigmas=4.0)
+GENERATOR = Sources(generator_gain=0.02, generator_offset_v=4e-3, generator_ranges_v=(0.32, 1.0, 3.2, 10.0))
+FLICKER = Sources(bias_instability_deg_h=5.57, horizon_h=24.0)
+
+
+def settings(sources: Sources) -> ProcedureSettings:
+    return make_settings(station=Station(meter_resolution_v=1e-5, sources=sources))
+
+
+def table_points(step: int = 1, std_v: float = NOISE) -> list[Point]:
+    return [Point(step, rate, 0.0, K * rate + BIAS, std_v, READINGS) for rate in RATES]
+
+
+def four_steps(std_v: float = 0.0) -> list[Point]:
+    turns = [0.0, 10.0, 10.0, 0.0] * 2
+    points = [Point(1, rate, 0.0, K * rate, std_v, READINGS) for rate in turns]
+    points += [Point(2, 0.0, rate / K_VC, K * rate, std_v, READINGS) for rate in turns]
+    points += table_points(3, std_v)
+    return points + [Point(4, rate, rate / K_VC, K * rate, std_v, READINGS) for rate in RATES]
+
+
+def four(sources: Sources, match: Match = Match.ZERO, std_v: float = 0.0) -> Statement:
+    points = four_steps(std_v)
+    return four_step_statement(settings(sources), points, Matching.of(points, match, 10.0))
+
+
+def test_readings_go_through_the_least_squares_sums() -> None:
+    stated = turntable_statement(settings(Sources()), table_points())
+    slope, bias = stated.value("scale_factor"), stated.value("bias")
+    assert slope.u == pytest.approx(NOISE / math.sqrt(READINGS * SXX))
+    assert bias.u == pytest.approx(NOISE / math.sqrt(READINGS * 17))
+    assert slope.dof == pytest.approx(17 * 9)
+    assert slope.coverage_factor == pytest.approx(1.9756, abs=1e-3)  # Student's t with 153 degrees of freedom
+
+
+def test_the_meter_goes_into_the_scale_factor_by_its_gain_and_into_the_bias_by_its_offset() -> None:
+    stated = turntable_statement(settings(METER), table_points(std_v=0.0))
+    assert stated.value("scale_factor").u == pytest.approx(abs(K) * 35e-6 / 4)
+    assert stated.value("bias").u == pytest.approx(math.hypot(50e-6 / 4, BIAS * 35e-6 / 4))
+
+
+def test_a_table_known_by_a_limit_is_rectangular_and_has_the_factor_of_that() -> None:
+    stated = turntable_statement(settings(Sources(table_rate=1e-5)), table_points(std_v=0.0))
+    slope = stated.value("scale_factor")
+    assert slope.u == pytest.approx(abs(K) * 1e-5 / math.sqrt(3))
+    assert slope.u95 == pytest.approx(abs(K) * 0.95e-5, rel=5e-3)
+
+
+def test_flicker_of_the_bias_is_the_integral_of_its_density() -> None:
+    """Numerically, in frequency: B^2/(pi f), one-sided, times the square of what the weights make of it."""
+    told, points = settings(FLICKER), table_points(std_v=0.0)
+    stated = turntable_statement(told, points)
+    begin, end = window_times(told, points)
+    horizon = 24 * 3600.0
+    frequency = np.logspace(-8, 1, 200_001)
+    centres, lasts = 0.5 * (begin + end), end - begin
+    seen = np.exp(-2j * math.pi * frequency[:, None] * (centres - 0.5 * (begin[0] + end[-1])))
+    for name, weights, long in (("bias", np.full(17, 1 / 17), 1.0), ("scale_factor", np.array(RATES) / SXX, 0.0)):
+        gain = (seen * np.sinc(frequency[:, None] * lasts)) @ weights - long * np.sinc(frequency * horizon)
+        integral = np.trapezoid(np.abs(gain) ** 2, np.log(frequency))
+        expected = abs(K) * 5.57 / 3600.0 * math.sqrt(integral / math.pi)
+        assert stated.value(name).u == pytest.approx(expected, rel=2e-3)
+
+
+def test_the_generator_s_offset_cancels_where_outputs_are_taken_from_their_own_zeros() -> None:
+    level_v = 10.0 / K_VC
+    zero, absolute = (four(GENERATOR, match).value("k_vc") for match in (Match.ZERO, Match.ABSOLUTE))
+    assert zero.u / zero.value == pytest.approx(0.02 / math.sqrt(3))
+    assert zero.u95 / zero.value == pytest.approx(0.019, rel=5e-3)
+    assert absolute.u / absolute.value == pytest.approx(math.hypot(0.02, 4e-3 / level_v) / math.sqrt(3))
+
+
+def test_what_the_columns_share_cancels_in_their_difference() -> None:
+    shared = Sources(meter_gain=1e-3, meter_offset_v=1e-3, table_rate=1e-2)
+    stated = four(shared)
+    assert stated.value("turntable.scale_factor").u > 5e-3 * abs(K)
+    assert stated.value("scale_factor_error_percent").u < 1e-9
+    assert stated.value("bias_difference_v").u < 1e-4
+    assert stated.correlation[1][4] == pytest.approx(1.0)
+
+
+def test_the_difference_of_the_methods_scatters_as_stated_when_generators_are_drawn() -> None:
+    """A straight gyroscope with drawn ranges: NumPy's scatter of 4000 is known to 1.1 %."""
+    rng = np.random.default_rng(5)
+    rates = np.array(RATES)
+    level = rates / K_VC
+    own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
+    gain = rng.uniform(-0.02, 0.02, (4000, 4))
+    offset = rng.uniform(-4e-3, 4e-3, (4000, 4))
+    output = K * K_VC * (level * (1.0 + gain[:, own]) + offset[:, own])
+    matched = level[4] / (1.0 + gain[:, 0])  # its setting, zeros taken off
+    slope = (output @ rates) / SXX * (matched / level[4])
+    drawn = 100.0 * (slope / K - 1.0)
+    stated = four(GENERATOR).value("scale_factor_error_percent")
+    assert stated.u == pytest.approx(drawn.std(), rel=0.04)
+    assert 0.94 < np.mean(np.abs(drawn - drawn.mean()) <= stated.u95) < 0.96
+    assert output.mean(axis=1).std() == pytest.approx(four(GENERATOR).value("virtual.bias").u, rel=0.04)
+
+
+def test_e_n_is_the_difference_over_its_expanded_uncertainty() -> None:
+    stated = four(GENERATOR)
+    difference = stated.value("scale_factor_error_percent")
+    assert stated.e_n == pytest.approx(abs(difference.value) / difference.u95)
+    assert turntable_statement(settings(METER), table_points()).e_n is None
+
+
+def test_what_is_not_known_is_said() -> None:
+    said = " ".join(four(Sources()).not_in_u)
+    for word in ("multimeter", "table_rate_error", "bias_instability", "lack of fit", "warm-up", "Earth"):
+        assert word in said
+    known = " ".join(four(Sources(meter_gain=1e-5, table_rate=1e-5, bias_instability_deg_h=1.0)).not_in_u)
+    assert "table_rate_error" not in known
+
+
+def test_a_statement_is_written_by_the_names_of_its_fields() -> None:
+    written = plain(four(GENERATOR, std_v=NOISE))
+    assert list(written) == ["values", "correlation", "e_n", "not_in_u"]
+    value = written["values"][0]
+    assert list(value) == ["name", "value", "unit", "u", "dof", "coverage_factor", "u95", "of", "contributions"]
+    shares = [sum(each["share"] for each in v["contributions"]) for v in written["values"]]
+    assert shares == pytest.approx([1.0] * len(shares))

@@ -1,0 +1,475 @@
+"""Uncertainty budgets of the two calibrations: one combined standard uncertainty for each value, and what it holds.
+
+Model, contributions and what is left out are described in docs/uncertainty.md. Linear sums over the windows (slopes,
+intercepts, the match of step 2) are weights; readings' scatter and flicker go through them with their correlations, and
+the rest is a model for :mod:`~vcfbench.analysis.budget`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.budget import Distribution, Source, evaluate
+from vcfbench.analysis.monte_carlo import propagate
+from vcfbench.analysis.phase_noise import PhaseNoise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.analysis.budget import Budget, Model, Result
+    from vcfbench.bench.settings import ProcedureSettings, Sources
+    from vcfbench.procedures.matching import Matching
+    from vcfbench.record.schema import Point
+
+__all__ = [
+    "Line",
+    "StatedContribution",
+    "StatedValue",
+    "Statement",
+    "four_step_statement",
+    "turntable_statement",
+]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_TRIALS = 100_000
+_NEARLY_NORMAL = 0.05
+"""Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedContribution:
+    """What one source adds to one value."""
+
+    source: str
+    distribution: str
+    u_source: float
+    unit: str
+    dof: float | None
+    """None: infinite, for what is known beforehand."""
+    sensitivity: float
+    u: float
+    """Sensitivity times `u_source`, in the unit of the value."""
+    share: float
+    """Of the variance."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedValue:
+    """A value with its combined standard uncertainty and what that is made of; `of` says which value it is."""
+
+    name: str
+    value: float
+    unit: str
+    u: float
+    dof: float | None
+    """Effective degrees of freedom; None: infinite."""
+    coverage_factor: float
+    u95: float
+    """Half width of the interval that holds the true value with 95 %."""
+    of: str
+    contributions: tuple[StatedContribution, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """All values with an uncertainty, their correlations, and what the uncertainties do not hold."""
+
+    values: tuple[StatedValue, ...]
+    correlation: tuple[tuple[float, ...], ...]
+    e_n: float | None
+    """Difference of the methods' scale factors over its expanded uncertainty, correlations included; above 1 they
+    disagree. None where there is one method."""
+    not_in_u: tuple[str, ...]
+
+    def value(self, name: str) -> StatedValue:
+        """Return one value; KeyError when it has no uncertainty."""
+        for each in self.values:
+            if each.name == name:
+                return each
+        raise KeyError(name)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A least-squares line as sums over windows: their places among all windows of the run, their rates and outputs."""
+
+    places: tuple[int, ...]
+    rate_deg_s: Floats
+    scale_factor: float
+    bias_v: float
+    derivative: Floats
+    """Slope of the curve through the outputs at each rate, V/(deg/s)."""
+
+    @classmethod
+    def of(cls, points: Sequence[Point], step: int) -> Line:
+        """Return the line of the windows of `step`."""
+        places = tuple(place for place, point in enumerate(points) if point.step == step)
+        rate = np.array([points[place].rate_deg_s for place in places])
+        output = np.array([points[place].output_v for place in places])
+        scale_factor, bias_v = np.polynomial.Polynomial.fit(rate, output, 1).convert().coef[::-1]
+        order = 3 if np.unique(rate).size > 4 else 1
+        derivative = np.polynomial.Polynomial.fit(rate, output, order).deriv()(rate)
+        return cls(places, rate, float(scale_factor), float(bias_v), np.asarray(derivative))
+
+    @property
+    def slope_weights(self) -> Floats:
+        """Weights of the outputs in the slope, 1/(deg/s)."""
+        off = self.rate_deg_s - self.rate_deg_s.mean()
+        return np.asarray(off / float(off @ off))
+
+    @property
+    def bias_weights(self) -> Floats:
+        """Weights of the outputs in the intercept."""
+        return np.asarray(1.0 / self.rate_deg_s.size - self.rate_deg_s.mean() * self.slope_weights)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sum:
+    """A weighted sum of the outputs of all windows, V or V/(deg/s); `steady` when the weights add up to 1, not 0."""
+
+    name: str
+    weights: Floats
+    unit: str
+    steady: bool = False
+
+
+def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], step: int = 1) -> Statement:
+    """Return the budget of a calibration on the table: scale factor and bias of its line."""
+    line = Line.of(points, step)
+    known = settings.station.sources
+    sums = _line_sums("table", line, len(points))
+    sources, correlations = _noise(settings, points, sums, line.scale_factor)
+    sources += [*_meter(known), *_table(known)]
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        return _table_values(line, q)
+
+    return _statement(settings, sources, model, correlations)
+
+
+def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], matching: Matching) -> Statement:
+    """Return the budget of a four-step calibration: K_Vc, both lines, and how they differ."""
+    table, virtual = Line.of(points, 3), Line.of(points, 4)
+    known, k_vc = settings.station.sources, matching.k_vc
+    match = _Sum("match", _match_weights(points, matching), "V")
+    sums = [*_line_sums("table", table, len(points)), *_line_sums("virtual", virtual, len(points)), match]
+    sources, correlations = _noise(settings, points, sums, table.scale_factor)
+    levels = _Levels.of(virtual, k_vc, matching, known)
+    sources += [*_meter(known), *_table(known), *levels.sources]
+    span_v = matching.slope * matching.v_vc_equal_v
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        of_table = _table_values(table, q)
+        gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
+        matched = 1.0 + _noises("match", q) / span_v  # level that was found, over the one that gives the output
+        level = levels.matched(q)
+        slope = virtual.scale_factor - _noises("virtual slope", q) - levels.slope(q)
+        bias = virtual.bias_v - _noises("virtual bias", q) - q["meter offset"] - levels.bias(q)
+        virtual_slope = slope / gain / rate * level * matched
+        return {
+            "k_vc": k_vc * rate / level / matched,
+            "turntable.scale_factor": of_table["scale_factor"],
+            "turntable.bias": of_table["bias"],
+            "turntable.bias_deg_s": of_table["bias_deg_s"],
+            "virtual.scale_factor": virtual_slope,
+            "virtual.bias": bias / gain,
+            "virtual.bias_deg_s": bias / gain / virtual_slope,
+            "scale_factor_error_percent": 100.0 * (virtual_slope / of_table["scale_factor"] - 1.0),
+            "bias_difference_v": bias / gain - of_table["bias"],
+        }
+
+    return _statement(settings, sources, model, correlations, "scale_factor_error_percent")
+
+
+_OF = {
+    "scale_factor": ("V/(deg/s)", "slope of the least-squares line through the outputs on the table at these rates"),
+    "bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
+    "bias_deg_s": ("deg/s", "the same as a rate"),
+    "k_vc": (
+        "(deg/s)/V",
+        "rate over V_Vc at the match rate, at that level of V_Vc and not at small ones",
+    ),
+    "turntable.scale_factor": ("V/(deg/s)", "slope of the line through the outputs on the table at these rates"),
+    "turntable.bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
+    "turntable.bias_deg_s": ("deg/s", "the same as a rate"),
+    "virtual.scale_factor": ("V/(deg/s)", "slope of the line of outputs against K_Vc V_Vc at these levels of V_Vc"),
+    "virtual.bias": ("V", "intercept of that line, generator on, Earth's rate in it, mean of the horizon"),
+    "virtual.bias_deg_s": ("deg/s", "the same as a rate"),
+    "scale_factor_error_percent": ("%", "slope of the virtual line against that of the table's"),
+    "bias_difference_v": ("V", "intercept of the virtual line less that of the table's"),
+}
+
+
+def _table_values(line: Line, q: Mapping[str, Any]) -> dict[str, Any]:
+    gain = 1.0 + q["meter gain"]
+    slope = (line.scale_factor - _noises("table slope", q)) / gain / (1.0 + q["table rate"])
+    bias = (line.bias_v - _noises("table bias", q) - q["meter offset"]) / gain
+    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}
+
+
+def _noises(name: str, q: Mapping[str, Any]) -> Any:
+    return q[f"readings: {name}"] + q[f"flicker: {name}"]
+
+
+def _line_sums(name: str, line: Line, windows: int) -> list[_Sum]:
+    def over_all(weights: Floats) -> Floats:
+        spread = np.zeros(windows)
+        spread[list(line.places)] = weights
+        return spread
+
+    return [
+        _Sum(f"{name} slope", over_all(line.slope_weights), "V/(deg/s)"),
+        _Sum(f"{name} bias", over_all(line.bias_weights), "V", steady=True),
+    ]
+
+
+def _match_weights(points: Sequence[Point], matching: Matching) -> Floats:
+    """Return the weights of the windows of steps 1 and 2 in what is left between the two outputs."""
+    zeros = 0.0 if matching.match.value == "absolute" else 1.0
+    groups = {
+        (1, matching.rate_deg_s, 0.0): -1.0,
+        (1, 0.0, 0.0): zeros,
+        (2, 0.0, matching.best.v_vc_v): 1.0,
+        (2, 0.0, matching.zero_virtual.v_vc_v): -zeros,
+    }
+    keys = [(point.step, point.rate_deg_s, point.v_vc_v) for point in points]
+    readings = {key: sum(p.n for p, k in zip(points, keys, strict=True) if k == key) for key in groups}
+    return np.array([groups.get(k, 0.0) * p.n / readings.get(k, 1) for p, k in zip(points, keys, strict=True)])
+
+
+def _noise(
+    settings: ProcedureSettings, points: Sequence[Point], sums: Sequence[_Sum], scale_factor: float
+) -> tuple[list[Source], dict[tuple[str, str], float]]:
+    """Return the sources that vary from window to window, and how the sums share them."""
+    weights = np.array([each.weights for each in sums])
+    degrees = sum(point.n - 1 for point in points)
+    pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees
+    white = pooled * (weights / np.array([point.n for point in points])) @ weights.T
+    sources, correlations = _jointly("readings", sums, white, float(degrees))
+    flicker = _flicker(settings, points, sums, scale_factor)
+    more, also = _jointly("flicker", sums, flicker, math.inf)
+    return sources + more, correlations | also
+
+
+def _jointly(
+    kind: str, sums: Sequence[_Sum], covariance: Floats, dof: float
+) -> tuple[list[Source], dict[tuple[str, str], float]]:
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sources = [Source(f"{kind}: {each.name}", 0.0, float(u[n]), each.unit, dof=dof) for n, each in enumerate(sums)]
+    pairs = {
+        (sources[a].name, sources[b].name): float(np.clip(covariance[a, b] / (u[a] * u[b]), -1.0, 1.0))
+        for a, b in combinations(range(len(sums)), 2)
+        if u[a] and u[b] and abs(covariance[a, b]) > 1e-9 * u[a] * u[b]
+    }
+    return sources, pairs
+
+
+def _flicker(settings: ProcedureSettings, points: Sequence[Point], sums: Sequence[_Sum], scale_factor: float) -> Floats:
+    """Return the covariance of the sums by flicker; a bias is compared with the mean over the horizon about the run."""
+    known = settings.station.sources
+    if not known.bias_instability_deg_h:
+        return np.zeros((len(sums), len(sums)))
+    begin, end = window_times(settings, points)
+    middle, half = float(begin[0] + end[-1]) / 2.0, known.horizon_h * 1800.0
+    weights = np.array([[*each.weights, -1.0 if each.steady else 0.0] for each in sums])
+    begin, end = np.append(begin, middle - half), np.append(end, middle + half)
+    noise = PhaseNoise(flicker=abs(scale_factor) * known.bias_instability_deg_h / 3600.0)
+    times, share = np.concatenate([end, begin]), weights / (end - begin)
+    share = np.concatenate([share, -share], axis=1)
+    lags = times[:, None] - times
+    return np.asarray(share @ noise.covariance(lags.ravel()).reshape(lags.shape) @ share.T)
+
+
+def window_times(settings: ProcedureSettings, points: Sequence[Point]) -> tuple[Floats, Floats]:
+    """Return when each window began and ended, s from the first: ramps and waits as they are set."""
+    begin, end, now, rate = [], [], 0.0, points[0].rate_deg_s
+    for number, point in enumerate(points):
+        table = 0.0 if point.step in {2, 4} else point.rate_deg_s
+        now += (settings.settle_s + abs(table - rate) / settings.acceleration_deg_s2) if number else 0.0
+        begin.append(now)
+        now += settings.sample_interval_s * point.n
+        end.append(now)
+        rate = table
+    return np.array(begin), np.array(end)
+
+
+def _limited(name: str, limit: float | None, unit: str, sigmas: float | None = None) -> Source:
+    """Return a source within a limit: normal with so many sigmas, else rectangular; not known: none."""
+    if limit is None or sigmas is not None:
+        return Source(name, 0.0, (limit or 0.0) / (sigmas or 1.0), unit)
+    return Source.within(name, 0.0, limit, unit)
+
+
+def _meter(known: Sources) -> list[Source]:
+    return [
+        _limited("meter gain", known.meter_gain, "1", known.meter_sigmas),
+        _limited("meter offset", known.meter_offset_v, "V", known.meter_sigmas),
+    ]
+
+
+def _table(known: Sources) -> list[Source]:
+    return [_limited("table rate", known.table_rate, "1")]
+
+
+@dataclass(frozen=True, slots=True)
+class _Levels:
+    """What the generator's errors do to the match and to the virtual line: gain and offset of each of its ranges."""
+
+    sources: tuple[Source, ...]
+    match_range: str
+    absolute_v: float
+    """What an offset is divided by in the match, V; infinite where each output is taken from its own zero."""
+    gain_slope: Mapping[str, float]
+    offset_slope: Mapping[str, float]
+    gain_bias: Mapping[str, float]
+    offset_bias: Mapping[str, float]
+
+    @classmethod
+    def of(cls, line: Line, k_vc: float, matching: Matching, known: Sources) -> _Levels:
+        ranges, level_v = known.generator_ranges_v or (math.inf,), line.rate_deg_s / k_vc
+
+        def index(volts: float) -> int:
+            return next((n for n, upper in enumerate(ranges) if abs(volts) <= upper), len(ranges) - 1)
+
+        own = [index(volts) for volts in level_v]
+        match = index(matching.v_vc_equal_v)
+        sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
+        used = sorted({*own, match})
+        names = {n: f"{ranges[n]:g} V range" for n in used}
+
+        def sums(values: Floats) -> dict[str, float]:
+            return {names[n]: float(sum(v for v, o in zip(values, own, strict=True) if o == n)) for n in used}
+
+        steps = np.array([_step_v(ranges[n], known.generator_bits) for n in own])
+        sources = [
+            source
+            for n in used
+            for source in (
+                _limited(f"generator gain, {names[n]}", known.generator_gain, "1"),
+                _limited(f"generator offset, {names[n]}", known.generator_offset_v, "V"),
+            )
+        ]
+        spread = k_vc * np.array([np.linalg.norm(sloping * steps), np.linalg.norm(shifting * steps)])
+        sources += [
+            Source("generator resolution: virtual slope", 0.0, float(spread[0]) / math.sqrt(12.0), "V/(deg/s)"),
+            Source("generator resolution: virtual bias", 0.0, float(spread[1]) / math.sqrt(12.0), "V"),
+            _limited(
+                "generator resolution: match",
+                _step_v(ranges[match], known.generator_bits) / 2.0 / abs(matching.v_vc_equal_v),
+                "1",
+            ),
+        ]
+        return cls(
+            tuple(sources),
+            names[match],
+            matching.v_vc_equal_v if matching.match.value == "absolute" else math.inf,
+            sums(sloping * line.rate_deg_s),
+            sums(sloping * k_vc),
+            sums(shifting * line.rate_deg_s),
+            sums(shifting * k_vc),
+        )
+
+    def matched(self, q: Mapping[str, Any]) -> Any:
+        """Return the level at the match over its setting."""
+        gain, offset = q[f"generator gain, {self.match_range}"], q[f"generator offset, {self.match_range}"]
+        return 1.0 + gain + offset / self.absolute_v + q["generator resolution: match"]
+
+    def slope(self, q: Mapping[str, Any]) -> Any:
+        """Return what the levels' errors add to the slope over settings, V/(deg/s)."""
+        return _through(self.gain_slope, self.offset_slope, q) + q["generator resolution: virtual slope"]
+
+    def bias(self, q: Mapping[str, Any]) -> Any:
+        """Return what they add to the intercept, V."""
+        return _through(self.gain_bias, self.offset_bias, q) + q["generator resolution: virtual bias"]
+
+
+def _step_v(upper_v: float, bits: int) -> float:
+    return 2.0 * upper_v / 2**bits if bits and math.isfinite(upper_v) else 0.0
+
+
+def _through(gains: Mapping[str, float], offsets: Mapping[str, float], q: Mapping[str, Any]) -> Any:
+    by_gain = sum(size * q[f"generator gain, {name}"] for name, size in gains.items())
+    return by_gain + sum(size * q[f"generator offset, {name}"] for name, size in offsets.items())
+
+
+def _statement(
+    settings: ProcedureSettings,
+    sources: Sequence[Source],
+    model: Model,
+    correlations: Mapping[tuple[str, str], float],
+    difference: str | None = None,
+) -> Statement:
+    budget = evaluate(sources, model, correlations)
+    factors = _coverage_factors(budget, sources, model, correlations)
+    values = tuple(_stated(result, factors[result.name], budget, *_OF[result.name]) for result in budget.results)
+    ratio = None
+    if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
+        ratio = abs(stated.value) / stated.u95
+    correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
+    return Statement(values, correlation, ratio, tuple(_not_in_u(settings)))
+
+
+def _coverage_factors(
+    budget: Budget, sources: Sequence[Source], model: Model, correlations: Mapping[tuple[str, str], float]
+) -> dict[str, float]:
+    """Return the factors of 95 %: Student's t, or by trials (JCGM 101) where sources that are not normal prevail."""
+    bounded = {source.name for source in sources if source.distribution is not Distribution.NORMAL}
+    factors = {result.name: result.coverage_factor for result in budget.results}
+    odd = {
+        r.name for r in budget.results if sum(c.share for c in r.contributions if c.source in bounded) > _NEARLY_NORMAL
+    }
+    if odd:
+        for each in propagate(sources, model, correlations, trials=_TRIALS):
+            u = budget.result(each.name).u
+            if each.name in odd and u > 0.0:
+                factors[each.name] = 0.5 * (each.high - each.low) / u
+    return factors
+
+
+def _stated(result: Result, factor: float, budget: Budget, unit: str, of: str) -> StatedValue:
+    sources = {source.name: source for source in budget.sources}
+    lines = tuple(
+        StatedContribution(
+            line.source,
+            sources[line.source].distribution.value,
+            line.u_source,
+            sources[line.source].unit,
+            _finite(line.dof),
+            line.sensitivity,
+            abs(line.u),
+            line.share,
+        )
+        for line in result.contributions
+        if line.u
+    )
+    return StatedValue(
+        result.name, result.value, unit, result.u, _finite(result.dof), factor, factor * result.u, of, lines
+    )
+
+
+def _finite(dof: float) -> float | None:
+    return dof if math.isfinite(dof) else None
+
+
+def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
+    """Say what the uncertainties do not hold."""
+    known = settings.station.sources
+    if known.meter_gain is None:
+        yield "the multimeter's accuracy: its data sheet has none for this range"
+    if known.table_rate is None:
+        yield "the table's accuracy: the bench file does not say it (uncertainty.table_rate_error)"
+    if known.bias_instability_deg_h is None:
+        yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
+    yield "lack of fit: how far the outputs are from a line is in the non-linearity"
+    yield "temperature and warm-up: the values are those of the gyroscope as it was in the run"
+    yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
+    yield "Earth's rate: it is in the bias"
+    yield "what the phase of the carrier does to K_Vc, and any change of the gyroscope after the run"
