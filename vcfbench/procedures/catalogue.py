@@ -43,6 +43,10 @@ BUILT_IN = {
         "vcfbench.procedures.k_vc:K_VC",
         "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
     ),
+    "warmup": (
+        "vcfbench.procedures.warmup:WARMUP",
+        "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
+    ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""
 

@@ -44,7 +44,20 @@ if TYPE_CHECKING:
     from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.step import Context, Routine
 
-__all__ = ["ZERO", "Mode", "ReadScaleFactor", "ScaleFactorRead", "ZeroSettings", "at_rest", "zero"]
+__all__ = [
+    "ZERO",
+    "AtRestSettings",
+    "Mode",
+    "ReadScaleFactor",
+    "ScaleFactorRead",
+    "ZeroSettings",
+    "held_at_rest",
+    "off_afterwards",
+    "scale_factor_used",
+    "source_off",
+    "told_scale_factor",
+    "zero",
+]
 
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""
@@ -59,7 +72,24 @@ class Mode(Enum):
     GAPLESS = "gapless"
 
 
-class ZeroSettings(ProcedureSettings, frozen=True, kw_only=True):
+class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What turns the output at rest into a rate."""
+
+    scale_factor_v_per_deg_s: Annotated[
+        float,
+        Meta(
+            ge=-1e3,
+            le=1e3,
+            description="of this gyroscope; 0: that of a record, else what is expected, else the paper's",
+        ),
+    ] = 0.0
+    scale_factor_from: Annotated[
+        str,
+        Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
+    ] = "none"
+
+
+class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
     """What the static record is told beside what all procedures are."""
 
     powered_s: Annotated[
@@ -84,18 +114,6 @@ class ZeroSettings(ProcedureSettings, frozen=True, kw_only=True):
     burst_readings: Annotated[
         int, Meta(ge=10, le=50_000, description="readings without gaps that the meter's memory holds")
     ] = 500
-    scale_factor_v_per_deg_s: Annotated[
-        float,
-        Meta(
-            ge=-1e3,
-            le=1e3,
-            description="of this gyroscope; 0: that of a record, else what is expected, else the paper's",
-        ),
-    ] = 0.0
-    scale_factor_from: Annotated[
-        str,
-        Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
-    ] = "none"
 
     @property
     def start_up_s(self) -> float:
@@ -191,30 +209,50 @@ def scale_factor_of(record: Path) -> ScaleFactorRead:
 
 def zero(settings: ZeroSettings) -> Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
+    yield from told_scale_factor(settings)
+    return (yield from off_afterwards(settings, _warm(settings)))
+
+
+def told_scale_factor(settings: AtRestSettings) -> Routine[None]:
+    """Read the scale factor where a record tells it."""
     if settings.scale_factor_v_per_deg_s == 0.0 and settings.scale_factor_from != "none":
         yield ReadScaleFactor(settings.scale_factor_from)
-    return (yield from at_rest(settings, _record(settings)))
 
 
-def at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
-    """Do `work` with the PCB powered and warm, the drive looked at, V_Vc off and the table held at rest.
+def _warm(settings: ZeroSettings) -> Routine[Outcome]:
+    """Take the record with the PCB powered and warm, the drive looked at and the table held at rest."""
+    yield Note("Start-up")
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from source_off(settings)
+    yield from rails_on(settings)
+    yield from look_at_drive(settings)
+    return (yield from held_at_rest(settings, _record(settings)))
 
-    Generator, oscilloscope and table are used where the bench has them; whatever happens, all is off afterwards.
-    """
-    has_source = settings.station.limits.max_v_vc_v is not None
+
+def source_off(settings: ProcedureSettings) -> Routine[None]:
+    """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
+    if _has_source(settings):
+        yield DisableVvc()
+        yield ConfigureGenerator(0.0)
+
+
+def _has_source(settings: ProcedureSettings) -> bool:
+    return settings.station.limits.max_v_vc_v is not None
+
+
+def held_at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work` with the table held at rest under servo, where the bench has one."""
+    held = settings.station.limits.max_rate_deg_s is not None
+    return (yield from (under_servo(settings, work) if held else work))
+
+
+def off_afterwards(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
     try:
-        yield Note("Start-up")
-        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-        if has_source:
-            yield DisableVvc()
-            yield ConfigureGenerator(0.0)
-        yield from rails_on(settings)
-        yield from look_at_drive(settings)
-        held = settings.station.limits.max_rate_deg_s is not None
-        return (yield from (under_servo(settings, work) if held else work))
+        return (yield from work)
     finally:
         try:
-            if has_source:
+            if _has_source(settings):
                 yield DisableVvc()
         finally:
             yield DisableSupply()
@@ -244,7 +282,7 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
     return Outcome(f"static record of {settings.duration_s:g} s")
 
 
-def _scale_factor(settings: ZeroSettings, measured: Measured) -> ScaleFactor:
+def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
     """Return the scale factor that turns volts into rates, and whence it is."""
     if settings.scale_factor_v_per_deg_s != 0.0:
         return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
@@ -259,7 +297,7 @@ def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
     from vcfbench.analysis.sampling import Sampling, block_means  # noqa: PLC0415  # they take numpy along
 
     (window,) = measured.readings.windows
-    scale = _scale_factor(settings, measured)
+    scale = scale_factor_used(settings, measured)
     if settings.mode is Mode.GAPLESS:
         volts = block_means(window.voltage_v, settings.readings_a_mean)
         sampling = Sampling.without_gaps(settings.sample_interval_s)

@@ -1,0 +1,166 @@
+"""The warm-up: its plan ends when the output is steady; time constant and size are those that are simulated."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import vcfbench
+from vcfbench.bench.description import Limits
+from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.bench.settings import Station
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.dry_run import walk
+from vcfbench.procedures.static_noise import ScaleFactor
+from vcfbench.procedures.steps import Acquire, DisableSupply, EnableTable
+from vcfbench.procedures.warmup import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
+from vcfbench.procedures.warmup_curve import WarmupFigure, WarmupResult, is_steady, warmup_results
+from vcfbench.record.schema import Point
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
+
+SCALE = {"scale_factor_v_per_deg_s": -0.0125527}
+B_DEG_S = 5.57 / 3600.0
+NOTHING_ELSE = """
+[simulation.override.drive_mode]
+frequency_coefficient_per_k = 0.0
+quality_coefficient_per_k = 0.0
+[simulation.override.sense_in_phase]
+frequency_coefficient_per_k = 0.0
+quality_coefficient_per_k = 0.0
+[simulation.override.sense_anti_phase]
+frequency_coefficient_per_k = 0.0
+quality_coefficient_per_k = 0.0
+"""
+"""The bias alone depends on the temperature: then its exponential is that of the temperature."""
+
+
+def bench(heating_k: float, tau_s: float) -> BenchDescription:
+    thermal = f"[simulation.override.thermal]\nself_heating_k = {heating_k}\ntime_constant_s = {tau_s}\n"
+    return parse_bench(f"{embedded_text('paper')}{NOTHING_ELSE}{thermal}", "warm")
+
+
+def found(figure: WarmupFigure | None) -> tuple[float, float]:
+    assert figure is not None
+    return figure.value, figure.u
+
+
+@pytest.mark.parametrize(("heating_k", "tau_s", "seed"), [(10.0, 300.0, 4), (6.0, 200.0, 3)])
+def test_the_simulated_warm_up_is_found(heating_k: float, tau_s: float, seed: int, tmp_path: Path) -> None:
+    """The bias goes by 30 deg/h a kelvin, the embedded bench's coefficient."""
+    run = vcfbench.run("warmup", bench(heating_k, tau_s), seed=seed, settings=SCALE, runs=tmp_path)
+    time_s, u_s = found(run.results.time_constant)
+    assert abs(time_s - tau_s) < 3.0 * u_s < 0.5 * tau_s
+    true_deg_s = -heating_k * 30.0 / 3600.0
+    assert abs(run.results.amplitude.value - true_deg_s) < 3.0 * run.results.amplitude.u < 0.25 * abs(true_deg_s)
+    warm_s, u_warm_s = found(run.results.warm_up)
+    assert abs(warm_s - tau_s * math.log(abs(true_deg_s) / (5.6 / 3600.0))) < 3.0 * u_warm_s
+    assert run.results.steady
+    again = vcfbench.load_run("last", runs=tmp_path)
+    assert again.results == run.results
+    assert vcfbench.text_of(again.report()) == vcfbench.text_of(run.report())
+    assert "three means in a row agree" in vcfbench.text_of(run.report())
+
+
+def test_what_is_not_steady_at_the_longest_is_said_to_be_so(tmp_path: Path) -> None:
+    settings = {**SCALE, "shortest_s": 300.0, "longest_s": 600.0}
+    run = vcfbench.run("warmup", bench(60.0, 3000.0), seed=1, settings=settings, runs=tmp_path)
+    assert run.status == "complete"
+    assert not run.results.steady
+    assert 500.0 < run.results.lasted_s <= 610.0
+    assert "NOT steady" in vcfbench.text_of(run.report())
+
+
+def test_what_is_steady_ends_at_the_shortest_and_needs_no_exponential(tmp_path: Path) -> None:
+    settings = {**SCALE, "shortest_s": 240.0}
+    run = vcfbench.run("warmup", bench(0.0, 300.0), seed=2, settings=settings, runs=tmp_path)
+    assert run.results.steady
+    assert run.results.lasted_s < 500.0
+    assert (run.results.time_constant, run.results.warm_up) == (None, None)
+    assert abs(run.results.bias_end.value - np.mean(run.results.means_deg_s)) < 3.0 * run.results.bias_end.u
+    assert run.results.turn_on_s is not None
+    assert run.results.turn_on_s < 2.0
+
+
+def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: float) -> WarmupResult:
+    """Readings one a second of a closed form and white noise."""
+    windows = []
+    for first in range(0, 1800, 60):
+        t_s = first + np.arange(60.0)
+        windows.append((t_s, 3.0 + amplitude * np.exp(-(t_s + 0.5) / tau_s) + noise * rng.standard_normal(60)))
+    log = [(0.1 * n, 9.0 if n < 12 else 3.0) for n in range(50)]
+    scale = ScaleFactor(0.0125, None, "test")
+    return warmup_results(
+        log,
+        windows,
+        interval_s=1.0,
+        scale=scale,
+        tolerance_deg_s=1.0,
+        instability_deg_s=1e-6,
+        steady=True,
+    )
+
+
+def test_values_scatter_as_their_uncertainties_say() -> None:
+    rng, z = np.random.default_rng(7), []
+    for _ in range(60):
+        result = synthetic(rng, 250.0, -0.05, 0.01)
+        tau_s, u_s = found(result.time_constant)
+        z.append(((tau_s - 250.0) / u_s, (result.amplitude.value + 0.05) / result.amplitude.u, found(result.bias_end)))
+    for column in ([row[0] for row in z], [row[1] for row in z], [(row[2][0] - 3.0) / row[2][1] for row in z]):
+        assert abs(np.mean(column)) < 0.5
+        assert 0.75 < np.std(column) < 1.3
+
+
+def test_turn_on_is_when_the_output_stays() -> None:
+    result = synthetic(np.random.default_rng(1), 250.0, -0.05, 0.01)
+    assert result.turn_on_s == pytest.approx(1.2)
+    assert result.turn_on_resolution_s == pytest.approx(0.1)
+
+
+def points(*means_v: float, std_v: float = 1e-4) -> list[Point]:
+    return [Point(1, 0.0, 0.0, mean_v, std_v, 60) for mean_v in means_v]
+
+
+def test_three_means_must_agree_and_stand_still() -> None:
+    """Sigma of a mean is 12.9 uV of white noise here, and of the floor 0.664 B with B = 20 uV: 18.5 uV together."""
+    assert is_steady(points(0.0, 1e-5, -1e-5), 60.0, 20e-6)
+    assert not is_steady(points(0.0, 1e-5), 60.0, 20e-6)
+    assert not is_steady(points(0.0, 6e-5, 0.0), 60.0, 20e-6)
+    assert not is_steady(points(0.0, 2.5e-5, 5e-5), 60.0, 20e-6)
+    assert is_steady(points(0.0, 2.5e-5, 5e-5), 120.0, 20e-6)
+
+
+def steps(limits: Limits) -> list[Any]:
+    settings = WarmupSettings(station=Station(meter_resolution_v=1e-5, limits=limits))
+    return [each.step for each in walk(WARMUP.plan(settings), settings.expected_gyro())]
+
+
+def test_the_output_is_followed_from_the_first_instant() -> None:
+    plan = steps(Limits(max_rate_deg_s=300.0, max_v_vc_v=2.0))
+    kinds = [type(step) for step in plan]
+    assert kinds.index(EnableTable) < kinds.index(SwitchOnAndLog) < kinds.index(Acquire) < kinds.index(DisableSupply)
+    assert kinds.count(Acquire) == 30
+    assert all(step.describe() for step in plan)
+    alone = {type(step).__name__ for step in steps(Limits())}
+    assert alone.isdisjoint({"EnableTable", "DisableVvc", "ConfigureGenerator"})
+    assert "warmup" in vcfbench.PROCEDURES
+    assert SwitchedOn.kinds["SwitchedOn"] is SwitchedOn
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"longest_s": 600.0}, "longest_s: expected at least shortest_s"),
+        ({"shortest_s": 200.0, "window_s": 100.0}, "shortest_s: expected at least three windows"),
+    ],
+)
+def test_settings_that_contradict_themselves_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        vcfbench.dry_run("warmup", settings=changes)
