@@ -65,6 +65,19 @@ def test_a_run_outside_a_limit_fails_with_1_in_text_json_and_record(tmp_path: Pa
     assert "\nFAIL\n" in text.stdout
 
 
+def test_a_run_within_its_guard_band_is_marginal_with_1(tmp_path: Path) -> None:
+    results = json.loads(run(tmp_path, "", "--json").stdout)["results"]
+    [bias] = [each for each in results["uncertainty"]["values"] if each["name"] == "bias"]
+    low = bias["value"] - 0.5 * bias["u95"]
+    limits = f"[acceptance]\nbias_v = [{low!r}, 1.0]\n"
+    assert run(tmp_path, limits).exit_code == 0
+    guarded = run(tmp_path, f'{limits}guard_band = "U95"\n')
+    assert guarded.exit_code == 1
+    assert "\nMARGINAL\n" in guarded.stdout
+    told = shown(tmp_path)["acceptance"]
+    assert (told["verdict"], told["limits"][0]["u95"]) == ("marginal", bias["u95"])
+
+
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     answer = json.loads(run(tmp_path, "", "--json").stdout)
     assert answer["acceptance"] is None

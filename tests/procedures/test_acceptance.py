@@ -100,3 +100,32 @@ def test_a_result_of_ones_own_is_judged_by_the_names_of_its_numbers() -> None:
 
 def test_a_result_that_cannot_be_computed_does_not_pass() -> None:
     assert verdicts(Zero(None), Limit("bias_v", -1.0, 1.0)) == ["fail", "fail"]
+
+
+class Stated:
+    """A result with an expanded uncertainty."""
+
+    def acceptance_values(self) -> dict[str, float | None]:
+        return {"bias_v": 0.010, "nonlinearity_ppm": 999.0}
+
+    def acceptance_u95(self) -> dict[str, float]:
+        return {"bias_v": 0.002}
+
+
+@pytest.mark.parametrize(
+    ("high", "word"), [(0.0125, "pass"), (0.0115, "marginal"), (0.0095, "marginal"), (0.0075, "fail")]
+)
+def test_a_guard_band_is_the_expanded_uncertainty_on_both_sides_of_a_limit(high: float, word: str) -> None:
+    assert verdicts(Stated(), Limit("bias_v", -1.0, high, guarded=True)) == [word] * 2
+    assert verdicts(Stated(), Limit("bias_v", -1.0, high))[1] == ("pass" if high >= 0.010 else "fail")
+
+
+def test_one_marginal_limit_makes_a_run_marginal_and_not_passed() -> None:
+    limits = (Limit("bias_v", -1.0, 0.011, guarded=True), Limit("nonlinearity_ppm", 0.0, 1000.0, guarded=True))
+    acceptance = judged(limits, Stated(), POINTS)
+    assert acceptance is not None
+    assert not acceptance.passed
+    told = acceptance.as_json()
+    assert [told["verdict"], *(each["verdict"] for each in told["limits"])] == ["marginal", "marginal", "pass"]
+    assert [each.get("u95") for each in told["limits"]] == [0.002, None]
+    assert verdicts(Stated(), limits[0], Limit("nonlinearity_ppm", 0.0, 1.0))[0] == "fail"

@@ -119,8 +119,12 @@ class Expected(Part, frozen=True, kw_only=True):
 
 
 class Acceptance(Part, frozen=True, kw_only=True):
-    """Limits of the results, each ``[low, high]``: a run whose results are outside has failed, with exit code 1."""
+    """Limits of the results, each ``[low, high]``: a run whose results are outside has failed, with exit code 1.
 
+    With the guard band ``"U95"`` a result that is nearer to a limit than its expanded uncertainty is marginal.
+    """
+
+    guard_band: Literal["none", "U95"] = "none"
     scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
     bias_v: OutputWindow | None = None
     bias_deg_s: RateWindow | None = None

@@ -85,11 +85,15 @@ class RailSettings:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A result, by its key in the bench file's ``[acceptance]``, passes from `low` to `high`, both included."""
+    """A result, by its key in the bench file's ``[acceptance]``, passes from `low` to `high`, both included.
+
+    `guarded`: it must keep its expanded uncertainty away from both.
+    """
 
     key: str
     low: float
     high: float
+    guarded: bool = False
 
 
 class Placed(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -216,7 +220,8 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     def acceptance(self) -> tuple[Limit, ...]:
         """The limits that the results are judged by."""
         given = structs.asdict(self.station.acceptance)
-        return tuple(Limit(key, *window) for key, window in given.items() if window)
+        guarded = given.pop("guard_band") == "U95"
+        return tuple(Limit(key, window[0], window[1], guarded) for key, window in given.items() if window)
 
     @property
     def meter_resolution_v(self) -> float:

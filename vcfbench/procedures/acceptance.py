@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
+from vcfbench.analysis.conformity import conformity
 from vcfbench.procedures.results import pooled_std_v
 from vcfbench.record.plain import plain
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import Limit
     from vcfbench.record.schema import Point
 
-__all__ = ["Acceptance", "HasAcceptanceValues", "Verdict", "judged"]
+__all__ = ["Acceptance", "HasAcceptanceU95", "HasAcceptanceValues", "Verdict", "judged"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,7 @@ class Verdict:
     """One limit and its result; `value` is None where the result could not be computed, which does not pass.
 
     `measured` tells whether the procedure measures this at all: a limit of K_Vc says nothing of a turntable run.
+    `u95` is the guard band, the value's expanded uncertainty; None where there is none, or none of that value.
     """
 
     key: str
@@ -29,17 +31,21 @@ class Verdict:
     low: float
     high: float
     measured: bool = True
+    u95: float | None = None
 
     @property
     def word(self) -> str:
-        """Return ``pass``, ``fail``, or ``not measured``."""
+        """Return ``pass``, ``marginal``, ``fail``, or ``not measured``."""
         if not self.measured:
             return "not measured"
-        return "pass" if self.value is not None and self.low <= self.value <= self.high else "fail"
+        if self.value is None:
+            return "fail"
+        return conformity(self.value, self.u95 or 0.0, self.low, self.high).value
 
     def as_json(self) -> dict[str, Any]:
-        """Return limit, value and verdict."""
-        return {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
+        """Return limit, value and verdict, and the guard band where there is one."""
+        told = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
+        return told if self.u95 is None else {**told, "u95": self.u95}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +56,18 @@ class Acceptance:
 
     @property
     def passed(self) -> bool:
-        """Tell whether no limit failed."""
-        return all(limit.word != "fail" for limit in self.limits)
+        """Tell whether no limit failed, and none is marginal."""
+        return self.word == "pass"
+
+    @property
+    def word(self) -> Literal["pass", "marginal", "fail"]:
+        """Return ``fail`` when a limit failed, else ``marginal`` when one is, else ``pass``."""
+        words = {limit.word for limit in self.limits}
+        return "fail" if "fail" in words else "marginal" if "marginal" in words else "pass"
 
     def as_json(self) -> dict[str, Any]:
         """Return the verdict and each limit's."""
-        return {"verdict": "pass" if self.passed else "fail", "limits": [limit.as_json() for limit in self.limits]}
+        return {"verdict": self.word, "limits": [limit.as_json() for limit in self.limits]}
 
 
 @runtime_checkable
@@ -64,6 +76,15 @@ class HasAcceptanceValues(Protocol):
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return its numbers by the keys of ``[acceptance]``; None where one could not be computed."""
+        ...
+
+
+@runtime_checkable
+class HasAcceptanceU95(Protocol):
+    """A result that knows the expanded uncertainties of what ``[acceptance]`` limits."""
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return them by the keys of ``[acceptance]``; those without one are left out."""
         ...
 
 
@@ -77,8 +98,14 @@ def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) ->
     values = dict(_values(results))
     if any(point.n > 1 for point in points):
         values["reading_noise_v"] = pooled_std_v(points)
+    guards = results.acceptance_u95() if isinstance(results, HasAcceptanceU95) else {}
     verdicts = tuple(
-        Verdict(limit.key, values.get(limit.key), limit.low, limit.high, limit.key in values) for limit in limits
+        Verdict(
+            *(limit.key, values.get(limit.key), limit.low, limit.high),
+            measured=limit.key in values,
+            u95=guards.get(limit.key) if limit.guarded else None,
+        )
+        for limit in limits
     )
     return Acceptance(verdicts) if any(verdict.measured for verdict in verdicts) else None
 

@@ -88,7 +88,7 @@ class Made:
     instruments: Mapping[str, str]
     """Who measured, by role: maker, model, serial number and firmware as they answered."""
     finished: datetime
-    verdict: Literal["pass", "fail"] | None
+    verdict: Literal["pass", "marginal", "fail"] | None
     """That of the acceptance limits, None where nothing was judged."""
 
 

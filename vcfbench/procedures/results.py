@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
@@ -57,6 +58,10 @@ class TurntableResult(CalibrationColumn):
         """Return what ``[acceptance]`` limits, by its keys."""
         return _acceptance_values(self)
 
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return _acceptance_u95(self.uncertainty)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualCoriolisResult:
@@ -101,6 +106,10 @@ class VirtualCoriolisResult:
             "scale_factor_error_percent": self.scale_factor_error_percent,
         }
 
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return _acceptance_u95(self.uncertainty)
+
 
 def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
     scale_factor, bias_v = column.scale_factor.value, column.bias.value
@@ -110,6 +119,24 @@ def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
         "bias_deg_s": bias_v / scale_factor if scale_factor else None,
         "nonlinearity_ppm": column.nonlinearity_ppm.max_span,
     }
+
+
+_STATED = MappingProxyType(
+    {
+        "scale_factor": "scale_factor_v_per_deg_s",
+        "bias": "bias_v",
+        "bias_deg_s": "bias_deg_s",
+        "k_vc": "k_vc_deg_s_per_v",
+        "scale_factor_error_percent": "scale_factor_error_percent",
+    }
+)
+"""The keys of ``[acceptance]`` by the names of stated values, those of the table's column without its name."""
+
+
+def _acceptance_u95(statement: Statement | None) -> dict[str, float]:
+    stated = () if statement is None else statement.values
+    named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
+    return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
 
 
 def turntable_results(

@@ -339,7 +339,7 @@ class _Record:
             simulated=description.simulated,
             instruments={role: _words_of(identity) for role, identity in self.identities.items()},
             finished=utc_now(),
-            verdict=None if verdict is None else "pass" if verdict.passed else "fail",
+            verdict=None if verdict is None else verdict.word,
         )
 
     def _without_journal(self) -> None:

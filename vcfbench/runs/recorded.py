@@ -131,10 +131,13 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
 
 
 def recorded_verdict(directory: RunDirectory, record: JournalRecord) -> str | None:
-    """Return ``pass`` or ``fail``, None where nothing is judged; results are computed only where there are limits."""
+    """Return ``pass``, ``marginal`` or ``fail``, None where nothing is judged.
+
+    Results are computed only where there are limits.
+    """
     bench = record.header.get("bench", {})
     limits = bench.get("acceptance")
-    if not isinstance(limits, dict) or not any(limits.values()):
+    if not isinstance(limits, dict) or not any(each for key, each in limits.items() if key != "guard_band"):
         return None
     verdict = _came_to(directory, record)[0].verdict
     return None if verdict is None else verdict.as_json()["verdict"]

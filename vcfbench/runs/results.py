@@ -107,4 +107,4 @@ def _stored_verdict(answer: Mapping[str, Any]) -> Acceptance | None:
 
 def _stored_limit(limit: Mapping[str, Any]) -> Verdict:
     measured = limit["verdict"] != "not measured"
-    return Verdict(limit["key"], limit["value"], float(limit["low"]), float(limit["high"]), measured)
+    return Verdict(limit["key"], limit["value"], float(limit["low"]), float(limit["high"]), measured, limit.get("u95"))
