@@ -15,7 +15,7 @@ WRAPPER_CLASS = SimVisaLibrary
 
 def _resolve(path: str) -> SimulatedInstruments:
     """Build the simulated bench of the bench file `path`, the embedded one for ""; imported only when asked for."""
-    instruments, clock = import_module("vcfbench.bench.front_door").resolve(path)
+    instruments, clock = import_module("vcfbench.bench.visa_resolver").resolve(path)
     return SimulatedInstruments(instruments, clock)
 
 

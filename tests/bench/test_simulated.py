@@ -7,9 +7,9 @@ import pyvisa
 import serial
 
 from vcfbench.bench.file import embedded_text, load_bench, parse_bench
-from vcfbench.bench.front_door import resolve
 from vcfbench.bench.overrides import overridden
 from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical_parameters
+from vcfbench.bench.visa_resolver import resolve
 from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
 

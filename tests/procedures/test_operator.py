@@ -13,8 +13,8 @@ import vcfbench
 from tests.procedures.fakes import FakeBench, MemoryJournal
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench
-from vcfbench.bench.hands import simulated_hands
 from vcfbench.bench.linear_gyro import LinearGyro
+from vcfbench.bench.simulated_operator import simulated_operator
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.decode import result_of, step_of
 from vcfbench.procedures.executor import Executor
@@ -71,7 +71,7 @@ def test_it_is_predicted_as_done_and_takes_a_minute() -> None:
 
 def measured_by_hand(bench: Bench) -> tuple[float, float]:
     """V_Vc by the one meter, moved there and back; then the output, V."""
-    hands = simulated_hands(bench)
+    hands = simulated_operator(bench)
     assert hands is not None
     context = Context(bench, lambda _: None, operator=hands)
     bench.power.configure_output("P25V", 10.0, 0.1)
@@ -100,7 +100,7 @@ def test_one_meter_measures_v_vc_and_the_output_in_turn(tmp_path: Path, monkeypa
 
 def test_what_hands_cannot_do_on_the_simulated_bench_is_said() -> None:
     with open_bench("ideal") as bench:
-        hands = simulated_hands(bench)
+        hands = simulated_operator(bench)
         context = Context(bench, lambda _: None, operator=hands) if hands is not None else None
         assert context is not None
         with pytest.raises(ConfigError, match=r"multimeter\.input\.lamp: the simulated bench has nothing of that name"):

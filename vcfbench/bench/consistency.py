@@ -123,8 +123,8 @@ def _resources(description: BenchDescription) -> Iterator[Misfit]:
 def _simulation(description: BenchDescription) -> Iterator[Misfit]:
     """Check names and types of single parameters and instrument errors; most bench files have none."""
     simulation = description.simulation
-    told = {} if simulation is None else structs.asdict(simulation.errors)
-    if simulation is None or not (simulation.override or any(isinstance(errors, dict) for errors in told.values())):
+    errors = {} if simulation is None else structs.asdict(simulation.errors)
+    if simulation is None or not (simulation.override or any(isinstance(each, dict) for each in errors.values())):
         return
     from vcfbench.bench.overrides import override_misfits  # noqa: PLC0415  # loads what it needs of the simulation
     from vcfbench.bench.simulated import named_parameters, twins  # noqa: PLC0415
@@ -132,8 +132,8 @@ def _simulation(description: BenchDescription) -> Iterator[Misfit]:
     single = list(override_misfits(named_parameters(simulation), simulation.override, "simulation.override"))
     yield from single or _contradictions(description)
     for role, twin in twins(description).items():
-        if isinstance(told[role], dict):
-            yield from override_misfits(twin.errors_class.none(), told[role], f"simulation.errors.{role}")
+        if isinstance(errors[role], dict):
+            yield from override_misfits(twin.errors_class.none(), errors[role], f"simulation.errors.{role}")
 
 
 def _contradictions(description: BenchDescription) -> Iterator[Misfit]:

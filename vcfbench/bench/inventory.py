@@ -93,8 +93,8 @@ def _rows(group: Any, path: str, source: str) -> Iterator[Row]:
             for index, entry in enumerate(value):
                 yield from _rows(entry, f"{here}[{index}]", source)
         else:
-            told = meanings.get(each.name, "")
-            yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), told, source)
+            meaning = meanings.get(each.name, "")
+            yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), meaning, source)
 
 
 @cache  # finding a class in its file takes a while

@@ -94,8 +94,8 @@ def lock_path(resource: str) -> Path:
 
 def lock_directory() -> Path:
     """Return where the locks lie: a directory that all users share, or the one that `VCFBENCH_LOCKS` names."""
-    if told := os.environ.get(_VARIABLE):
-        return Path(told)
+    if chosen := os.environ.get(_VARIABLE):
+        return Path(chosen)
     if sys.platform == "win32":
         return Path(os.environ.get("PROGRAMDATA", "C:\\ProgramData")) / "vcfbench" / "locks"
     return next((Path(name) for name in _SHARED if _is_shared(name)), Path(tempfile.gettempdir()))

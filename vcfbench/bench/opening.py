@@ -51,15 +51,15 @@ def open_role(role: str, description: BenchDescription, stand: Station, **more: 
 
 def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
     """Return what the bench file says of `role`, and what the driver needs to know of the station besides."""
-    told = structs.asdict(getattr(description, role))
+    settings = structs.asdict(getattr(description, role))
     if role in {"multimeter", "v_vc_meter"}:
-        return {**told, "mains_hz": float(description.site.mains_hz)}
+        return {**settings, "mains_hz": float(description.site.mains_hz)}
     if role == "rate_table":
-        limits, model = description.limits, told.pop("dialect")
+        limits, model = description.limits, settings.pop("dialect")
         return {
-            **told,
+            **settings,
             "model": model,
             "max_rate_deg_s": limits.max_rate_deg_s,
             "max_acceleration_deg_s2": limits.max_acceleration_deg_s2,
         }
-    return told
+    return settings

@@ -184,8 +184,8 @@ class SimulatedBench:
         from vcfbench.bench.description import SerialSettings  # noqa: PLC0415
         from vcfbench.sim.serial_line import Frame, SerialLine  # noqa: PLC0415
 
-        told = SerialSettings() if part.serial is None else part.serial
-        frame = Frame(float(told.baud_rate), told.data_bits, told.parity, float(told.stop_bits))
+        line = SerialSettings() if part.serial is None else part.serial
+        frame = Frame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
         return SerialLine(cast("ScpiInstrument", device), self.clock, frame)
 
     @contextmanager

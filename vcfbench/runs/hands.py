@@ -36,7 +36,7 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
 
 def operator_of(asked: Asked, bench: Bench) -> Operator:
     """Return who is asked: whoever the caller named, on a simulated bench the simulation, else a person if any."""
-    from vcfbench.bench.hands import simulated_hands  # noqa: PLC0415
+    from vcfbench.bench.simulated_operator import simulated_operator  # noqa: PLC0415
     from vcfbench.procedures.step import nobody  # noqa: PLC0415
 
-    return asked.operator or simulated_hands(bench) or asked.person or nobody
+    return asked.operator or simulated_operator(bench) or asked.person or nobody

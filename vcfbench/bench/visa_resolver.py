@@ -53,20 +53,20 @@ def _options(asked: str) -> dict[str, str]:
     return options
 
 
-def _seed(told: str | None) -> int | None:
-    if told is None or told.isdecimal():
-        return None if told is None else int(told)
-    raise ConfigError(f"?seed={told}: expected a whole number")
+def _seed(asked: str | None) -> int | None:
+    if asked is None or asked.isdecimal():
+        return None if asked is None else int(asked)
+    raise ConfigError(f"?seed={asked}: expected a whole number")
 
 
-def _clock(told: str | None) -> Clock:
-    """Return a clock of the speed `told`: time that moves only when somebody waits for it, or scaled real time."""
-    if told == FASTEST:
+def _clock(asked: str | None) -> Clock:
+    """Return a clock of the speed `asked`: time that moves only when somebody waits for it, or scaled real time."""
+    if asked == FASTEST:
         return VirtualClock()
     try:
-        speed = 1.0 if told is None else float(told)
+        speed = 1.0 if asked is None else float(asked)
     except ValueError:
         speed = 0.0
     if not SLOWEST <= speed < math.inf:
-        raise ConfigError(f"?speed={told}: expected a number of at least {SLOWEST:g}, or {FASTEST!r}")
+        raise ConfigError(f"?speed={asked}: expected a number of at least {SLOWEST:g}, or {FASTEST!r}")
     return ScaledClock(speed)

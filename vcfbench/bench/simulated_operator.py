@@ -1,4 +1,4 @@
-"""Hands on a bench: on a simulated one what a person would do is done to the world, and takes its time."""
+"""The operator of a simulated bench: what a person would do is done to the world, and takes its time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
 
-__all__ = ["simulated_hands"]
+__all__ = ["simulated_operator"]
 
 
 class _Request(Protocol):
@@ -22,16 +22,16 @@ class _Request(Protocol):
     def adjustments(self) -> Mapping[str, float | str | bool | None]: ...
 
 
-def simulated_hands(bench: Bench) -> Callable[[_Request], str] | None:
+def simulated_operator(bench: Bench) -> Callable[[_Request], str] | None:
     """Return who does what is asked for on a simulated `bench`, served ones too; None on a real one."""
     adjust = bench.adjust
     if adjust is None:
         return None
 
-    def do(request: _Request) -> str:
+    def done(request: _Request) -> str:
         for name, value in request.adjustments.items():
             adjust(name, value)
         bench.clock.sleep_until(bench.clock.now() + request.takes_s)
         return "done to the simulated bench"
 
-    return do
+    return done
