@@ -25,12 +25,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import vcfbench
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.procedures.uncertainty import Statement
+    from vcfbench.sim.parameters import BenchParameters
 
 WARM_UP_S = 1800.0
 """Six of the gyroscope's thermal time constants: what is left of the warm-up is no part of this study."""
@@ -82,7 +83,7 @@ def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> list[
 
 def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], match_deg_s: float) -> dict[str, float]:
     """Return the true values: lines through the true outputs, K_Vc where the outputs are equal."""
-    output = true_output(BenchParameters.paper())
+    output = true_output(paper_bench())
     slope, bias = _line(rates_deg_s, [output(rate, None) for rate in rates_deg_s])
     span = output(match_deg_s, None) - output(0.0, None)
     matched = _root(lambda volts: output(0.0, volts) - output(0.0, 0.0) - span, 0.0, 2.0 * match_deg_s / 150.0)
