@@ -1,0 +1,49 @@
+"""The study of the uncertainties compares with a closed form: without noise and errors a calibration gives that."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import vcfbench
+
+STUDY = Path(__file__).parents[1] / "benchmarks" / "truth.py"
+QUIET = """
+[simulation.errors]
+power = "none"
+rate_source = "none"
+multimeter = "none"
+oscilloscope = "none"
+rate_table = "none"
+[simulation.override]
+table = { rate_error = 0.0, ripple_arcsec = [0.0, 0.0], flutter_per_sqrt_hz = 0.0 }
+noise = { angle_random_walk_deg_sqrt_s = 0.0, bias_instability_deg_s = 0.0 }
+pick_up = { meter_leads_v = 0.0, v_vc_lead_v = 0.0 }
+"""
+
+
+def study() -> Any:
+    spec = importlib.util.spec_from_file_location("truth", STUDY)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: Path) -> None:
+    truth = study()
+    bench = tmp_path / "bench.toml"
+    bench.write_text(truth.bench_of(0).split("[simulation.errors]", 1)[0] + QUIET, encoding="utf-8")
+    told = {"warm_up_s": truth.WARM_UP_S}
+    run = vcfbench.run("virtual-coriolis", bench, seed=1, settings=told, runs=tmp_path)
+    rates = [point.rate_deg_s for point in run.points if point.step == 3]
+    levels = [point.v_vc_v for point in run.points if point.step == 4]
+    expected = truth.truths(rates, levels, 10.0)
+    left_v = 2e-7  # of the warm-up: 31 uV, exp(-6) of it
+    for each in run.results.uncertainty.values:
+        left = left_v / 0.0125 if each.unit == "deg/s" else left_v if each.unit == "V" else 0.0
+        assert each.value == pytest.approx(expected[each.name], rel=1e-6, abs=left), each.name
