@@ -250,6 +250,11 @@ class BeginsReadings(ReadsVoltage, Protocol):
 class SamplesVoltage(ReadsVoltage, Protocol):
     """Takes readings by itself, on an interval of its own, and keeps them until they are asked for."""
 
+    @property
+    def aperture_s(self) -> float:
+        """How long one reading integrates as configured, s."""
+        ...
+
     def start_sampling(self, samples: int, interval_s: float) -> float:
         """Begin to take `samples` readings, one every `interval_s`; return how long they take, s.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
@@ -9,6 +10,7 @@ from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_wi
 from vcfbench.errors import FramingError, InstrumentError, LimitError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from typing import Self
 
     from vcfbench.clock import Deadline
@@ -40,6 +42,8 @@ class Hp34401A(ScpiInstrument):
     integration_times_nplc: ClassVar[tuple[float, ...]] = (0.02, 0.2, 1.0, 10.0, 100.0)
     autozero_on: ClassVar[str] = "ZERO:AUTO ON"
     autozero_once: ClassVar[str] = "ZERO:AUTO ONCE"
+    fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({0.02: 400e-6, 0.2: 3e-3})
+    """Integration times that do not depend on the line, by power-line cycles (guide p. 216)."""
     memory_readings: ClassVar[int] = 512
     """What INITiate can store (guide p. 84)."""
     abort_words: ClassVar[tuple[str, ...]] = ()
@@ -65,6 +69,11 @@ class Hp34401A(ScpiInstrument):
     def reading_time_s(self) -> float:
         """How long one reading takes, s: with autozero the meter integrates twice (guide p. 217)."""
         return 2.0 * self._nplc / self._mains_hz + _OVERHEAD_S
+
+    @property
+    def aperture_s(self) -> float:
+        """How long one reading integrates, s; the shortest times are not those of the line."""
+        return self.fast_apertures_s.get(self._nplc, self._nplc / self._mains_hz)
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
@@ -138,7 +147,7 @@ class Hp34401A(ScpiInstrument):
         Raises:
             LimitError: more than the memory holds, or an interval below one integration time; nothing was sent.
         """
-        aperture_s = self._nplc / self._mains_hz
+        aperture_s = self.aperture_s
         require_within(self, "a number of readings", samples, (1, self.memory_readings), "readings")
         require_within(self, "an interval", interval_s, (aperture_s, aperture_s + _LONGEST_DELAY_S), "s")
         delay_s = round(interval_s - aperture_s, 6)

@@ -6,9 +6,13 @@ reading and may be asked again, for it stays in memory (users' drivers, after th
 
 from __future__ import annotations
 
-from typing import ClassVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers.hp34401a import Hp34401A
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 __all__ = ["Keysight34461A", "Keysight34465A"]
 
@@ -20,6 +24,8 @@ class Keysight34461A(Hp34401A):
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT", "AGILENT")
     autozero_on: ClassVar[str] = "VOLT:DC:ZERO:AUTO ON"
     autozero_once: ClassVar[str] = "VOLT:DC:ZERO:AUTO ONCE"
+    fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({0.02: 0.3e-3, 0.2: 3e-3})
+    """Guide p. 452."""
     memory_readings: ClassVar[int] = 10_000
     """Guide p. 306."""
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
@@ -31,5 +37,6 @@ class Keysight34465A(Keysight34461A):
 
     model: ClassVar[str] = "34465A"
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
+    fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({})
     memory_readings: ClassVar[int] = 50_000
     integration_times_nplc: ClassVar[tuple[float, ...]] = (0.001, 0.002, 0.006, 0.02, 0.06, 0.2, 1.0, 10.0, 100.0)

@@ -47,6 +47,10 @@ BUILT_IN = {
         "vcfbench.procedures.warmup:WARMUP",
         "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
     ),
+    "bandwidth": (
+        "vcfbench.procedures.bandwidth:BANDWIDTH",
+        "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
+    ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""
 

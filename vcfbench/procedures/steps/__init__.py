@@ -11,15 +11,19 @@ from vcfbench.procedures.steps.chamber import (
 from vcfbench.procedures.steps.gapless import AcquireGapless
 from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, VerifyZero, Window, ZeroWindow
 from vcfbench.procedures.steps.operator import AskOperator, OperatorAnswer, move_leads
+from vcfbench.procedures.steps.sampling import SampleSine, SineResponse
 from vcfbench.procedures.steps.scope import (
+    CaptureSines,
     ConfigureScope,
     DriveAmplitudes,
     DriveReading,
     FindDrive,
     MeasureDrive,
     ScopeReady,
+    SineRecord,
+    SineRecords,
 )
-from vcfbench.procedures.steps.source import ConfigureGenerator, DisableVvc, EnableVvc, SetVvc, VvcSetting
+from vcfbench.procedures.steps.source import ConfigureGenerator, DisableVvc, EnableVvc, SetSine, SetVvc, VvcSetting
 from vcfbench.procedures.steps.supply import (
     CheckRails,
     ConfigureRail,
@@ -46,6 +50,7 @@ __all__ = [
     "AskOperator",
     "AwaitRate",
     "AwaitTemperature",
+    "CaptureSines",
     "CheckRails",
     "ConfigureGenerator",
     "ConfigureMeter",
@@ -75,11 +80,16 @@ __all__ = [
     "RailsReading",
     "RateReading",
     "Reading",
+    "SampleSine",
     "ScopeReady",
     "SetRate",
+    "SetSine",
     "SetTemperature",
     "SetVvc",
     "Settle",
+    "SineRecord",
+    "SineRecords",
+    "SineResponse",
     "Step",
     "StepResult",
     "StopFlow",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import fmean
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.errors import MeasurementError
@@ -169,3 +170,88 @@ class MeasureDrive(Step):
         """Predict that the drive is as expected."""
         del gyro
         return DriveReading(*self.expected, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SineRecord:
+    """A sine fitted to one record of some channels, one frequency for all.
+
+    Amplitudes are in V, phases in deg against the first channel, whose own is 0.
+    """
+
+    frequency_hz: float
+    amplitudes_v: tuple[float, ...]
+    phases_deg: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SineRecords(StepResult):
+    """Sines fitted to records of the same channels, taken one after the other."""
+
+    channels: tuple[int, ...]
+    records: tuple[SineRecord, ...]
+
+    def describe(self) -> str:
+        """Name the frequency, and amplitudes and phases in the first record."""
+        first = self.records[0]
+        seen = zip(self.channels, first.amplitudes_v, first.phases_deg, strict=True)
+        parts = [f"{channel}: {level:.4g} V {phase:+.2f} deg" for channel, level, phase in seen]
+        return f"{fmean(each.frequency_hz for each in self.records):.3f} Hz; {', '.join(parts)}"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureSines(Step):
+    """Download `count` records of some channels and fit a sine of one frequency to each (IEEE 1057, four parameters).
+
+    `amplitudes_v` are what fills the screen; `expected` is what a dry run answers.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+
+    channels: tuple[int, ...]
+    amplitudes_v: tuple[float, ...]
+    count: int
+    expected: SineRecord
+
+    def describe(self) -> str:
+        """Name channels and number."""
+        return f"oscilloscope: {self.count} records of channels {', '.join(map(str, self.channels))}, sines fitted"
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s."""
+        return 0.2 * self.count * len(self.channels)
+
+    def perform(self, context: Context) -> SineRecords:
+        """Take, download and fit them.
+
+        Raises:
+            MeasurementError: a record is clipped.
+            ConfigError: there is no sine in one.
+        """
+        scope = context.bench.oscilloscope
+        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
+            scope.configure_channel(channel, amplitude_v / _DIVISIONS)
+        return SineRecords(self.channels, tuple(self._record(scope) for _ in range(self.count)))
+
+    def _record(self, scope: Oscilloscope) -> SineRecord:
+        from vcfbench.analysis.sine_fit import fit_sine, phase_difference  # noqa: PLC0415  # NumPy, needed here alone
+
+        scope.acquire(*self.channels)
+        taken = [scope.waveform(channel) for channel in self.channels]
+        interval_s = float(taken[0].time_s[1] - taken[0].time_s[0])
+        first = fit_sine(taken[0].voltage_v, interval_s)
+        others = [
+            phase_difference(taken[0].voltage_v, each.voltage_v, interval_s, first.frequency_hz) for each in taken[1:]
+        ]
+        return SineRecord(
+            first.frequency_hz,
+            (first.amplitude, *(each.gain * first.amplitude for each in others)),
+            (0.0, *(each.phase_deg for each in others)),
+        )
+
+    def predict(self, gyro: LinearGyro) -> SineRecords:
+        """Predict what is expected."""
+        del gyro
+        return SineRecords(self.channels, (self.expected,) * self.count)

@@ -84,6 +84,36 @@ class SetVvc(Step):
 
 
 @dataclass(frozen=True, slots=True)
+class SetSine(Step):
+    """Let V_Vc be a sine about 0 V; the output switch stays as it is. `amplitude_v` is its peak."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.1
+
+    frequency_hz: float
+    amplitude_v: float
+
+    def describe(self) -> str:
+        """Name frequency and amplitude."""
+        return f"V_Vc = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold the peak against the limit of V_Vc."""
+        limits.v_vc(self.amplitude_v, "peak voltage")
+
+    def perform(self, context: Context) -> Done:
+        """Select it; the generator reads it back."""
+        context.bench.rate_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that the level is 0 V in the mean."""
+        gyro.v_vc_v = 0.0
+        return Done()
+
+
+@dataclass(frozen=True, slots=True)
 class EnableVvc(Step):
     """Switch the generator's output on."""
 

@@ -1,0 +1,102 @@
+"""Sines in records of a meter, and the closed form of the rate response through their gains."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vcfbench.analysis.rate_band import (
+    Known,
+    Tone,
+    fit_rate_band,
+    fit_tone,
+    split_guess_hz,
+    split_response,
+    true_spacing_s,
+)
+from vcfbench.errors import ConfigError
+
+INTERVAL_S, APERTURE_S = 5e-3, 3e-3
+
+
+def record(rng: np.random.Generator, frequency_hz: float, late_s: float, cube: float = 0.0) -> np.ndarray:
+    """Return 512 means over the aperture of a sine of 0.2 V, mains and white noise."""
+    starts = np.arange(512) * (INTERVAL_S + late_s)
+    times = starts[:, None] + (np.arange(64) + 0.5) / 64.0 * APERTURE_S
+    phase = rng.uniform(-math.pi, math.pi)
+    wave = 0.2 * np.cos(2.0 * math.pi * frequency_hz * times + phase)
+    mains = 1.4e-3 * np.cos(2.0 * math.pi * 50.0 * times + rng.uniform(-math.pi, math.pi))
+    return np.asarray((wave + cube * wave**3 + mains).mean(axis=1) + 3e-4 * rng.standard_normal(512) - 0.04)
+
+
+def test_a_tone_is_found_in_spite_of_aperture_mains_and_a_spacing_that_is_not_known() -> None:
+    rng = np.random.default_rng(5)
+    z = []
+    for _ in range(200):
+        frequency_hz, late_s = rng.uniform(4.0, 40.0), rng.uniform(0.0, 0.9e-3)
+        samples = record(rng, frequency_hz, late_s)
+        spacing_s = true_spacing_s(samples, INTERVAL_S, frequency_hz)
+        assert spacing_s == pytest.approx(INTERVAL_S + late_s, rel=1e-4)
+        tone = fit_tone(samples, spacing_s, APERTURE_S, frequency_hz, mains_hz=50.0)
+        z.append((tone.amplitude - 0.2) / tone.u_amplitude)
+    assert abs(float(np.mean(z))) < 0.25
+    assert 0.85 < float(np.std(z)) < 1.2  # u from 28 degrees of freedom each
+
+
+def test_the_third_harmonic_shows_a_cube_with_its_sign() -> None:
+    """A cube c of a sine A leaves c A^3 / 4 at three times its frequency."""
+    rng = np.random.default_rng(1)
+    for cube in (0.5, -0.5):
+        third = [
+            fit_tone(record(rng, 11.0, 3e-4, cube), INTERVAL_S + 3e-4, APERTURE_S, 11.0, mains_hz=50.0).third
+            for _ in range(9)
+        ]
+        assert np.mean(third) == pytest.approx(cube * 0.2**3 / 4.0, abs=3e-5)
+
+
+@pytest.mark.parametrize(("count", "frequency_hz"), [(63, 10.0), (512, 96.0)])
+def test_samples_that_hold_no_such_sine_are_refused(count: int, frequency_hz: float) -> None:
+    with pytest.raises(ConfigError, match="hold no sine"):
+        fit_tone(np.ones(count), INTERVAL_S, APERTURE_S, frequency_hz, mains_hz=50.0)
+
+
+def response(f: np.ndarray, split: float, q: float, share: float, lag: float) -> np.ndarray:
+    """Return the response in P and R, as docs/theory.md derives it: another form than that of the module."""
+    s, wd = 2j * math.pi * np.append(f, 0.0), 2.0 * math.pi * 3488.9
+    total = np.zeros(s.shape, dtype=complex)
+    for part, w in ((1.0, wd - 2.0 * math.pi * split), (share, 2.0 * math.pi * 3342.0)):
+        p, r = s**2 + w / q * s + w**2 - wd**2, 2.0 * s * wd + w * wd / q
+        total += part * (p * math.cos(lag) - r * math.sin(lag)) / (p**2 + r**2)
+    return np.asarray(np.abs(total[:-1] / total[-1]))
+
+
+def test_the_response_is_that_of_p_and_r() -> None:
+    f = np.linspace(0.1, 60.0, 300)
+    mine = split_response(f, 3488.9, np.array([24.8, 1224.0, 0.8, 146.9, 0.05]))
+    np.testing.assert_allclose(mine, response(f, 24.8, 1224.0, 0.8, 0.05), rtol=1e-9)
+
+
+def test_split_and_q_come_back_within_their_uncertainties() -> None:
+    rng = np.random.default_rng(2)
+    f = np.concatenate([np.linspace(5.0, 55.0, 14), 24.8 * np.array([0.9, 0.95, 0.98, 1.0, 1.02, 1.05, 1.1])])
+    true = 1.9 * response(f, 24.8, 1224.0, 0.8, 0.02) / np.sqrt(1.0 + (f / 100.0) ** 8)
+    z = []
+    for _ in range(60):
+        tones = [
+            Tone(at, 0.1 * gain + 4e-5 * rng.standard_normal(), 4e-5 * math.sqrt(rng.chisquare(28) / 28), 0.0, 5e-3, 28)
+            for at, gain in zip(f.tolist(), true.tolist(), strict=True)
+        ]
+        band = fit_rate_band(tones, 0.1, Known(3488.9))
+        z.append([(band.split_hz - 24.8) / band.u_split_hz, (band.q - 1224.0) / band.u_q])
+    assert np.abs(np.mean(z, axis=0)).max() < 0.45
+    assert 0.75 < np.std(z, axis=0).min() < np.std(z, axis=0).max() < 1.25
+    assert band.plus_3_db.frequency_hz == pytest.approx(14.24, abs=0.2)
+
+
+def test_the_split_is_guessed_from_a_few_gains() -> None:
+    f = np.array([1.0, 4.0, 9.0, 16.0, 31.0, 48.0])
+    assert split_guess_hz(f, response(f, 24.8, 1224.0, 0.0, 0.0)) == pytest.approx(24.8, rel=0.02)
+    with pytest.raises(ConfigError, match="cannot be guessed"):
+        split_guess_hz(f[:3], f[:3])

@@ -1,0 +1,383 @@
+"""Rate response of an open-loop gyroscope from sampled sines: tones in records, and the closed form through them.
+
+Each record holds one sine of known frequency. The meter's own time base is not known well enough, so the spacing of its
+samples is found from a strong one. The closed form is that of :mod:`~vcfbench.analysis.resonance` with what is not
+known of the gyroscope free: share and place of the in-phase mode, phase of the demodulator.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.model_fit import ModelFit, fit_model, propagated
+from vcfbench.analysis.resonance import BandPoint
+from vcfbench.analysis.sine_fit import fit_sine
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Known",
+    "RateBand",
+    "Tone",
+    "fit_rate_band",
+    "fit_tone",
+    "split_guess_hz",
+    "split_response",
+    "true_spacing_s",
+]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_BINS = range(2, 9)
+"""Lines of the spectrum either side of a tone that its noise is read from."""
+_HARMONICS = 3
+_LEAST_U = 5.0
+"""An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tone:
+    """One sine in a record, the aperture of the samples divided out; amplitudes in the unit of the samples."""
+
+    frequency_hz: float
+    amplitude: float
+    u_amplitude: float
+    """From the noise about this frequency in this record alone."""
+    third: float
+    """Third harmonic as the cube of the tone has it, with its sign: cos 3 phi where the tone is cos phi."""
+    spacing_s: float
+    """Of the samples."""
+    noise_dof: float
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of a gyroscope before its response is fitted."""
+
+    drive_hz: float
+    in_phase_split_hz: float = 147.0
+    """Drive less in-phase sense frequency."""
+    u_in_phase_split_hz: float = 30.0
+    u_phase_rad: float = 0.1
+    """Of the demodulator against the force."""
+    low_pass_hz: float = 100.0
+    low_pass_order: int = 4
+    """Of the Butterworth filter behind the demodulator; it is divided out."""
+
+
+@dataclass(frozen=True, slots=True)
+class RateBand:
+    """A fitted response; the uncertainties are those of the noise alone."""
+
+    split_hz: float
+    u_split_hz: float
+    q: float
+    u_q: float
+    static_gain: float
+    u_static_gain: float
+    plus_3_db: BandPoint
+    peak: BandPoint
+    peak_gain: float
+    """Over the static gain."""
+    u_peak_gain: float
+    minus_3_db: BandPoint
+    in_phase_share: float
+    """Part of the in-phase mode in the static gain."""
+    u_in_phase_share: float
+    parameters: Floats
+    frequency_hz: Floats
+    gain: Floats
+    u_gain: Floats
+    residual: Floats
+    """Measured over fitted gain, less 1."""
+    chi_square: float
+    dof: int
+    noise_dof: float
+
+
+def true_spacing_s(samples: ArrayLike, interval_s: float, frequency_hz: float, late_s: float = 1e-3) -> float:
+    """Return how far apart samples are, up to `late_s` more than `interval_s`, by a strong sine of known frequency.
+
+    Raises:
+        ConfigError: fewer than 64 samples, a frequency that they do not hold, or no sine there.
+    """
+    values = _checked(samples, interval_s + late_s, frequency_hz)
+    start = _strongest(values, frequency_hz * interval_s, frequency_hz * (interval_s + late_s))
+    return fit_sine(values, 1.0, start).frequency_hz / frequency_hz
+
+
+def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_hz: float, *, mains_hz: float) -> Tone:
+    """Fit a sine of known frequency, its harmonics and the mains to samples that are `spacing_s` apart.
+
+    Raises:
+        ConfigError: fewer than 64 samples, or a frequency that they do not hold.
+    """
+    values = _checked(samples, spacing_s, frequency_hz)
+    cycles = frequency_hz * spacing_s
+    steps = np.arange(values.size) - (values.size - 1) / 2.0
+    turns = [cycles * order for order in range(1, _HARMONICS + 1)]
+    if abs(frequency_hz - mains_hz) * spacing_s * values.size > 2.0:
+        turns.append(mains_hz * spacing_s)
+    angle = 2.0 * math.pi * np.outer(steps, turns)
+    basis = np.column_stack([np.ones_like(steps), steps / values.size, np.cos(angle), np.sin(angle)])
+    found, *_ = np.linalg.lstsq(basis, values, rcond=None)
+    tone, third = (complex(found[2 + n], -found[2 + len(turns) + n]) for n in (0, _HARMONICS - 1))
+    power, dof = _noise(values - basis @ found, turns)
+    swing = tone / abs(tone)
+    return Tone(
+        frequency_hz=frequency_hz,
+        amplitude=abs(tone) / _aperture(frequency_hz, aperture_s),
+        u_amplitude=math.sqrt(power) / _aperture(frequency_hz, aperture_s),
+        third=(third * swing.conjugate() ** 3).real / _aperture(_HARMONICS * frequency_hz, aperture_s),
+        spacing_s=spacing_s,
+        noise_dof=dof,
+    )
+
+
+def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Floats:
+    values = np.asarray(samples, dtype=np.float64)
+    if values.size < 64 or 2.0 * frequency_hz * spacing_s > 0.95:
+        raise ConfigError(f"{values.size} samples, one every {spacing_s:g} s, hold no sine of {frequency_hz:g} Hz")
+    return values
+
+
+def _aperture(frequency_hz: float, aperture_s: float) -> float:
+    """Return what averaging over the aperture leaves of a sine."""
+    return float(np.sinc(frequency_hz * aperture_s))
+
+
+def _strongest(values: Floats, least: float, most: float) -> float:
+    """Return the cycles a sample, between two, at which the samples hold most."""
+    count = max(2, math.ceil((most - least) * values.size / 0.2) + 1)
+    tried = np.linspace(least, most, count)
+    turned = np.exp(-2j * math.pi * np.outer(tried, np.arange(values.size)))
+    return float(tried[np.abs(turned @ (values - values.mean())).argmax()])
+
+
+def _noise(left: Floats, turns: Sequence[float]) -> tuple[float, float]:
+    """Return the variance that noise gives the amplitude at the first of `turns`, and its degrees of freedom."""
+    width = 1.0 / left.size
+    places = np.array([turns[0] + sign * step * width for step in _BINS for sign in (-1.0, 1.0)])
+    folded = np.abs(np.mod(places + 0.5, 1.0) - 0.5)
+    keep = (places > 1.5 * width) & (places < 0.5 - width)
+    for other in turns[1:]:
+        keep &= np.abs(folded - abs(math.remainder(other, 1.0))) > 1.5 * width
+    if not keep.any():
+        raise ConfigError("no part of the spectrum about the tone shows the noise alone")
+    lines = np.exp(-2j * math.pi * np.outer(places[keep], np.arange(left.size))) @ left
+    return float(2.0 / left.size**2 * np.mean(np.abs(lines) ** 2)), 2.0 * int(keep.sum())
+
+
+def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike) -> float:
+    """Return about where the response peaks, from gains at a few frequencies far apart.
+
+    Raises:
+        ConfigError: fewer than four gains, or one that is not positive.
+    """
+    f, level = np.asarray(frequency_hz, dtype=np.float64), np.asarray(gain, dtype=np.float64)
+    if f.size < 4 or not (level > 0.0).all():
+        raise ConfigError(f"the split cannot be guessed from {f.size} gains; four positive ones are needed")
+    tried = np.geomspace(max(float(f.min()), 1e-3), float(f.max()), 2000)
+    ratio = f[None, :] / tried[:, None]
+    shape = -0.5 * np.log((1.0 - ratio**2) ** 2 + (0.1 * ratio) ** 2)
+    left = np.log(level)[None, :] - shape
+    return float(tried[np.var(left, axis=1).argmin()])
+
+
+def split_response(frequency_hz: ArrayLike, drive_hz: float, parameters: Floats) -> Floats:
+    """Return |H(f)| / |H(0)| for split (Hz), Q, force and pick-off of the in-phase mode over the other, its split, lag.
+
+    Both side bands of the carrier through both modes, demodulated with a phase of `lag` (rad) against the force.
+    """
+    f = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+
+    def response(at: Floats) -> NDArray[np.complex128]:
+        split, q, share, in_phase_split, lag = parameters
+        total = np.zeros(at.shape, dtype=np.complex128)
+        for part, own in ((1.0, drive_hz - split), (share, drive_hz - in_phase_split)):
+            for side, turn in ((drive_hz + at, -lag), (at - drive_hz, lag)):
+                total += part * np.exp(1j * turn) / (own**2 - side**2 + 1j * side * own / q)
+        return total
+
+    return np.asarray(np.abs(response(f)) / np.abs(response(np.zeros(1))))
+
+
+def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> RateBand:
+    """Fit the closed form to tones that one amplitude at the input gave.
+
+    The output stage's compression is read from the third harmonics and taken out. The noise of each tone is that of
+    all tones with the same spacing of samples: part of it is flat, part passes through the modes as the response does.
+
+    Raises:
+        ConfigError: fewer than ten tones, or no peak among them.
+    """
+    seen = [tone for tone in tones if tone.amplitude > _LEAST_U * tone.u_amplitude]
+    ordered = sorted(seen, key=lambda tone: tone.frequency_hz)
+    if len(ordered) < 10:
+        raise ConfigError(f"a response needs at least ten frequencies, got {len(ordered)}")
+    f = np.array([tone.frequency_hz for tone in ordered])
+    level = np.array([tone.amplitude for tone in ordered])
+    level = level * (1.0 - _compression(ordered) * level**2)
+    filter_gain = 1.0 / np.sqrt(1.0 + (f / known.low_pass_hz) ** (2 * known.low_pass_order))
+    gain = level / filter_gain / amplitude
+    start = _start(f, gain, known)
+    u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
+    u = np.maximum(u, float(np.median(u / gain)) * gain)
+    for _ in range(2):
+        fit = fit_model(lambda p, u=u: _residuals(p, f, gain, u, known), start, "bandwidth")  # type: ignore[misc]
+        start = fit.parameters
+        u = _smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude
+    fit = fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")
+    return _band(fit, _Gains(f, gain, u, sum(tone.noise_dof for tone in ordered)), known.drive_hz)
+
+
+@dataclass(frozen=True, slots=True)
+class _Gains:
+    """What is fitted: frequencies, gains and their uncertainties, and what those rest on."""
+
+    f: Floats
+    gain: Floats
+    u: Floats
+    noise_dof: float
+
+
+def _compression(tones: Sequence[Tone]) -> float:
+    """Return the relative change of the fundamental per square of the amplitude, by the third harmonics near the peak.
+
+    A cube of the output makes three times as much of the fundamental as of the third harmonic.
+    """
+    largest = max(tone.amplitude for tone in tones)
+    high = [tone for tone in tones if tone.amplitude > 0.5 * largest]
+    weight = sum(tone.amplitude**6 for tone in high)
+    return 3.0 * sum(tone.third * tone.amplitude**3 for tone in high) / weight
+
+
+def _start(f: Floats, gain: Floats, known: Known) -> Floats:
+    place = int(gain.argmax())
+    q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
+    return np.array([f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
+
+
+def _shape(parameters: Floats) -> Floats:
+    return np.asarray(np.concatenate([parameters[:2], parameters[3:]]))
+
+
+def _residuals(parameters: Floats, f: Floats, gain: Floats, u: Floats, known: Known) -> Floats:
+    model = parameters[2] * split_response(f, known.drive_hz, _shape(parameters))
+    place = (parameters[4] - known.in_phase_split_hz) / known.u_in_phase_split_hz
+    return np.asarray(np.concatenate([(model - gain) / u, [place, parameters[5] / known.u_phase_rad]]))
+
+
+def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats:
+    """Return the uncertainty of each amplitude: the noise of all tones of one spacing, as flat part and response."""
+    from scipy.optimize import nnls  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    f = np.array([tone.frequency_hz for tone in tones])
+    own = known.drive_hz - parameters[0]
+    sides = [1.0 / (own**2 - s**2 + 1j * s * own / parameters[1]) for s in (known.drive_hz + f, f - known.drive_hz)]
+    passed = np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2
+    passed = passed / passed.min()
+    variance = np.array([tone.u_amplitude**2 for tone in tones])
+    weight = np.sqrt([tone.noise_dof for tone in tones])
+    group = np.array([round(tone.spacing_s * 1e3) for tone in tones])
+    smooth = np.empty_like(variance)
+    for each in np.unique(group):
+        of = group == each
+        model = np.full(int(of.sum()), float(np.mean(variance[of])))
+        columns = np.column_stack([np.ones(model.size), passed[of]])
+        for _ in range(8 if model.size > 3 else 0):
+            rows = weight[of] / model
+            found, _ = nnls(columns * rows[:, None], variance[of] * rows)
+            model = columns @ found
+        smooth[of] = model
+    return np.asarray(np.sqrt(smooth))
+
+
+def _band(fit: ModelFit, gains: _Gains, drive_hz: float) -> RateBand:
+    def curve(parameters: Floats) -> _Curve:
+        return _Curve(drive_hz, _shape(parameters))
+
+    def point(value: Callable[[Floats], float]) -> BandPoint:
+        return BandPoint(value(fit.parameters), propagated(value, fit))
+
+    def height(parameters: Floats) -> float:
+        return curve(parameters).gain(curve(parameters).peak())
+
+    def share(parameters: Floats) -> float:
+        """Return the in-phase part of the static gain, by the stiffness that each mode has at the drive frequency."""
+        far = parameters[3] / _stiffness(drive_hz, parameters[4])
+        return float(far / (far + 1.0 / _stiffness(drive_hz, parameters[0])))
+
+    model = fit.parameters[2] * split_response(gains.f, drive_hz, _shape(fit.parameters))
+    u_parameters = np.sqrt(np.diag(fit.covariance)).tolist()
+    return RateBand(
+        split_hz=float(fit.parameters[0]),
+        u_split_hz=u_parameters[0],
+        q=float(fit.parameters[1]),
+        u_q=u_parameters[1],
+        static_gain=float(fit.parameters[2]),
+        u_static_gain=u_parameters[2],
+        plus_3_db=point(lambda p: curve(p).plus_3_db()),
+        peak=point(lambda p: curve(p).peak()),
+        peak_gain=height(fit.parameters),
+        u_peak_gain=propagated(height, fit),
+        minus_3_db=point(lambda p: curve(p).minus_3_db()),
+        in_phase_share=share(fit.parameters),
+        u_in_phase_share=propagated(share, fit),
+        parameters=fit.parameters,
+        frequency_hz=gains.f,
+        gain=gains.gain,
+        u_gain=gains.u,
+        residual=gains.gain / model - 1.0,
+        chi_square=fit.chi_square,
+        dof=gains.f.size + 2 - fit.parameters.size,
+        noise_dof=gains.noise_dof,
+    )
+
+
+def _stiffness(drive_hz: float, split_hz: float) -> float:
+    return (drive_hz - split_hz) ** 2 - drive_hz**2
+
+
+@dataclass(frozen=True, slots=True)
+class _Curve:
+    """The relative gain of one gyroscope, and its points."""
+
+    drive_hz: float
+    shape: Floats
+
+    def gain(self, at_hz: float) -> float:
+        return float(split_response(at_hz, self.drive_hz, self.shape)[0])
+
+    def peak(self) -> float:
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as above
+
+        split = float(self.shape[0])
+        bounds = (0.5 * split, 1.5 * split)
+        found = minimize_scalar(lambda at: -self.gain(at), bounds=bounds, method="bounded", options={"xatol": 1e-9})
+        return float(found.x)
+
+    def plus_3_db(self) -> float:
+        return self._crossing(math.sqrt(2.0), 0.0, self.peak())
+
+    def minus_3_db(self) -> float:
+        """The first one above the peak: the other mode may raise the gain again."""
+        low = self.peak()
+        steps = low + 0.05 * low * np.arange(1, 100)
+        below = split_response(steps, self.drive_hz, self.shape) < math.sqrt(0.5)
+        return self._crossing(math.sqrt(0.5), low, float(steps[below.argmax()]))
+
+    def _crossing(self, level: float, low_hz: float, high_hz: float) -> float:
+        from scipy.optimize import brentq  # noqa: PLC0415 - as above
+
+        if not (self.gain(low_hz) - level) * (self.gain(high_hz) - level) < 0.0:
+            raise ConfigError(f"bandwidth: the fitted response never passes {level:.3f} of its static gain")
+        return float(brentq(lambda at: self.gain(at) - level, low_hz, high_hz, xtol=1e-10))

@@ -1,0 +1,360 @@
+"""The rate response: a sine on V_Vc at many frequencies, table still; split and Q by the closed form through the gains.
+
+The meter samples the output by itself at 0.2 power-line cycles, since one cycle or more would average the split away.
+All frequencies have one amplitude and one range, so that what generator and meter are off cancels in the response.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import fmean, pstdev, stdev
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
+
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.interfaces import (
+    FunctionGenerator,
+    MeasuresWaveforms,
+    PowersRails,
+    Rotates,
+    SamplesVoltage,
+)
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import answer, energised, look_at_drive, under_servo, v_vc_on
+from vcfbench.procedures.steps import (
+    CaptureSines,
+    ConfigureMeter,
+    Note,
+    Outcome,
+    Plan,
+    SampleSine,
+    SetSine,
+    Settle,
+    SineRecord,
+    SineRecords,
+    SineResponse,
+)
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from vcfbench.analysis.rate_band import RateBand, Tone
+    from vcfbench.procedures.measured import Measured
+    from vcfbench.procedures.step import Routine
+
+__all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "Contribution", "Quantity"]
+
+_NPLC = 0.2
+_FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
+"""Spacing of the samples: no tone up to 75 Hz is folded; below 4 Hz longer records, whose spacing folds the mains away
+from what is measured."""
+_HIGHEST_HZ = 75.0
+_APART = 2.5
+"""Periods over a record by which a tone must differ from the mains."""
+_TIME_BASE = 20e-6
+"""33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""
+_SCOPE_TIME_BASE = 25e-6
+"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
+_DRIVE_RECORDS = 8
+
+Hertz = Annotated[float, Meta(ge=0.05, le=_HIGHEST_HZ)]
+Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
+
+
+class BandwidthSettings(ProcedureSettings, frozen=True):
+    """Keys of `bandwidth`; the gyroscope is warm first, since its split moves by 3.5 mHz/K."""
+
+    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
+    sine_amplitude_v: Annotated[
+        float, Meta(ge=0.01, le=10.0, description="peak of the sine on V_Vc, at all frequencies")
+    ] = 0.1
+    record_samples: Annotated[int, Meta(ge=128, le=512, description="readings a frequency")] = 512
+    frequencies_hz: Annotated[
+        tuple[Hertz, ...], Meta(min_length=4, max_length=200, description="frequencies that the split is found from")
+    ] = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
+    around_split: Annotated[
+        tuple[Ratio, ...], Meta(max_length=200, description="further frequencies, over the split that was found")
+    ] = (
+        *(0.5, 0.54, 0.6, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 1.0, 1.01, 1.02, 1.04, 1.07, 1.12, 1.2, 1.35),
+        *(1.5, 1.55, 1.65),
+    )
+    split_guess_hz: Annotated[Hertz, Meta(description="mode split that a dry run answers with")] = 24.8
+    in_phase_split_hz: Annotated[
+        float, Meta(ge=10.0, le=2000.0, description="drive less in-phase sense frequency, roughly")
+    ] = 147.0
+    low_pass_hz: Annotated[float, Meta(ge=10.0, le=1e5, description="filter behind the demodulator")] = 100.0
+    low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What one cause adds to a standard uncertainty, in the unit of the quantity."""
+
+    cause: str
+    u: float
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A result: combined standard uncertainty, effective degrees of freedom, expanded uncertainty (95 %), parts."""
+
+    value: float
+    unit: str
+    u: float
+    dof: float
+    coverage_factor: float
+    expanded_u: float
+    contributions: tuple[Contribution, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Bandwidth:
+    """What `bandwidth` finds; frequencies of the response without the low-pass filter, which is divided out.
+
+    `q` is that of the anti-phase sense mode; `peak_gain` is over the static gain. `static_gain_v_per_v` rests on the
+    generator's setting and has no uncertainty. `chi_square` over `dof` tells how well the closed form fits; lack of
+    fit is in no uncertainty. `gain_v_per_v` and `u_gain_v_per_v` are what was measured, `residual` what the fit leaves.
+    """
+
+    split_hz: Quantity
+    q: Quantity
+    plus_3_db_hz: Quantity
+    peak_hz: Quantity
+    peak_gain: Quantity
+    minus_3_db_hz: Quantity
+    drive_hz: float
+    u_drive_hz: float
+    static_gain_v_per_v: float
+    in_phase_share: float
+    u_in_phase_share: float
+    chi_square: float
+    dof: int
+    frequency_hz: tuple[float, ...]
+    gain_v_per_v: tuple[float, ...]
+    u_gain_v_per_v: tuple[float, ...]
+    residual: tuple[float, ...]
+
+
+NOT_HELD = (
+    "The uncertainties hold the noise about each frequency, the generator's time base and, for Q, the drive "
+    "frequency. They do not hold: the corner of the low-pass filter, the meter's aperture, a change of temperature "
+    "during the run, a difference between how V_Vc and a rate share the two sense modes. The phase of the response is "
+    "not measured: the meter's samples have no common start with the generator, and no channel sees V_Vc."
+)
+
+
+def plan(settings: BandwidthSettings) -> Plan:
+    """Sweep the sine over all frequencies, find the split, and go closely about it."""
+    return (yield from energised(settings, _at_rest(settings)))
+
+
+def _at_rest(settings: BandwidthSettings) -> Routine[Outcome]:
+    """Look at the drive, and hold the table still under servo where there is one."""
+    yield from look_at_drive(settings)
+    sweep = _sweep(settings)
+    has_table = settings.station.limits.max_rate_deg_s is not None
+    return (yield from under_servo(settings, sweep) if has_table else sweep)
+
+
+def _sweep(settings: BandwidthSettings) -> Routine[Outcome]:
+    yield from _drive_frequency(settings)
+    yield ConfigureMeter(float(settings.meter_range_v), _NPLC)
+    yield from v_vc_on()
+    yield Note("The sine at frequencies far apart")
+    rough = []
+    for frequency_hz in _measurable(settings, settings.frequencies_hz):
+        response = yield from _respond(settings, frequency_hz)
+        rough.append((frequency_hz, response))
+    split_hz = _split_hz(settings, rough)
+    yield Note(f"The sine about the split, near {split_hz:.4g} Hz")
+    close = _measurable(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
+    for frequency_hz in close:
+        yield from _respond(settings, frequency_hz)
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    return Outcome(f"response at {len(rough) + len(close)} frequencies")
+
+
+def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> list[float]:
+    """Return the frequencies, rising, that a record tells from the mains: what its leads pick up is a tone as well."""
+    apart_hz = _APART / (settings.record_samples * _FAST_S)
+    mains_hz = settings.station.mains_hz
+    return sorted(each for each in frequencies_hz if each <= _HIGHEST_HZ and abs(each - mains_hz) > apart_hz)
+
+
+def _drive_frequency(settings: BandwidthSettings) -> Routine[None]:
+    """Measure the drive frequency where there is an oscilloscope: Q is in proportion to it."""
+    if settings.station.oscilloscope is not None:
+        drive = settings.drive
+        middle = fmean(drive.frequency_hz), fmean(drive.amplitude_v)
+        expected = SineRecord(middle[0], (middle[1],), (0.0,))
+        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
+
+
+def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[SineResponse]:
+    interval_s = _SLOW_S if frequency_hz < _SLOW_BELOW_HZ else _FAST_S
+    yield SetSine(frequency_hz, settings.sine_amplitude_v)
+    yield Settle(settings.settle_s, "gyro settles after the change of frequency")
+    samples, split_hz = settings.record_samples, settings.split_guess_hz
+    sample = SampleSine(frequency_hz, settings.sine_amplitude_v, samples, interval_s, split_hz)
+    return answer((yield sample), SineResponse)
+
+
+def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, SineResponse]]) -> float:
+    from vcfbench.analysis.rate_band import split_guess_hz  # noqa: PLC0415  # NumPy, needed here alone
+
+    tones = _tones(settings, found)
+    return split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
+
+
+def _tones(settings: BandwidthSettings, found: Sequence[tuple[float, SineResponse]]) -> list[Tone]:
+    """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
+    from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # as above
+
+    spacing_s = {}
+    for interval_s in {response.interval_s for _, response in found}:
+        of = [(hz, response) for hz, response in found if response.interval_s == interval_s]
+        hz, strongest = max(of, key=lambda each: each[0] * pstdev(each[1].voltages_v))
+        spacing_s[interval_s] = true_spacing_s(strongest.voltages_v, interval_s, hz)
+    mains_hz = float(settings.station.mains_hz)
+    return [
+        fit_tone(each.voltages_v, spacing_s[each.interval_s], each.aperture_s, hz, mains_hz=mains_hz)
+        for hz, each in found
+    ]
+
+
+def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
+    """Fit the response to all that was sampled."""
+    from vcfbench.analysis.rate_band import Known, fit_rate_band  # noqa: PLC0415  # as above
+
+    sampled = measured.found(SineResponse)
+    tones = _tones(settings, [(step.frequency_hz, each) for step, each in sampled if isinstance(step, SampleSine)])
+    drive_hz, u_drive_hz = _drive_hz(settings, measured)
+    known = Known(
+        drive_hz,
+        settings.in_phase_split_hz,
+        low_pass_hz=settings.low_pass_hz,
+        low_pass_order=settings.low_pass_order,
+    )
+    band = fit_rate_band(tones, settings.sine_amplitude_v, known)
+    return _bandwidth(band, drive_hz, u_drive_hz)
+
+
+def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, float]:
+    """Return the drive frequency and its standard uncertainty, Hz: as measured, or the middle of its window."""
+    found = measured.found(SineRecords)
+    if not found:
+        low, high = settings.drive.frequency_hz
+        return 0.5 * (low + high), (high - low) / math.sqrt(12.0)
+    seen = [each.frequency_hz for each in found[-1][1].records]
+    scatter = stdev(seen) / math.sqrt(len(seen))
+    return fmean(seen), math.hypot(scatter, _SCOPE_TIME_BASE * fmean(seen) / math.sqrt(3.0))
+
+
+def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
+    def frequency(value: float, u_noise: float) -> Quantity:
+        return _quantity(value, "Hz", band.noise_dof, noise=u_noise, time_base=_TIME_BASE / math.sqrt(3.0) * value)
+
+    return Bandwidth(
+        split_hz=frequency(band.split_hz, band.u_split_hz),
+        q=_quantity(
+            band.q,
+            "",
+            band.noise_dof,
+            noise=band.u_q,
+            time_base=_TIME_BASE / math.sqrt(3.0) * band.q,
+            drive_frequency=band.q * u_drive_hz / drive_hz,
+        ),
+        plus_3_db_hz=frequency(band.plus_3_db.frequency_hz, band.plus_3_db.u_frequency_hz),
+        peak_hz=frequency(band.peak.frequency_hz, band.peak.u_frequency_hz),
+        peak_gain=_quantity(band.peak_gain, "", band.noise_dof, noise=band.u_peak_gain),
+        minus_3_db_hz=frequency(band.minus_3_db.frequency_hz, band.minus_3_db.u_frequency_hz),
+        drive_hz=drive_hz,
+        u_drive_hz=u_drive_hz,
+        static_gain_v_per_v=band.static_gain,
+        in_phase_share=band.in_phase_share,
+        u_in_phase_share=band.u_in_phase_share,
+        chi_square=band.chi_square,
+        dof=band.dof,
+        frequency_hz=tuple(band.frequency_hz.tolist()),
+        gain_v_per_v=tuple(band.gain.tolist()),
+        u_gain_v_per_v=tuple(band.u_gain.tolist()),
+        residual=tuple(band.residual.tolist()),
+    )
+
+
+def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Quantity:
+    """Combine independent parts; only that of the noise has finite degrees of freedom."""
+    from vcfbench.analysis.budget import coverage_factor  # noqa: PLC0415  # SciPy, needed here alone
+
+    u = math.hypot(*parts.values())
+    dof = noise_dof * (u / parts["noise"]) ** 4
+    factor = coverage_factor(dof)
+    causes = tuple(Contribution(cause.replace("_", " "), part) for cause, part in parts.items())
+    return Quantity(value, unit, u, dof, factor, factor * u, causes)
+
+
+def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) -> Report:
+    """Report the figures, the response with its fit, and what the fit leaves."""
+    named = {
+        "mode split": found.split_hz,
+        "Q of the sense mode": found.q,
+        "+3 dB": found.plus_3_db_hz,
+        "peak": found.peak_hz,
+        "gain there, over static": found.peak_gain,
+        "-3 dB": found.minus_3_db_hz,
+    }
+    columns = (
+        Column("quantity", align="left"),
+        *(Column("value", format=".7g"), Column("u", format=".2g"), Column("U95", format=".2g")),
+        *(Column("unit", align="left"), Column("u is made of", align="left")),
+    )
+    rows = [(name, each.value, each.u, each.expanded_u, each.unit, _made_of(each)) for name, each in named.items()]
+    static = found.static_gain_v_per_v
+    measured = Series(
+        "measured",
+        found.frequency_hz,
+        [gain / static for gain in found.gain_v_per_v],
+        [u / static for u in found.u_gain_v_per_v],
+    )
+    fitted = [gain / static / (1.0 + left) for gain, left in zip(found.gain_v_per_v, found.residual, strict=True)]
+    ppm = [1e6 * each for each in found.residual]
+    u_ppm = [1e6 * u / gain for u, gain in zip(found.u_gain_v_per_v, found.gain_v_per_v, strict=True)]
+    rest = Series("measured less fitted", found.frequency_hz, ppm, u_ppm)
+    frequency = Axis("frequency", "Hz", "log")
+    share = f"in-phase mode: {100 * found.in_phase_share:.1f}({100 * found.u_in_phase_share:.1f}) % of the static gain"
+    fit = f"closed form: chi-square {found.chi_square:.1f} for {found.dof} degrees of freedom; {share}"
+    return Report(
+        [
+            Table(columns, rows),
+            Text(f"drive {found.drive_hz:.3f}({found.u_drive_hz:.3f}) Hz; {fit}\n{NOT_HELD}"),
+            Figure(
+                "Response to a sine on V_Vc, over the static gain",
+                frequency,
+                Axis("gain", scale="log"),
+                [measured, Series("closed form", found.frequency_hz, fitted, kind="line")],
+            ),
+            Figure("What the closed form leaves", frequency, Axis("gain", "ppm"), [rest]),
+        ]
+    )
+
+
+def _made_of(quantity: Quantity) -> str:
+    return ", ".join(f"{each.cause} {each.u:.2g}" for each in quantity.contributions)
+
+
+BANDWIDTH = Procedure(
+    name="bandwidth",
+    title=BUILT_IN["bandwidth"][1],
+    settings=BandwidthSettings,
+    plan=plan,
+    results=results,
+    report=report,
+    needs=MappingProxyType({"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage}),
+    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "rate_table": Rotates}),
+)
+"""The rate response."""
