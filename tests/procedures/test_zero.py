@@ -126,6 +126,23 @@ def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None
     assert 0.92 < np.mean([abs(trend.value) < trend.u_95 for trend in found]) <= 1.0
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
+    """An hour of white noise and flicker (twelve Ornstein-Uhlenbeck processes): U95 and dof can be used."""
+    rng, n = np.random.default_rng(seed), 3600
+    record = 0.5 * rng.standard_normal(n)
+    for octave in range(12):
+        keep, step, state = math.exp(-(2.0**-octave)), rng.standard_normal(n), 0.0
+        for place in range(n):
+            state = keep * state + math.sqrt(1.0 - keep**2) * step[place]
+            record[place] += 0.03 * state
+    scale = ScaleFactor(1.0, None, "test")
+    found = zero_results(record, np.arange(float(n)), Sampling.without_gaps(1.0), scale, "dead-time").bias
+    assert found is not None
+    assert found.u_95 < 0.5
+    assert found.dof is None or found.dof > 2.0
+
+
 def test_a_record_without_noise_has_no_coefficients() -> None:
     times_s = np.arange(400.0)
     found = zero_results(np.full(400, 0.25), times_s, Sampling(1.0, 0.2), ScaleFactor(0.0125, None, "t"), "corrected")

@@ -43,6 +43,8 @@ _PER_OCTAVE = 2
 _WINDOWS = 60
 """Means that the trend is a straight line through."""
 _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
+_STANDS_OUT = {Term.BIAS_INSTABILITY: 1.0, Term.RATE_RANDOM_WALK: 3.0, Term.RATE_RAMP: 3.0}
+"""Terms that grow with time count for mean and trend from so many standard uncertainties of their squares on."""
 _UNITS = {
     Term.QUANTISATION: (3600.0, "arcsec"),
     Term.ANGLE_RANDOM_WALK: (_DEG_RTH, "deg/sqrt(h)"),
@@ -201,12 +203,22 @@ def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gaple
 
 
 def _terms_shown(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit) -> NoiseFit:
-    """Return the fit of those terms alone that do not come out as 0: the others make every uncertainty uncertain."""
-    while shown := [term for term, each in fit.terms.items() if each.value > 0.0]:
+    """Return the fit of those terms alone that stand out of their own uncertainty (`_STANDS_OUT`).
+
+    What does not would be carried from the longest averaging time to the whole record, and make its mean and trend
+    uncertain beyond any use; its upper limit is among the coefficients.
+    """
+    while shown := [term for term in fit.terms if _stands_out(term, fit)]:
         if len(shown) == len(fit.terms):
             break
         fit = fit_noise(curve, samples, sampling, shown)
     return fit
+
+
+def _stands_out(term: Term, fit: NoiseFit) -> bool:
+    """Tell whether the square of a coefficient, which is what is estimated, is so many of its uncertainties."""
+    found = fit.terms[term]
+    return found.u is not None and found.value > 2.0 * _STANDS_OUT.get(term, 0.0) * found.u
 
 
 def _with_honest_bounds(
