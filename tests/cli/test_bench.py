@@ -14,7 +14,7 @@ from vcfbench.bench import check as check_module
 from vcfbench.bench.file import EMBEDDED, load_bench, parse_bench, template
 from vcfbench.cli.main import app
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.layers import asked_in_python, settings_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,7 +60,8 @@ def test_what_show_prints_is_a_bench_file_of_the_same_bench(name: str) -> None:
     again, bench = parse_bench(shown.stdout, "shown"), load_bench(name)
     assert structs.replace(again, procedure_table=bench.procedure_table) == bench
     for procedure in PROCEDURES.values():
-        assert settings_of(procedure, again) == settings_of(procedure, bench)
+        asked = asked_in_python({"k_vc": "150"} if procedure.name == "self-calibration" else {})
+        assert settings_of(procedure, again, asked) == settings_of(procedure, bench, asked)
 
 
 def test_show_without_a_file_is_the_paper_bench_with_its_defaults() -> None:

@@ -70,19 +70,18 @@ def warm(parameters: BenchParameters) -> BenchParameters:
     )
 
 
-def truth(parameters: BenchParameters) -> tuple[float, float]:
-    """Return scale factor at rest, V/(deg/s), and K_Vc of small signals, (deg/s)/V, by the closed forms."""
+def read_v(parameters: BenchParameters, rate_deg_s: float, multiplicand_v: float = 0.0) -> float:
+    """Return what a multimeter of 10 Mohm reads, V, by the closed forms."""
     earth_rad_s = math.radians(15.041067 / 3600.0) * math.sin(math.radians(parameters.site.latitude_deg))
-    small, path = 0.01, parameters.virtual_path
-    divided = 10e6 / (10e6 + parameters.source.output_ohm)
+    filtered_v = steady_output_v(parameters, earth_rad_s + math.radians(rate_deg_s), multiplicand_v)
+    return 10e6 / (10e6 + parameters.source.output_ohm) * output_v(parameters, filtered_v)
 
-    def read_v(rate_deg_s: float, multiplicand_v: float) -> float:
-        rate_rad_s = earth_rad_s + math.radians(rate_deg_s)
-        return divided * output_v(parameters, steady_output_v(parameters, rate_rad_s, multiplicand_v))
 
-    scale_factor = (read_v(small, 0.0) - read_v(-small, 0.0)) / (2.0 * small)
-    on = path.offset_v
-    per_v = (read_v(0.0, on + 1e-4) - read_v(0.0, on - 1e-4)) / 2e-4
+def truth(parameters: BenchParameters) -> tuple[float, float]:
+    """Return scale factor at rest, V/(deg/s), and K_Vc of small signals, (deg/s)/V."""
+    small, on = 0.01, parameters.virtual_path.offset_v
+    scale_factor = (read_v(parameters, small) - read_v(parameters, -small)) / (2.0 * small)
+    per_v = (read_v(parameters, 0.0, on + 1e-4) - read_v(parameters, 0.0, on - 1e-4)) / 2e-4
     return scale_factor, per_v / scale_factor
 
 

@@ -7,6 +7,7 @@ file of one's own defines. A list of them imports none.
 from __future__ import annotations
 
 import inspect
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -131,12 +132,14 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 
     keys = tuple(settable_keys(chosen.settings))
     own = {key.path: f"--{key.path.replace('_', '-')}" for key in keys if key.is_option}
+    texts = {key.path for key in keys if key.expected.startswith("a text")}  # a serial number may look like a number
 
     def run(context: typer.Context, **options: Any) -> None:
         from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
         from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
 
         given = {key: value for key in own if (value := options.pop(key)) is not None}
+        given = {key: json.dumps(value) if key in texts else value for key, value in given.items()}
         settings = asked_by_command(options.pop("settings") or (), given, own)
         conduct(chosen, settings, RunOptions(**options, settings=settings.values), context.find_object(EarlyAndLate))
 

@@ -47,7 +47,7 @@ class Measurand:
 
     def kept(self) -> Measured:
         """Return it as it is kept of a device."""
-        shares = tuple(Share(source=part.source, u=part.u, of=part.of) for part in self.parts)
+        shares = tuple(Share(source=part.source, u=part.u, of=part.of, dof=part.dof) for part in self.parts)
         return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares)
 
 

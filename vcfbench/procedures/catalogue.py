@@ -51,6 +51,10 @@ BUILT_IN = {
         "vcfbench.procedures.bandwidth:BANDWIDTH",
         "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
     ),
+    "self-calibration": (
+        "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
+        "Recalibrate without a table: scale factor, bias and non-linearity from V_Vc, by the device's certificate.",
+    ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""
 

@@ -201,9 +201,17 @@ def _u_earth(settings: KVcSettings) -> float:
 
 def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> Part:
     """Return what a source puts into the uncertainty of k1."""
-    of = known_by if name in {V_VC_GAIN, V_VC_OFFSET} else None
-    dof = dof_of(levels.noise) if name in {READ_TABLE, READ_DRIVEN} else None
-    return Part(name, math.sqrt(max(0.0, float(covariance[1, 1]))), dof, of)
+    u = math.sqrt(max(0.0, float(covariance[1, 1])))
+    return Part(name, u, _dof(name, levels.noise), whose(name, known_by))
+
+
+def whose(name: str, known_by: str) -> str | None:
+    """Return whose a source is: of the instrument that V_Vc is known by, or nobody else's."""
+    return known_by if name in {V_VC_GAIN, V_VC_OFFSET} else None
+
+
+def _dof(name: str, noise: BlockNoise) -> float | None:
+    return dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
 
 
 def dof_of(noise: BlockNoise) -> float | None:
@@ -329,7 +337,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Made) -> Kept |
         return None
     curve, error = results.curve, v_vc_error(settings)
     shares = [
-        CurveShare(source=name, of=error.name if name in {V_VC_GAIN, V_VC_OFFSET} else None, covariance=part)
+        CurveShare(source=name, of=whose(name, error.name), dof=_dof(name, results.noise), covariance=part)
         for name, part in results.curve_parts.items()
     ]
     known = Certificate(

@@ -44,10 +44,6 @@ __all__ = [
     "v_vc_error",
 ]
 
-_DESIGNED_SIGMAS = {"34401A": 4.0, "34461A": 4.0, "34465A": 4.0}
-"""Standard deviations within the published limits, where the maker says so (34401A User's Guide p. 227); the Truevolt
-meters are its successors and taken alike (unverified)."""
-
 
 class VvcKnown(Enum):
     """How V_Vc is known."""
@@ -153,7 +149,7 @@ def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
         accuracy = sheet.accuracy_of(range_v, settings.v_vc_meter_age_days if own else settings.multimeter_age_days)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    parts = _DESIGNED_SIGMAS.get(sheet.model, math.sqrt(3.0))
+    parts = math.sqrt(3.0) if sheet.limit_sigmas is None else sheet.limit_sigmas
     return InstrumentError(placed.name, accuracy.reading / parts, accuracy.range * range_v / parts)
 
 

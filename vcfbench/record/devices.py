@@ -64,6 +64,8 @@ class Share(_Value, frozen=True, kw_only=True):
     """Its part; the sign is that of its effect, the same in all entries."""
     of: Text | None = None
     """Whose it is, where other entries have the same: an instrument, a certificate. It cancels between them."""
+    dof: Annotated[float, Meta(gt=0.0)] | None = None
+    """Its degrees of freedom; None is as many as one likes."""
 
 
 class Measured(_Value, frozen=True, kw_only=True):
@@ -85,6 +87,8 @@ class CurveShare(_Value, frozen=True, kw_only=True):
     """What it is, in words."""
     of: Text | None = None
     """Whose it is, as of a :class:`Share`."""
+    dof: Annotated[float, Meta(gt=0.0)] | None = None
+    """Its degrees of freedom; None is as many as one likes."""
     covariance: tuple[tuple[float, ...], ...]
     """Its part; all parts together are the covariance of the curve."""
 

@@ -1,0 +1,220 @@
+"""Recalibration without a table, against the gyroscope's parameters; drifts that are seen, and those that cannot be."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+import vcfbench
+from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
+from vcfbench.bench.simulated import physical_parameters
+from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.self_calibration import level_for
+from vcfbench.record.devices import DeviceStore, SelfCalibration
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
+
+FIELD = vcfbench.load_bench("examples/field-bench.toml")
+QUICK: dict[str, Any] = {"cycles": 1, "samples": 5}
+RATES = [20.0, 100.0, 200.0]
+WARM = {"warm_up_s": 3600.0}
+
+
+def aged(bench: BenchDescription, **override: Any) -> BenchDescription:
+    """Return `bench` with other parameters of the gyroscope."""
+    assert bench.simulation is not None
+    both = {**bench.simulation.override}
+    for group, values in override.items():
+        both[group] = {**both.get(group, {}), **values}
+    return structs.replace(bench, simulation=structs.replace(bench.simulation, override=both))
+
+
+def calibrated(where: Path, bench: BenchDescription, seed: int = 1, **settings: Any) -> dict[str, Any]:
+    """Calibrate K_Vc on the table; return what self-calibrations of the device are told."""
+    told = {"dut": "G-1", "devices": str(where / "devices"), **QUICK, **settings}
+    vcfbench.run("kvc", bench, seed=seed, settings={"match_rates_deg_s": RATES, **told}, runs=where)
+    return {"virtual_rates_deg_s": RATES, **told}
+
+
+def run(where: Path, bench: BenchDescription, told: dict[str, Any], seed: int = 2) -> Any:
+    return vcfbench.run("self-calibration", bench, seed=seed, settings=told, runs=where).results
+
+
+def nonlinearity_on_the_table() -> float:
+    """Return what the table would find at the same rates, ppm, by the closed forms."""
+    gyro = warm(physical_parameters(still(LAB)))
+    rates = np.array([0.0, *RATES, *(-rate for rate in RATES)])
+    outputs = np.array([read_v(gyro, rate) for rate in rates])
+    slope, start = np.polyfit(rates, outputs, 1)
+    return float(1e6 * np.abs(outputs - slope * rates - start).max() / abs(slope * np.ptp(rates)))
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A device with a certificate, made without noise and errors."""
+    where = tmp_path_factory.mktemp("quiet")
+    return where, calibrated(where, still(LAB), **WARM)
+
+
+def test_without_noise_and_errors_the_scale_factor_comes_out(quiet: tuple[Path, dict[str, Any]]) -> None:
+    where, told = quiet
+    found = run(where, still(LAB), told)
+    scale_factor, _ = truth(warm(physical_parameters(still(LAB))))
+    assert found.scale_factor.value == pytest.approx(scale_factor, rel=20e-6)
+    assert found.nonlinearity.value == pytest.approx(nonlinearity_on_the_table(), abs=15.0)
+    assert abs(found.drift.change_ppm.value) < 10.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"output_stage": {"gain": 1.002}},
+        {"sense_anti_phase": {"frequency_hz": 3464.1 - 0.05}},
+        {"drive_loop": {"amplitude_m": 5.02e-6}, "sense_path": {"reference_amplitude_v": 2.008}},
+    ],
+    ids=["output stage", "split", "drive amplitude"],
+)
+def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str, Any]) -> None:
+    where, told = quiet
+    fresh = still(LAB)
+    gain = physical_parameters(fresh).output_stage.gain
+    if "output_stage" in change:
+        change = {"output_stage": {"gain": gain * change["output_stage"]["gain"]}}
+    old = aged(fresh, **change)
+    before, _ = truth(warm(physical_parameters(fresh)))
+    after, _ = truth(warm(physical_parameters(old)))
+    here = {**told, "devices": str(where / "aged" / change.__repr__()[2:8])}
+    certificate = DeviceStore(where / "devices").certificate("G-1").record
+    DeviceStore(where / "aged" / change.__repr__()[2:8]).add(certificate)
+    drift = run(where, old, here).drift
+    assert abs(after / before - 1.0) > 500e-6
+    assert drift.change_ppm.value == pytest.approx(1e6 * (after / before - 1.0), abs=40.0)
+    assert drift.verdict == "fail"
+
+
+def test_combs_that_change_are_read_as_a_change_of_the_gyroscope(quiet: tuple[Path, dict[str, Any]]) -> None:
+    where, told = quiet
+    fresh = still(LAB)
+    combs = physical_parameters(fresh).virtual_path
+    more = {
+        "left_comb_n_per_v2": 1.001 * combs.left_comb_n_per_v2,
+        "right_comb_n_per_v2": 1.001 * combs.right_comb_n_per_v2,
+    }
+    old = aged(fresh, virtual_path=more)
+    before, _ = truth(warm(physical_parameters(fresh)))
+    after, _ = truth(warm(physical_parameters(old)))
+    assert after == pytest.approx(before, rel=1e-9)
+    found = run(where, old, {**told, "dut": None, "k_vc": str(DeviceStore(where / "devices").certificate("G-1").path)})
+    assert found.scale_factor.value / before - 1.0 == pytest.approx(1e-3, abs=30e-6)
+    assert any("combs" in each for each in found.unseen)
+
+
+def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels(tmp_path: Path) -> None:
+    told = calibrated(tmp_path, LAB, seed=5)
+    first, second = (run(tmp_path, LAB, told, seed=5) for _ in range(2))
+    scale_factor, _ = truth(warm(physical_parameters(LAB)))
+    assert abs(first.scale_factor.value - scale_factor) <= 4.0 * first.scale_factor.u
+    assert first.scale_factor.u < 100e-6 * abs(scale_factor)
+    assert second.drift.since.startswith("self-calibration 0002")
+    assert second.drift.change_ppm.value == 0.0
+    only = {part.source for part in second.drift.change_ppm.parts if abs(part.u) > 1e-9}
+    assert only == {"readings", "V_Vc's scatter", "then: readings", "then: V_Vc's scatter"}
+    assert first.drift.change_ppm.u < first.scale_factor.u / abs(scale_factor) * 1e6
+    kept = DeviceStore(tmp_path / "devices").history("G-1")[-1].record
+    assert isinstance(kept, SelfCalibration)
+    assert (kept.certificate, kept.e_n, kept.verdict) == ("0001", 0.0, "pass")
+
+
+def test_the_field_needs_no_table_and_no_oscilloscope(tmp_path: Path) -> None:
+    told = calibrated(tmp_path, LAB)
+    done = vcfbench.run("self-calibration", FIELD, settings=told, runs=tmp_path)
+    assert done.not_checked
+    assert vcfbench.load_run(done.directory).results == done.results
+    one = structs.replace(FIELD, v_vc_meter=None)
+    by_hand = run(tmp_path, one, told)
+    assert by_hand.v_vc_by == "34401A at GPIB0::22::INSTR"
+    gain = next(part for part in by_hand.scale_factor.parts if part.source == "gain of what V_Vc is known by")
+    assert gain.u / abs(by_hand.scale_factor.value) == pytest.approx(35e-6 / 4.0, rel=0.01)
+
+
+def test_a_number_will_do(tmp_path: Path) -> None:
+    found = run(tmp_path, FIELD, {"k_vc": "150", "k_vc_u_deg_s_per_v": 0.15, **QUICK})
+    assert found.drift is None
+    assert found.k_vc_from == "K_Vc = 150 (deg/s)/V, as told"
+    assert found.scale_factor.u / abs(found.scale_factor.value) == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({}, "self-calibration needs K_Vc"),
+        ({"dut": "G-404"}, "has no certificate"),
+        ({"k_vc": "0"}, "other than 0"),
+        ({"k_vc": "nowhere.json"}, "nowhere.json"),
+        ({"k_vc": "150", "virtual_rates_deg_s": [0.0, 10.0]}, "none of them 0"),
+    ],
+)
+def test_without_k_vc_nothing_is_opened(settings: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.run("self-calibration", FIELD, settings={"devices": str(tmp_path / "d"), **settings}, runs=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_certificate_that_is_out_of_date_is_refused(tmp_path: Path) -> None:
+    told = calibrated(tmp_path, LAB)
+    store = DeviceStore(tmp_path / "devices")
+    known = store.certificate("G-1").record
+    store.add(structs.replace(known, valid_until=known.issued))  # type: ignore[union-attr]
+    with pytest.raises(ConfigError, match=r"0002\.json: the certificate is valid from .* not now"):
+        vcfbench.dry_run("self-calibration", FIELD, settings=told)
+    assert vcfbench.dry_run("self-calibration", FIELD, settings={**told, "outdated": True}).steps
+    with pytest.raises(ConfigError, match=r"K_Vc is known from -2.* deg/s, not at 400"):
+        vcfbench.dry_run(
+            "self-calibration", FIELD, settings={**told, "outdated": True, "virtual_rates_deg_s": [10.0, 400.0]}
+        )
+
+
+def test_a_limit_of_the_drift_has_a_guard_band(quiet: tuple[Path, dict[str, Any]]) -> None:
+    where, told = quiet
+    found = run(where, still(LAB), {**told, "max_drift_ppm": 500.0})
+    assert (found.drift.limit_ppm, found.drift.verdict) == (500.0, "pass")
+    assert run(where, still(LAB), {**told, "max_drift_ppm": 1.0}).drift.verdict == "marginal"
+
+
+def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, Any]]) -> None:
+    where, _ = quiet
+    curve = DeviceStore(where / "devices").certificate("G-1").record.k_vc  # type: ignore[union-attr]
+    for rate_deg_s in (-200.0, -1.0, 35.0, 200.0):
+        assert curve.rate_deg_s(level_for(curve, rate_deg_s)) == pytest.approx(rate_deg_s, abs=0.01)
+    assert level_for(curve, 0.0) == 0.0
+
+
+def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
+    told = calibrated(tmp_path, LAB)
+    where = ["--runs", str(tmp_path / "runs"), "--devices", told["devices"], "--dut", "G-1", "--quiet"]
+    sets = ["--set", "cycles=1", "--set", "samples=5", "--set", "virtual_rates_deg_s=[20,100,200]"]
+    command = ["run", "self-calibration", "--bench", "examples/field-bench.toml", "--seed", "3", *where, *sets]
+    text = CliRunner().invoke(app, command)
+    assert text.exit_code == 0, text.output
+    assert "drift since certificate 0001" in text.stdout
+    assert "0002.json" in text.stdout
+    numbers = ["--dut", "0042", "--k-vc", "150", *sets]
+    dry = CliRunner().invoke(
+        app, ["run", "self-calibration", "--bench", "examples/field-bench.toml", "--dry-run", *numbers]
+    )
+    assert dry.exit_code == 0, dry.output
+    answer = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
+    assert answer["results"]["drift"]["since"].startswith("self-calibration 0002")
+    assert answer["device_entry"].endswith("0003.json")
+    assert set(answer["results"]["scale_factor"]) >= {"value", "u", "dof", "coverage_factor", "expanded_u", "parts"}
+    assert dataclasses.is_dataclass(vcfbench.load_run(tmp_path / "runs" / answer["run"]).results)
