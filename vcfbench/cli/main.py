@@ -127,6 +127,8 @@ def main() -> None:
             signals.answered()
             code = _last_word(error)
         _finish_stdout()
+        # the end of the process gives all memory back at once; Python would first look through every object for cycles
+        gc.freeze()
         sys.exit(code)
 
 
