@@ -119,9 +119,10 @@ class Hp34401A(ScpiInstrument):
             FramingError: the answers differ, are not in form, or lie beyond the range: the wire cannot be believed.
             MeasurementError: overload.
         """
+        deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
         with self._session.exclusive():
-            self.begin_reading()
-            return self.begun_reading_v()
+            self._session.send("INIT", deadline=deadline)
+            return self._begun_reading_v(deadline)
 
     def begin_reading(self) -> None:
         """Trigger one reading; return at once."""
@@ -129,7 +130,9 @@ class Hp34401A(ScpiInstrument):
 
     def begun_reading_v(self) -> float:
         """Wait for the reading that was begun and return it, V; as of :meth:`read_voltage_v`, which see."""
-        deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
+        return self._begun_reading_v(self._session.deadline(self._session.timeout_s + self.reading_time_s))
+
+    def _begun_reading_v(self, deadline: Deadline) -> float:
         with self._session.exclusive():
             first_v = self._session.query_reading("FETC?", deadline, self.reading_form)
             again_v = self._session.query_reading("FETC?", deadline, self.reading_form)

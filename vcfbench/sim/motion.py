@@ -57,6 +57,8 @@ class RateSegment:
     def rms_deg_s(self, start_s: float, stop_s: float) -> float:
         """Return the root of the mean square of the rate between two instants, deg/s, by five nodes."""
         if not self.slope_deg_s2:
+            if not self.terms:
+                return abs(self.rate_deg_s)
             left = [abs(a) * math.exp(s.real * (start_s - self.start_s)) for a, s in self.terms]
             if max(left, default=0.0) <= _SLIGHT * abs(self.rate_deg_s):
                 return abs(self.rate_deg_s)

@@ -55,16 +55,13 @@ class Resonance:
         self, parts: tuple[complex, complex], force: complex, drive_rad_s: float, duration_s: float
     ) -> tuple[complex, complex]:
         """Return the two parts after `duration_s` under a constant force envelope (force per mass, m/s^2)."""
-        plus, minus = self.poles
+        turning = 1j * drive_rad_s
+        rate, other = self.poles[0] - turning, self.poles[1] - turning
+        steady, opposite = -force / rate, -force / other
         return (
-            _relax(parts[0], force, plus - 1j * drive_rad_s, duration_s),
-            _relax(parts[1], force, minus - 1j * drive_rad_s, duration_s),
+            steady + (parts[0] - steady) * cmath.exp(rate * duration_s),
+            opposite + (parts[1] - opposite) * cmath.exp(other * duration_s),
         )
-
-
-def _relax(part: complex, force: complex, rate: complex, duration_s: float) -> complex:
-    steady = -force / rate
-    return steady + (part - steady) * cmath.exp(rate * duration_s)
 
 
 def butterworth_poles(cut_off_rad_s: float, order: int) -> list[complex]:

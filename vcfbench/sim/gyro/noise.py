@@ -164,7 +164,9 @@ class NoisyChain:
         once, n = self._kept_interval(interval_s), self._n
         drawn = random.standard_normal(len(once.factor))
         after = once.whole @ np.concatenate((state.modal.real, state.modal.imag, state.rates_rad_s, drawn))
-        return NoiseState(after[:n] + 1j * after[n : 2 * n], after[2 * n : -1]), float(after[-1])
+        modal = np.empty(n, complex)
+        modal.real, modal.imag = after[:n], after[n : 2 * n]
+        return NoiseState(modal, after[2 * n : -1]), float(after[-1])
 
     def gathered(self, interval_s: float, random: np.random.Generator) -> tuple[NDArray[np.complex128], float]:
         """Return what a chain at rest has gathered in its modes after `interval_s`, and in the integral."""
