@@ -1,0 +1,87 @@
+"""``vcfbench device``: the history of a gyroscope as table, CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.cli.main import app
+from vcfbench.record.devices import Certificate, Conditions, DeviceStore, KvcCurve, Measured, SelfCalibration
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from typer.testing import Result
+
+DAY = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
+HERE = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)
+CURVE = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 1e-6)), v_vc_min_v=-1.3, v_vc_max_v=1.3)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> DeviceStore:
+    kept = DeviceStore(tmp_path / "devices")
+    scale = Measured(value=-0.0125, u=2e-7)
+    kept.add(
+        Certificate(
+            serial="G-1", issued=DAY, procedure="kvc", k_vc=CURVE, conditions=HERE, scale_factor_v_per_deg_s=scale
+        )
+    )
+    kept.add(
+        SelfCalibration(
+            serial="G-1",
+            done=DAY + timedelta(days=30),
+            procedure="self-calibration",
+            certificate="0001",
+            scale_factor_v_per_deg_s=Measured(value=-0.01250125, u=3e-7),
+            bias_v=Measured(value=-0.042, u=2e-5),
+            conditions=HERE,
+            drift_ppm=Measured(value=100.0, u=20.0),
+            e_n=2.5,
+            verdict="fail",
+        )
+    )
+    return kept
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["device", *arguments])
+
+
+def test_devices_are_listed(store: DeviceStore) -> None:
+    assert call("--devices", str(store.root)).stdout == "G-1\n"
+    assert json.loads(call("--devices", str(store.root), "--json").stdout) == {"devices": ["G-1"]}
+    assert "no devices in" in call("--devices", str(store.root / "none")).stdout
+
+
+def test_the_history_is_a_table_with_the_scale_factor_drawn(store: DeviceStore) -> None:
+    shown = call("G-1", "--devices", str(store.root))
+    assert shown.exit_code == 0
+    assert "2026-06-03T09:30:00+00:00" in shown.stdout
+    assert "+100.0" in shown.stdout
+    first, second = shown.stdout.splitlines()[-2:]
+    assert first == f"0001 {'.' * 30}*{'.' * 30} +0.0"
+    assert second == f"0002 {'.' * 30}|{'.' * 29}* +100.0"
+
+
+def test_the_history_as_csv_and_json(store: DeviceStore) -> None:
+    rows = list(csv.DictReader(io.StringIO(call("G-1", "--devices", str(store.root), "--csv").stdout)))
+    assert [row["kind"] for row in rows] == ["certificate", "self-calibration"]
+    assert float(rows[1]["scale_factor_v_per_deg_s"]) == -0.01250125
+    assert (rows[0]["drift_ppm"], rows[1]["drift_ppm"]) == ("", "100.0")
+    told = json.loads(call("G-1", "--devices", str(store.root), "--json").stdout)
+    assert [each["entry"] for each in told["entries"]] == ["0001", "0002"]
+    assert told["entries"][1]["e_n"] == 2.5
+
+
+def test_a_device_that_nobody_knows_is_an_error_with_those_that_are_known(store: DeviceStore) -> None:
+    failed = call("G-2", "--devices", str(store.root))
+    assert failed.exit_code == 2
+    assert "nothing is known of device 'G-2'" in failed.stderr
+    assert "known devices: G-1" in failed.stderr

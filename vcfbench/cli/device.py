@@ -1,0 +1,126 @@
+"""``vcfbench device``: what is known of a gyroscope, by its serial number: certificates and self-calibrations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vcfbench.cli.answer import print_json
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vcfbench.record.devices import Entry
+
+__all__ = ["device"]
+
+_COLUMNS = (
+    *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
+    *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "verdict"),
+)
+
+
+def device(
+    serial: Annotated[
+        str | None, typer.Argument(metavar="SERIAL", help="Serial number; without it, all are listed.")
+    ] = None,
+    devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where they are kept.")] = Path("devices"),
+    *,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, a row an entry.")] = False,
+) -> None:
+    """Show what is known of a gyroscope: its certificates and self-calibrations, oldest first."""
+    from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
+
+    store = DeviceStore(devices)
+    if serial is None:
+        _list(store.serials(), devices, json=json)
+        return
+    entries = store.entries(serial)
+    if not entries:
+        raise ConfigError(
+            f"{devices}: nothing is known of device {serial!r}",
+            hint=f"known devices: {', '.join(store.serials()) or 'none'}",
+        )
+    rows = [_row(entry) for entry in entries]
+    if json:
+        _print_entries(serial, entries)
+    elif csv:
+        typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
+    else:
+        _print_table(serial, rows)
+
+
+def _list(serials: tuple[str, ...], devices: Path, *, json: bool) -> None:
+    if json:
+        print_json({"devices": list(serials)})
+    else:
+        typer.echo("\n".join(serials) or f"no devices in {devices}")
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    """Return an entry by the names of the columns; None where it has no such value."""
+    from vcfbench.record.devices import SelfCalibration  # noqa: PLC0415
+
+    record = entry.record
+    scale, bias = record.scale_factor_v_per_deg_s, record.bias_v
+    row: dict[str, Any] = {**dict.fromkeys(_COLUMNS), "entry": entry.name, "kind": "certificate"}
+    if scale is not None:
+        row |= {"scale_factor_v_per_deg_s": scale.value, "u_scale_factor": scale.u}
+    if bias is not None:
+        row |= {"bias_v": bias.value, "u_bias_v": bias.u}
+    if not isinstance(record, SelfCalibration):
+        return {**row, "done": record.issued.isoformat(timespec="seconds")}
+    row |= {"kind": "self-calibration", "done": record.done.isoformat(timespec="seconds")}
+    if record.nonlinearity_ppm is not None:
+        row["nonlinearity_ppm"] = record.nonlinearity_ppm.value
+    if record.drift_ppm is not None:
+        row |= {"drift_ppm": record.drift_ppm.value, "u_drift_ppm": record.drift_ppm.u}
+    return {**row, "e_n": record.e_n, "verdict": record.verdict}
+
+
+def _plain(value: object) -> str:
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
+
+
+def _print_entries(serial: str, entries: tuple[Entry, ...]) -> None:
+    import msgspec  # noqa: PLC0415
+
+    print_json(
+        {
+            "serial": serial,
+            "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in entries],
+        }
+    )
+
+
+def _print_table(serial: str, rows: list[dict[str, Any]]) -> None:
+    """Print the table, and below it the scale factor drawn entry by entry."""
+    from vcfbench.report.document import Column, Table  # noqa: PLC0415
+    from vcfbench.report.text import table_text  # noqa: PLC0415
+
+    columns = (
+        *(Column("entry"), Column("kind", align="left"), Column("done")),
+        *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
+        *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
+        *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f"), Column("verdict")),
+    )
+    typer.echo(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {serial}")))
+    drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
+    if len(drawn) > 1:
+        typer.echo("\n" + "\n".join(_drawn(drawn)))
+
+
+def _drawn(rows: list[dict[str, Any]]) -> list[str]:
+    """Draw the scale factor of each entry against the first, ppm: ``*`` in a row of dots, ``|`` the first's place."""
+    first = rows[0]["scale_factor_v_per_deg_s"]
+    changes = [1e6 * (row["scale_factor_v_per_deg_s"] / first - 1.0) for row in rows]
+    most, width = max(1.0, *map(abs, changes)), 30
+    lines = [f"scale factor against entry {rows[0]['entry']}, {-most:+.0f} to {most:+.0f} ppm"]
+    for row, change in zip(rows, changes, strict=True):
+        cells = ["."] * (2 * width + 1)
+        cells[width] = "|"
+        cells[width + round(width * change / most)] = "*"
+        lines.append(f"{row['entry']} {''.join(cells)} {change:+.1f}")
+    return lines
