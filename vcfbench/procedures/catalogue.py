@@ -53,7 +53,7 @@ BUILT_IN = {
     ),
     "self-calibration": (
         "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
-        "Recalibrate without a table: scale factor, bias and non-linearity from V_Vc, by the device's certificate.",
+        "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",
     ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""

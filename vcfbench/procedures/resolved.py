@@ -29,13 +29,18 @@ def as_resolved(description: BenchDescription) -> dict[str, Any]:
 
 
 def _resolved_table(description: BenchDescription) -> dict[str, Any]:
-    """Return ``[procedure]`` with every key: what all share, and for each installed procedure a table of its own."""
+    """Return ``[procedure]`` with every key: what all share, and for each installed procedure a table of its own.
+
+    That table also holds the shared keys for which the procedure has a value of its own.
+    """
     shared = setting_keys(ProcedureSettings)
+    everywhere = plain_settings(description.procedure, shared)
     given = {key: value for key, value in description.procedure_table.items() if key not in shared}
     own = {}
     for each in PROCEDURES.loaded():
-        keys = [key for key in setting_keys(each.settings) if key not in shared]
-        if keys:
-            chosen = chosen_settings(each.settings, layers_of(each, description, description.name))
-            own[each.name] = {**plain_settings(chosen, keys), **given.get(each.name, {})}
-    return {**plain_settings(description.procedure, shared), **given, **own}
+        chosen = chosen_settings(each.settings, layers_of(each, description, description.name))
+        table = plain_settings(chosen, setting_keys(each.settings))
+        of_its_own = {key: value for key, value in table.items() if key not in everywhere or value != everywhere[key]}
+        if of_its_own:
+            own[each.name] = {**of_its_own, **given.get(each.name, {})}
+    return {**everywhere, **given, **own}
