@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 __all__ = ["f_tail", "t_quantile", "t_tail"]
 
 _TINY = 1e-300
 _ENOUGH = 1e-14
 _MOST_TERMS = 10_000
+_MANY_DEGREES = 1000.0
+"""From here on the series in 1/degrees is exact to 1e-13, while the difference of two logarithms of gamma is not."""
 
 
 def t_tail(t: float, degrees: float) -> float:
@@ -19,8 +22,11 @@ def t_tail(t: float, degrees: float) -> float:
 def t_quantile(tail: float, degrees: float) -> float:
     """Return the t that ``|T|`` exceeds with probability `tail`, for Student's t with `degrees` of freedom.
 
-    By Newton's method. The tail bends one way for t > 0, so from the left it comes nearer with every step.
+    By Newton's method. The tail bends one way for t > 0, so from the left it comes nearer with every step. With many
+    degrees of freedom, or infinitely many, from the normal distribution (Abramowitz and Stegun 26.7.5).
     """
+    if degrees > _MANY_DEGREES:
+        return _nearly_normal_quantile(-NormalDist().inv_cdf(0.5 * tail), degrees)
     log_height = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * math.log(math.pi * degrees)
     t = 0.0
     step = math.inf
@@ -29,6 +35,16 @@ def t_quantile(tail: float, degrees: float) -> float:
         step = (t_tail(t, degrees) - tail) / density
         t += step
     return t
+
+
+def _nearly_normal_quantile(x: float, degrees: float) -> float:
+    terms = (
+        (x**3 + x) / 4.0,
+        (5.0 * x**5 + 16.0 * x**3 + 3.0 * x) / 96.0,
+        (3.0 * x**7 + 19.0 * x**5 + 17.0 * x**3 - 15.0 * x) / 384.0,
+        (79.0 * x**9 + 776.0 * x**7 + 1482.0 * x**5 - 1920.0 * x**3 - 945.0 * x) / 92160.0,
+    )
+    return x + math.fsum(term / degrees**power for power, term in enumerate(terms, start=1))
 
 
 def f_tail(ratio: float, degrees: float, degrees_below: float) -> float:
