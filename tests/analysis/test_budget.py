@@ -103,6 +103,29 @@ def test_the_same_from_the_raw_observations() -> None:
     assert budget.correlation[1, 2] == pytest.approx(0.993, abs=6e-4)
 
 
+@pytest.mark.parametrize("result", [0, 1, 2])
+def test_against_another_implementation(result: int) -> None:
+    """The GUM Tree Calculator: two that were observed together, one alone and one known beforehand."""
+    gtc = pytest.importorskip("GTC")
+    volts, amperes = gtc.multiple_ureal([4.9990, 19.6610e-3], [0.0032, 0.0095e-3], 4)
+    gtc.set_correlation(-0.36, volts, amperes)
+    phase, gain = gtc.ureal(1.04446, 0.00075, 7), gtc.ureal(1.0, 3e-4)
+    modulus = gain * volts / amperes
+    numbers = [modulus * gtc.cos(phase), gtc.exp(-phase) + gtc.log(modulus) * gtc.sqrt(gain), modulus * gtc.sin(phase)]
+
+    def model(x: Mapping[str, Any]) -> Mapping[str, Any]:
+        z, angle = x["gain"] * x["V"] / x["I"], x["phase"]
+        mixed = functions.exp(-angle) + functions.log(z) * functions.sqrt(x["gain"])
+        return {"R": z * functions.cos(angle), "mixed": mixed, "X": z * functions.sin(angle)}
+
+    sources = [*IMPEDANCE[:2], Source("phase", 1.04446, 0.00075, "rad", 7), Source("gain", 1.0, 3e-4)]
+    budget = evaluate(sources, model, {("V", "I"): -0.36})
+    ours, theirs = budget.results[result], numbers[result]
+    assert (ours.value, ours.u, ours.dof) == pytest.approx((theirs.x, theirs.u, theirs.df), rel=1e-12)
+    others = [gtc.get_correlation(theirs, numbers[n]) for n in range(3) if n != result]
+    assert np.delete(budget.correlation[result], result) == pytest.approx(np.array(others), rel=1e-9)
+
+
 def test_weight_of_ea_4_02() -> None:
     """EA-4/02, S2: 10 kg, 10 000.025 g, u 29.3 mg, U 59 mg with k = 2."""
     sources = [

@@ -1,7 +1,7 @@
 """Uncertainty budgets after the GUM: sources, a model of results, combined and expanded uncertainties, contributions.
 
-The propagation, with correlations and the effective degrees of freedom of Welch and Satterthwaite, is that of the GUM
-Tree Calculator (GTC, Measurement Standards Laboratory of New Zealand). It is of first order; where that matters
+The derivatives are those of the package ``uncertainties``; variances, correlations and the effective degrees of freedom
+of Welch and Satterthwaite follow from them here. The propagation is of first order; where that matters
 :mod:`~vcfbench.analysis.monte_carlo` checks it. Lack of fit is no uncertainty and has no place among the sources.
 """
 
@@ -14,7 +14,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from uncertainties import ufloat, umath
 
+from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,6 +44,10 @@ __all__ = [
 ]
 
 Floats: TypeAlias = "NDArray[np.float64]"
+
+_ONLY_DERIVATIVES = 1.0
+"""Uncertainty of a quantity in a model: any but 0, because only its derivatives are read."""
+
 Model: TypeAlias = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 """From the quantities by name to the results by name, with + - * / ** and this module's functions."""
 Correlations: TypeAlias = Mapping[tuple[str, str], float]
@@ -174,24 +180,23 @@ def evaluate(
         ConfigError: sources or correlations that cannot be.
 
     """
-    from GTC import get_correlation  # noqa: PLC0415 - half a second
-
     pairs = {} if correlations is None else dict(correlations)
     check_sources(sources, pairs)
-    quantities = _uncertain_numbers(sources, pairs)
-    outputs = {name: _as_uncertain(value) for name, value in model(quantities).items()}
-    results = tuple(_result(name, output, sources, quantities, confidence) for name, output in outputs.items())
-    numbers = list(outputs.values())
-    matrix = np.array([[1.0 if a is b else get_correlation(a, b) for b in numbers] for a in numbers])
-    return Budget(tuple(sources), results, matrix)
+    quantities = {source.name: ufloat(source.value, _ONLY_DERIVATIVES) for source in sources}
+    outputs = model(quantities)
+    slopes = np.array([_slopes(output, sources, quantities) for output in outputs.values()])
+    covariance, groups = _covariance(sources, pairs), correlated_groups(sources, pairs)
+    results = []
+    for (name, output), slope in zip(outputs.items(), slopes, strict=True):
+        u, lines = _contributions(sources, slope, covariance)
+        dof = _effective_dof(groups, {line.source: line.share for line in lines})
+        results.append(Result(name, _value(output), u, dof, confidence, coverage_factor(dof, confidence), lines))
+    return Budget(tuple(sources), tuple(results), _correlation(slopes @ covariance @ slopes.T))
 
 
 def coverage_factor(dof: float, confidence: float = 0.95) -> float:
     """Return the two-sided quantile of Student's t, or of the normal distribution for infinite degrees of freedom."""
-    from scipy.special import ndtri, stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
-    upper = 0.5 * (1.0 + confidence)
-    return float(ndtri(upper) if math.isinf(dof) else stdtrit(dof, upper))
+    return t_quantile(1.0 - confidence, dof)
 
 
 def check_sources(sources: Sequence[Source], correlations: Correlations) -> None:
@@ -233,54 +238,61 @@ def correlated_groups(sources: Sequence[Source], correlations: Correlations) -> 
     return list(groups.values())
 
 
-def _uncertain_numbers(sources: Sequence[Source], correlations: Correlations) -> dict[str, Any]:
-    """Make GTC's numbers; those that were observed together become what it calls an ensemble."""
-    from GTC import multiple_ureal, set_correlation, ureal  # noqa: PLC0415 - as above
+def _value(output: Any) -> float:
+    return float(output if isinstance(output, int | float) else output.nominal_value)
 
-    made: dict[str, Any] = {}
-    for group in correlated_groups(sources, correlations):
-        if len(group) == 1:
-            (one,) = group
-            made[one.name] = ureal(one.value, one.u, one.dof, label=one.name)
-        else:
-            columns = [s.value for s in group], [s.u for s in group], group[0].dof, [s.name for s in group]
-            made.update(zip(columns[3], multiple_ureal(*columns), strict=True))
+
+def _slopes(output: Any, sources: Sequence[Source], quantities: Mapping[str, Any]) -> list[float]:
+    """Return the derivatives of one result by the sources; 0 by what is known exactly."""
+    if isinstance(output, int | float):
+        return [0.0] * len(sources)
+    found = output.derivatives
+    return [float(found.get(quantities[source.name], 0.0)) if source.u > 0.0 else 0.0 for source in sources]
+
+
+def _covariance(sources: Sequence[Source], correlations: Correlations) -> Floats:
+    places = {source.name: place for place, source in enumerate(sources)}
+    matrix = np.eye(len(sources))
     for (first, second), coefficient in correlations.items():
-        if coefficient:
-            set_correlation(coefficient, made[first], made[second])
-    return {source.name: made[source.name] for source in sources}
+        matrix[places[first], places[second]] = matrix[places[second], places[first]] = coefficient
+    u = np.array([source.u for source in sources])
+    return np.asarray(u[:, None] * matrix * u)
 
 
-def _as_uncertain(value: Any) -> Any:
-    from GTC import ureal  # noqa: PLC0415 - as above
+def _correlation(covariance: Floats) -> Floats:
+    """Return the coefficients of a covariance; what has no variance is correlated with itself only."""
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    product = np.outer(u, u)
+    coefficients = np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0.0)
+    np.fill_diagonal(coefficients, 1.0)
+    return np.asarray(coefficients)
 
-    return ureal(float(value), 0.0) if isinstance(value, int | float) else +value
+
+def _contributions(
+    sources: Sequence[Source], slopes: Floats, covariance: Floats
+) -> tuple[float, tuple[Contribution, ...]]:
+    """Return the combined uncertainty of one result and what it is made of, the largest first."""
+    parts = slopes * (covariance @ slopes)
+    variance = max(0.0, math.fsum(parts))
+    shares = parts / variance if variance > 0.0 else np.zeros(len(sources))
+    lines = [
+        Contribution(source.name, source.u, source.dof, float(slope), float(slope) * source.u, float(share))
+        for source, slope, share in zip(sources, slopes, shares, strict=True)
+    ]
+    return math.sqrt(variance), tuple(sorted(lines, key=lambda line: -abs(line.u)))
 
 
-def _result(
-    name: str, output: Any, sources: Sequence[Source], quantities: Mapping[str, Any], confidence: float
-) -> Result:
-    from GTC import get_covariance  # noqa: PLC0415 - as above
-    from GTC.reporting import sensitivity  # noqa: PLC0415 - as above
-
-    u, dof = float(output.u), float(output.df)
-    lines = []
-    for source in sources:
-        quantity = quantities[source.name]
-        slope = float(sensitivity(output, quantity)) if source.u > 0.0 else 0.0
-        share = slope * float(get_covariance(output, quantity)) / u**2 if source.u > 0.0 and u > 0.0 else 0.0
-        lines.append(Contribution(source.name, source.u, source.dof, slope, slope * source.u, share))
-    lines.sort(key=lambda line: -abs(line.u))
-    return Result(name, float(output.x), u, dof, confidence, coverage_factor(dof, confidence), tuple(lines))
+def _effective_dof(groups: list[list[Source]], share: Mapping[str, float]) -> float:
+    """Return the degrees of freedom after Welch and Satterthwaite; what was observed together counts as one source."""
+    terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
+    return 1.0 / terms if terms > 0.0 else math.inf
 
 
 def _applied(name: str, value: Any) -> Any:
-    """Apply a function to floats and arrays by NumPy, to uncertain numbers by GTC."""
+    """Apply a function to floats and arrays by NumPy, to uncertain numbers by their derivative."""
     if isinstance(value, float | int | np.ndarray):
         return getattr(np, name)(value)
-    import GTC  # noqa: PLC0415 - as above
-
-    return getattr(GTC, name)(value)
+    return getattr(umath, name)(value)
 
 
 def sin(value: Any) -> Any:

@@ -289,7 +289,7 @@ def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
 
 def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Quantity:
     """Combine independent parts; only that of the noise has finite degrees of freedom."""
-    from vcfbench.analysis.budget import coverage_factor  # noqa: PLC0415  # SciPy, needed here alone
+    from vcfbench.analysis.budget import coverage_factor  # noqa: PLC0415 - needed here alone
 
     u = math.hypot(*parts.values())
     dof = noise_dof * (u / parts["noise"]) ** 4

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
-from vcfbench.analysis.monte_carlo import propagate
+from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.analysis.phase_noise import PhaseNoise
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ __all__ = [
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
-_TRIALS = 100_000
 _NEARLY_NORMAL = 0.05
 """Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
 
@@ -408,8 +407,7 @@ def _statement(
     difference: str | None = None,
 ) -> Statement:
     budget = evaluate(sources, model, correlations)
-    factors = _coverage_factors(budget, sources, model, correlations)
-    values = tuple(_stated(result, factors[result.name], budget, *_OF[result.name]) for result in budget.results)
+    values = tuple(_stated(result, budget, *_OF[result.name]) for result in budget.results)
     ratio = None
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
@@ -417,25 +415,16 @@ def _statement(
     return Statement(values, correlation, ratio, tuple(_not_in_u(settings)))
 
 
-def _coverage_factors(
-    budget: Budget, sources: Sequence[Source], model: Model, correlations: Mapping[tuple[str, str], float]
-) -> dict[str, float]:
-    """Return the factors of 95 %: Student's t, or by trials (JCGM 101) where sources that are not normal prevail."""
-    bounded = {source.name for source in sources if source.distribution is not Distribution.NORMAL}
-    factors = {result.name: result.coverage_factor for result in budget.results}
-    odd = {
-        r.name for r in budget.results if sum(c.share for c in r.contributions if c.source in bounded) > _NEARLY_NORMAL
-    }
-    if odd:
-        for each in propagate(sources, model, correlations, trials=_TRIALS):
-            u = budget.result(each.name).u
-            if each.name in odd and u > 0.0:
-                factors[each.name] = 0.5 * (each.high - each.low) / u
-    return factors
+def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
+    """Return the factor of 95 %: Student's t, or by convolution where sources that are not normal prevail."""
+    kinds = {name: source.distribution for name, source in sources.items()}
+    odd = math.fsum(line.share for line in result.contributions if kinds[line.source] is not Distribution.NORMAL)
+    return convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
 
 
-def _stated(result: Result, factor: float, budget: Budget, unit: str, of: str) -> StatedValue:
+def _stated(result: Result, budget: Budget, unit: str, of: str) -> StatedValue:
     sources = {source.name: source for source in budget.sources}
+    factor = _coverage_factor(result, sources)
     lines = tuple(
         StatedContribution(
             line.source,
