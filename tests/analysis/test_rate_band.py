@@ -78,6 +78,7 @@ def test_the_response_is_that_of_p_and_r() -> None:
     np.testing.assert_allclose(mine, response(f, 24.8, 1224.0, 0.8, 0.05), rtol=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_split_and_q_come_back_within_their_uncertainties() -> None:
     rng = np.random.default_rng(2)
     f = np.concatenate([np.linspace(5.0, 55.0, 14), 24.8 * np.array([0.9, 0.95, 0.98, 1.0, 1.02, 1.05, 1.1])])

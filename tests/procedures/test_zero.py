@@ -112,6 +112,7 @@ def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None
     assert trend.unit == "(deg/h)/h"
 
 
+@pytest.mark.exhaustive
 def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None:
     """u(slope) = s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; U95 holds the true slope, which is 0."""
     n, scale, found = 400, ScaleFactor(1.0, None, "test"), []
