@@ -22,6 +22,7 @@ from vcfbench.interfaces import (
     Rotates,
     SamplesVoltage,
 )
+from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import answer, energised, look_at_drive, under_servo, v_vc_on
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.step import Routine
 
-__all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "Contribution", "Quantity"]
+__all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings"]
 
 _NPLC = 0.2
 _FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
@@ -92,27 +93,6 @@ class BandwidthSettings(ProcedureSettings, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Contribution:
-    """What one cause adds to a standard uncertainty, in the unit of the quantity."""
-
-    cause: str
-    u: float
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A result: combined standard uncertainty, effective degrees of freedom, expanded uncertainty (95 %), parts."""
-
-    value: float
-    unit: str
-    u: float
-    dof: float
-    coverage_factor: float
-    expanded_u: float
-    contributions: tuple[Contribution, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Bandwidth:
     """What `bandwidth` finds; frequencies of the response without the low-pass filter, which is divided out.
 
@@ -121,12 +101,12 @@ class Bandwidth:
     fit is in no uncertainty. `gain_v_per_v` and `u_gain_v_per_v` are what was measured, `residual` what the fit leaves.
     """
 
-    split_hz: Quantity
-    q: Quantity
-    plus_3_db_hz: Quantity
-    peak_hz: Quantity
-    peak_gain: Quantity
-    minus_3_db_hz: Quantity
+    split_hz: Measurand
+    q: Measurand
+    plus_3_db_hz: Measurand
+    peak_hz: Measurand
+    peak_gain: Measurand
+    minus_3_db_hz: Measurand
     drive_hz: float
     u_drive_hz: float
     static_gain_v_per_v: float
@@ -256,7 +236,7 @@ def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, f
 
 
 def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
-    def frequency(value: float, u_noise: float) -> Quantity:
+    def frequency(value: float, u_noise: float) -> Measurand:
         return _quantity(value, "Hz", band.noise_dof, noise=u_noise, time_base=_TIME_BASE / math.sqrt(3.0) * value)
 
     return Bandwidth(
@@ -287,15 +267,10 @@ def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
     )
 
 
-def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Quantity:
+def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Measurand:
     """Combine independent parts; only that of the noise has finite degrees of freedom."""
-    from vcfbench.analysis.budget import coverage_factor  # noqa: PLC0415 - needed here alone
-
-    u = math.hypot(*parts.values())
-    dof = noise_dof * (u / parts["noise"]) ** 4
-    factor = coverage_factor(dof)
-    causes = tuple(Contribution(cause.replace("_", " "), part) for cause, part in parts.items())
-    return Quantity(value, unit, u, dof, factor, factor * u, causes)
+    dofs = {"noise": noise_dof}
+    return measurand(value, unit, [Part(each.replace("_", " "), u, dofs.get(each)) for each, u in parts.items()])
 
 
 def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) -> Report:
@@ -343,8 +318,8 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
     )
 
 
-def _made_of(quantity: Quantity) -> str:
-    return ", ".join(f"{each.cause} {each.u:.2g}" for each in quantity.contributions)
+def _made_of(quantity: Measurand) -> str:
+    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)
 
 
 BANDWIDTH = Procedure(
