@@ -70,9 +70,9 @@ def test_without_noise_and_errors_the_scale_factor_comes_out(quiet: tuple[Path, 
     where, told = quiet
     found = run(where, still(LAB), told)
     scale_factor, _ = truth(warm(physical_parameters(still(LAB))))
-    assert found.scale_factor.value == pytest.approx(scale_factor, rel=20e-6)
+    assert found.scale_factor.value == pytest.approx(scale_factor, rel=1e-6)
     assert found.nonlinearity.value == pytest.approx(nonlinearity_on_the_table(), abs=15.0)
-    assert abs(found.drift.change_ppm.value) < 10.0
+    assert abs(found.drift.change_ppm.value) < 1.0
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str,
     DeviceStore(where / "aged" / change.__repr__()[2:8]).add(certificate)
     drift = run(where, old, here).drift
     assert abs(after / before - 1.0) > 500e-6
-    assert drift.change_ppm.value == pytest.approx(1e6 * (after / before - 1.0), abs=40.0)
+    assert drift.change_ppm.value == pytest.approx(1e6 * (after / before - 1.0), abs=5.0)
     assert drift.verdict == "fail"
 
 
