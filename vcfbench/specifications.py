@@ -5,6 +5,7 @@ What no source at hand confirms says so in its `source`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -46,7 +47,8 @@ class VoltmeterSpecification:
         accuracy_source: where `accuracy` stands.
         resolution_source: where `resolution` stands.
         limit_sigmas: how many standard deviations of its specimens a limit of `accuracy` is, as the maker says; None
-            where nothing is said: then any error within the limit is as likely as any other.
+            where nothing is said: then any error within the limit is as likely as any other. The simulated
+            instruments are drawn from the same.
     """
 
     model: str
@@ -69,6 +71,16 @@ class VoltmeterSpecification:
         if age is None:
             raise ValueError(f"a {self.model} promises nothing {age_days:g} days after calibration, up to {max(ages)}")
         return ages[age]
+
+    def standard_deviation(self, range_v: float, age_days: float) -> Accuracy:
+        """Return the standard uncertainties of reading and range that the limits stand for, as parts of both.
+
+        Raises:
+            ValueError: as `accuracy_of`.
+        """
+        limit = self.accuracy_of(range_v, age_days)
+        sigmas = math.sqrt(3.0) if self.limit_sigmas is None else self.limit_sigmas
+        return Accuracy(limit.reading / sigmas, limit.range / sigmas)
 
     def resolution_v(self, range_v: float, nplc: float) -> float:
         """Return the resolution of a reading of `nplc` power-line cycles, V.
@@ -112,7 +124,7 @@ def _listed(values: Mapping[float, object]) -> str:
 
 def _ages(**by_age: tuple[float, float]) -> Mapping[int, Accuracy]:
     """Return accuracies by days, given as percent of reading and of range, as data sheets print them."""
-    days = {"day": 1, "quarter": 90, "year": 365}
+    days = {"day": 1, "quarter": 90, "year": 365, "two_years": 730}
     return MappingProxyType({days[age]: Accuracy(of[0] / 100.0, of[1] / 100.0) for age, of in by_age.items()})
 
 
@@ -135,12 +147,27 @@ HP_34401A: Final = VoltmeterSpecification(
     limit_sigmas=4.0,  # "better than 4 sigma", User's Guide p. 227
 )
 
+_TRUEVOLT_SIGMAS: Final = 2.0
+"""The data sheet of the series (5991-1983EN, 2022) calls its accuracies compliant to ISO/IEC 17025 for K = 2."""
+
 KEYSIGHT_34461A: Final = VoltmeterSpecification(
     model="34461A",
-    accuracy=MappingProxyType({10.0: _ages(year=(0.0035, 0.0005))}),
+    accuracy=MappingProxyType(
+        {
+            range_v: _ages(day=day, quarter=quarter, year=year, two_years=two_years)
+            for range_v, day, quarter, year, two_years in (
+                (0.1, (0.0030, 0.0030), (0.0040, 0.0035), (0.0050, 0.0035), (0.0065, 0.0035)),
+                (1.0, (0.0020, 0.0006), (0.0030, 0.0007), (0.0040, 0.0007), (0.0055, 0.0007)),
+                (10.0, (0.0015, 0.0004), (0.0020, 0.0005), (0.0035, 0.0005), (0.0050, 0.0005)),
+                (100.0, (0.0020, 0.0006), (0.0035, 0.0006), (0.0045, 0.0006), (0.0060, 0.0006)),
+                (1000.0, (0.0020, 0.0006), (0.0035, 0.0010), (0.0045, 0.0010), (0.0060, 0.0010)),
+            )
+        }
+    ),
     resolution=_CLASSIC,
-    accuracy_source="as generally quoted, unverified; the other ranges and ages were not at hand",
+    accuracy_source="data sheet 5991-1983EN of 2022, as a table made from it has it",
     resolution_source="Truevolt Series Operating and Service Guide p. 452",
+    limit_sigmas=_TRUEVOLT_SIGMAS,
 )
 
 KEYSIGHT_34465A: Final = VoltmeterSpecification(
@@ -161,6 +188,7 @@ KEYSIGHT_34465A: Final = VoltmeterSpecification(
     ),
     accuracy_source="as generally quoted, unverified; the other ranges and ages were not at hand",
     resolution_source="users' drivers (QCoDeS), which follow the guide's table; the three fastest with option DIG",
+    limit_sigmas=_TRUEVOLT_SIGMAS,
 )
 
 AGILENT_33220A: Final = LevelSpecification(

@@ -146,11 +146,10 @@ def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
     own = role == "v_vc_meter"
     range_v = float(settings.v_vc_range_v if own else settings.meter_range_v)
     try:
-        accuracy = sheet.accuracy_of(range_v, settings.v_vc_meter_age_days if own else settings.multimeter_age_days)
+        u = sheet.standard_deviation(range_v, settings.v_vc_meter_age_days if own else settings.multimeter_age_days)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    parts = math.sqrt(3.0) if sheet.limit_sigmas is None else sheet.limit_sigmas
-    return InstrumentError(placed.name, accuracy.reading / parts, accuracy.range * range_v / parts)
+    return InstrumentError(placed.name, u.reading, u.range * range_v)
 
 
 def v_vc_error(settings: KnownVvcSettings) -> InstrumentError:

@@ -8,7 +8,7 @@ import pytest
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.hp34401a import MeterErrors
-from vcfbench.sim.instruments.truevolt import Errors34465A, Keysight34461A, Keysight34465A, Truevolt
+from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A, Truevolt
 
 MODELS = [Keysight34461A, Keysight34465A]
 
@@ -77,10 +77,14 @@ def test_noise_and_steps_go_with_the_resolution(kind: type[Truevolt]) -> None:
     )
 
 
-def test_specimens_of_a_34465a_lie_within_its_own_limits() -> None:
-    drawn = [Errors34465A.drawn(np.random.default_rng(seed)) for seed in range(400)]
-    assert np.std([each.gain_error for each in drawn]) == pytest.approx(30e-6 / 4, rel=0.15)
-    assert np.std([each.offset_v for each in drawn]) == pytest.approx(40e-6 / 4, rel=0.15)
+@pytest.mark.parametrize("kind", MODELS)
+def test_specimens_scatter_as_the_data_sheet_of_the_model_says(kind: type[Truevolt]) -> None:
+    """What budgets take from it: two standard deviations within the limits."""
+    drawn = [kind.errors_class.drawn(np.random.default_rng(seed)) for seed in range(400)]
+    limit = kind.kind.sheet.accuracy_of(10.0, 365)
+    assert kind.kind.sheet.limit_sigmas == 2.0
+    assert np.std([each.gain_error for each in drawn]) == pytest.approx(limit.reading / 2.0, rel=0.15)
+    assert np.std([each.offset_v for each in drawn]) == pytest.approx(10.0 * limit.range / 2.0, rel=0.15)
     assert drawn[7].input_ohm == MeterErrors.drawn(np.random.default_rng(7)).input_ohm
 
 

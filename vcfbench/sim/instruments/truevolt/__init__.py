@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.truevolt.instrument import Errors34465A, Keysight34461A, Keysight34465A, Truevolt
+from vcfbench.sim.instruments.truevolt.instrument import (
+    Errors34461A,
+    Errors34465A,
+    Keysight34461A,
+    Keysight34465A,
+    Truevolt,
+)
 
-__all__ = ["Errors34465A", "Keysight34461A", "Keysight34465A", "Truevolt"]
+__all__ = ["Errors34461A", "Errors34465A", "Keysight34461A", "Keysight34465A", "Truevolt"]

@@ -10,10 +10,11 @@ running measurement when a setting is changed (here it is ended, as the readings
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from vcfbench import specifications
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
@@ -31,8 +32,9 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.instruments.hp34401a.trigger import TriggerSystem
     from vcfbench.sim.scpi import CommandTable, Interface
+    from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["Errors34465A", "Keysight34461A", "Keysight34465A", "Truevolt"]
+__all__ = ["Errors34461A", "Errors34465A", "Keysight34461A", "Keysight34465A", "Truevolt"]
 
 _DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_blocks=False)
 """Depth and words are unverified."""
@@ -43,21 +45,35 @@ _OFFSET_RANGE_V = 10.0
 
 
 @dataclass(frozen=True, slots=True)
+class Errors34461A(MeterErrors):
+    """Imperfections of a 34461A: those of a 34401A, in direct voltage drawn from its own data sheet."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Errors34461A:
+        """Return a specimen drawn from the 1-year accuracy of the 10 V range as two standard deviations."""
+        return cls(**_drawn(KIND_34461A.sheet, rng))
+
+
+@dataclass(frozen=True, slots=True)
 class Errors34465A(MeterErrors):
-    """Imperfections of a 34465A: those of a 34401A, in direct voltage within its own limits."""
+    """Imperfections of a 34465A: those of a 34401A, in direct voltage drawn from its own data sheet."""
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Errors34465A:
-        """Return a specimen drawn from the 1-year accuracy of the 10 V range as four standard deviations."""
-        like = MeterErrors.drawn(rng)
-        promised = KIND_34465A.sheet.accuracy_of(_OFFSET_RANGE_V, 365)
-        classic = KIND_34461A.sheet.accuracy_of(_OFFSET_RANGE_V, 365)
-        fields = {name: getattr(like, name) for name in MeterErrors.__dataclass_fields__}
-        return replace(
-            cls(**fields),
-            gain_error=like.gain_error * promised.reading / classic.reading,
-            offset_v=like.offset_v * promised.range / classic.range,
-        )
+        """Return a specimen drawn from the 1-year accuracy of the 10 V range as two standard deviations."""
+        return cls(**_drawn(KIND_34465A.sheet, rng))
+
+
+def _drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the imperfections of a 34401A, those of direct voltage scaled to the standard deviations of `sheet`.
+
+    Scaled and not drawn anew, so that a seed keeps its meaning.
+    """
+    like = MeterErrors.drawn(rng)
+    own, classic = (each.standard_deviation(_OFFSET_RANGE_V, 365) for each in (sheet, specifications.HP_34401A))
+    fields = {name: getattr(like, name) for name in MeterErrors.__dataclass_fields__}
+    gain_error, offset_v = like.gain_error * own.reading / classic.reading, like.offset_v * own.range / classic.range
+    return {**fields, "gain_error": gain_error, "offset_v": offset_v}
 
 
 class Truevolt(Hp34401A):
@@ -192,6 +208,7 @@ class Truevolt(Hp34401A):
 class Keysight34461A(Truevolt):
     """The 34461A."""
 
+    errors_class: ClassVar = Errors34461A
     kind: ClassVar[Kind] = KIND_34461A
     functions: ClassVar[Mapping[str, Function]] = KIND_34461A.functions()
     table: ClassVar[CommandTable] = table(KIND_34461A)
