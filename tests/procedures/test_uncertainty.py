@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,19 @@ def test_the_difference_of_the_methods_scatters_as_stated_when_generators_are_dr
     assert stated.u == pytest.approx(drawn.std(), rel=0.04)
     assert 0.94 < np.mean(np.abs(drawn - drawn.mean()) <= stated.u95) < 0.96
     assert output.mean(axis=1).std() == pytest.approx(four(GENERATOR).value("virtual.bias").u, rel=0.04)
+
+
+def test_a_meter_on_v_vc_goes_into_k_vc_by_its_gain_and_cancels_in_the_virtual_column() -> None:
+    meter = Sources(v_vc_gain=35e-6, v_vc_offset_v=50e-6, v_vc_sigmas=4.0)
+    points = [replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=3e-6) if p.step in {2, 4} else p for p in four_steps()]
+    stated = four_step_statement(settings(meter), points, Matching.of(points, Match.ZERO, 10.0))
+    scatter = 3e-6 * math.sqrt(2.0 / (4 * READINGS)) * K_VC / 10.0
+    assert stated.value("k_vc").u == pytest.approx(K_VC * math.hypot(35e-6 / 4, scatter))
+    own = 3e-6 / math.sqrt(READINGS * SXX) * K_VC
+    assert stated.value("virtual.scale_factor").u == pytest.approx(abs(K) * math.hypot(scatter, own))
+    assert stated.value("virtual.bias").u == pytest.approx(
+        abs(K) * K_VC * math.hypot(50e-6 / 4, 3e-6 / math.sqrt(READINGS * 17))
+    )
 
 
 def test_e_n_is_the_difference_over_its_expanded_uncertainty() -> None:

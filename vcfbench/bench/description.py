@@ -158,12 +158,14 @@ class Site(Part, frozen=True, kw_only=True):
 class Knowledge(Part, frozen=True, kw_only=True):
     """What is known of instruments and gyroscope for the uncertainties; what is not given is not in them, and said so.
 
-    `meter_age_days` is the time since the multimeter was calibrated, `table_rate_error` the largest relative error of
+    `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc was
+    , `table_rate_error` the largest relative error of
     the table's rate, `bias_instability_deg_h` the gyroscope's coefficient B of a zero record, and `horizon_h` the time
     over which a bias is a statement.
     """
 
     meter_age_days: MeterAge = 365.0
+    v_vc_meter_age_days: MeterAge = 365.0
     table_rate_error: TableRateError | None = None
     bias_instability_deg_h: BiasInstability | None = None
     horizon_h: Horizon = 24.0

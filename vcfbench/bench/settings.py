@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PAPER_RATES_DEG_S",
+    "V_VC_RANGE_V",
     "DriveWindow",
     "Expected",
     "Limit",
@@ -60,6 +61,10 @@ PAPER_RATES_DEG_S = (
     *(-1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0),
 )
 """The 17 rates of the paper's Table 1 in its order, deg/s."""
+
+
+V_VC_RANGE_V = 10.0
+"""Fixed range of the meter on V_Vc in the calibrations of the paper: a generator's largest level."""
 
 
 class Match(Enum):
@@ -114,6 +119,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     `meter_gain` (relative) and `meter_offset_v` are the limits of the multimeter's errors, of which `meter_sigmas`
     standard deviations lie within (None: any error within is as likely). `generator_gain`, `generator_offset_v` are
     those of V_Vc on each of its ranges, the same at all levels of a range, with a converter of `generator_bits`.
+    `v_vc_gain`, `v_vc_offset_v` and `v_vc_sigmas` are those of the second meter, which measures V_Vc.
     The rest is that of ``[uncertainty]``.
     """
 
@@ -125,6 +131,9 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     generator_offset_v: float | None = None
     generator_ranges_v: tuple[float, ...] = ()
     generator_bits: int = 0
+    v_vc_gain: float | None = None
+    v_vc_offset_v: float | None = None
+    v_vc_sigmas: float | None = None
     table_rate: float | None = None
     bias_instability_deg_h: float | None = None
     horizon_h: float = 24.0

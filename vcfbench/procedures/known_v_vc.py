@@ -18,10 +18,11 @@ from vcfbench.bench.misfit import Misfit
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
-from vcfbench.procedures.routines import answer, take, window_of
-from vcfbench.procedures.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Window, move_leads
+from vcfbench.procedures.routines import take
+from vcfbench.procedures.steps import MeasureVvc, move_leads
+from vcfbench.procedures.v_vc_levels import generator_sheet, ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.record.devices import Conditions, DeviceStore
-from vcfbench.specifications import AGILENT_33220A, LevelSpecification, VoltmeterSpecification
+from vcfbench.specifications import VoltmeterSpecification
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -157,33 +158,22 @@ def v_vc_error(settings: KnownVvcSettings) -> InstrumentError:
     if settings.v_vc_role is not None:
         return meter_error(settings, settings.v_vc_role)
     placed = settings.station.instruments["rate_source"]
-    sheet = _generator(settings)
+    sheet = generator_sheet(settings)
     return InstrumentError(placed.name, sheet.setting / math.sqrt(3.0), sheet.offset_v / math.sqrt(3.0))
-
-
-def _generator(settings: KnownVvcSettings) -> LevelSpecification:
-    placed = settings.station.instruments.get("rate_source")
-    row = None if placed is None else find_model(placed.model)
-    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
-    return sheet if isinstance(sheet, LevelSpecification) else AGILENT_33220A
 
 
 def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
     """Set up the meter on V_Vc, where the bench has one of its own."""
     if settings.v_vc_role == "v_vc_meter":
-        yield ConfigureVvcMeter(float(settings.v_vc_range_v), float(settings.nplc))
+        yield from ready_v_vc_meter(settings, float(settings.v_vc_range_v))
 
 
 def take_level(
     settings: KnownVvcSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None
 ) -> Routine[Point]:
     """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that."""
-    if settings.v_vc_role != "v_vc_meter":
-        return (yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
-    acquire = AcquireWithVvc(
-        step, rate_deg_s, v_vc_v, table_deg_s, v_vc_tolerance_v=_tolerance_v(settings, v_vc_v), **window_of(settings)
-    )
-    return answer((yield acquire), Window).point
+    taken = take_driven if settings.v_vc_role == "v_vc_meter" else take
+    return (yield from taken(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
 
 
 def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Routine[None]:
@@ -199,14 +189,9 @@ def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Ro
     yield move_leads("multimeter", "v_vc")
     for level_v in levels_v:
         v_vc_v = yield from set_v_vc(settings, level_v)
-        tolerance_v = _tolerance_v(settings, v_vc_v)
+        tolerance_v = v_vc_tolerance_v(settings, v_vc_v)
         yield MeasureVvc(v_vc_v, settings.samples, settings.sample_interval_s, tolerance_v, "multimeter")
     yield move_leads("multimeter", "output")
-
-
-def _tolerance_v(settings: KnownVvcSettings, v_vc_v: float) -> float:
-    """Return how far V_Vc may be from its setting: what the generator promises and a quarter more."""
-    return 1.25 * _generator(settings).limit_v(v_vc_v)
 
 
 def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> float:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec import ValidationError, convert, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
-from vcfbench.bench.settings import Placed, ProcedureSettings, Sources, Station
+from vcfbench.bench.settings import V_VC_RANGE_V, Placed, ProcedureSettings, Sources, Station
 from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
@@ -207,6 +207,7 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     return structs.replace(
         _generator_sources(description),
         **_meter_sources(description, float(chosen.meter_range_v)),
+        **_v_vc_meter_sources(description),
         table_rate=known.table_rate_error,
         bias_instability_deg_h=known.bias_instability_deg_h,
         horizon_h=known.horizon_h,
@@ -227,6 +228,21 @@ def _meter_sources(description: BenchDescription, range_v: float) -> dict[str, f
         "meter_offset_v": promised.range * range_v,
         "meter_sigmas": sheet.limit_sigmas,
         "meter_age_days": age_days,
+    }
+
+
+def _v_vc_meter_sources(description: BenchDescription) -> dict[str, float | None]:
+    sheet: VoltmeterSpecification | None = None if description.v_vc_meter is None else _sheet_of(description.v_vc_meter)
+    if sheet is None or V_VC_RANGE_V not in sheet.accuracy:
+        return {}
+    try:
+        promised = sheet.accuracy_of(V_VC_RANGE_V, description.uncertainty.v_vc_meter_age_days)
+    except ValueError as error:
+        raise ConfigError(f"uncertainty.v_vc_meter_age_days: {error}") from error
+    return {
+        "v_vc_gain": promised.reading,
+        "v_vc_offset_v": promised.range * V_VC_RANGE_V,
+        "v_vc_sigmas": sheet.limit_sigmas,
     }
 
 

@@ -122,7 +122,7 @@ class Matching:
 
     @property
     def slope(self) -> float:
-        """Output over V_Vc (V/V) along the chord from the zero to the best try.
+        """Output over V_Vc (V/V) along the chord from the zero to the best try, whose V_Vc may differ from 0 V itself.
 
         The chord, not the secant through the last two tries: those lie within each other's noise once the outputs
         are equal.
@@ -131,20 +131,25 @@ class Matching:
             MeasurementError: the output does not answer to V_Vc.
         """
         best = self.best
-        answer_v = best.output_v - self.zero_virtual.output_v
-        if best.v_vc_v == 0.0 or abs(answer_v) <= max(3.0 * best.u_output_v, 1e-3 * abs(self.span_v)):
+        answer_v, level_v = best.output_v - self.zero_virtual.output_v, best.v_vc_v - self.zero_virtual.v_vc_v
+        if level_v == 0.0 or abs(answer_v) <= max(3.0 * best.u_output_v, 1e-3 * abs(self.span_v)):
             raise MeasurementError(
                 f"the output does not answer to V_Vc: {answer_v:+.4g} V for {best.v_vc_v:.6g} V",
                 instrument="rate_source",
                 step="2",
                 hint="check the V_Vc lead and the generator's output",
             )
-        return answer_v / best.v_vc_v
+        return answer_v / level_v
 
     @property
     def v_vc_equal_v(self) -> float:
         """V_Vc at equal outputs, interpolated along the chord from the best try, V."""
         return self.best.v_vc_v - self.residual_v / self.slope
+
+    @property
+    def level_v(self) -> float:
+        """What V_Vc rose by for that output, V: from that of the zero, or from none where outputs are absolute."""
+        return self.v_vc_equal_v - (0.0 if self.match is Match.ABSOLUTE else self.zero_virtual.v_vc_v)
 
     @property
     def k_vc(self) -> float:
@@ -153,7 +158,7 @@ class Matching:
         Raises:
             MeasurementError: the outputs are equal without any V_Vc, so there is nothing to divide by.
         """
-        v_vc_v = self.v_vc_equal_v
+        v_vc_v = self.level_v
         if v_vc_v == 0.0:
             raise MeasurementError("the output does not answer to the table's rate", instrument="multimeter", step="2")
         return self.rate_deg_s / v_vc_v
@@ -169,4 +174,4 @@ class Matching:
 
         """
         u_v = math.hypot(*(math.hypot(std_v / math.sqrt(mean.n), common_v) for mean in self.compared))
-        return abs(self.k_vc / self.v_vc_equal_v / self.slope) * u_v
+        return abs(self.k_vc / self.level_v / self.slope) * u_v

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
 
 def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:
     """Report a four-step calibration: steps 3 and 4 like the paper's Table 1, both lines, and how they differ."""
+    points = standing_for(at_measured_levels(points), 4, results.k_vc.value)
     table = [point for point in points if point.step == 3]
     virtual = [point for point in points if point.step == 4]
     lines = [("turntable", table, results.turntable), ("virtual Coriolis", virtual, results.virtual)]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.specifications import AGILENT_33220A
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class TurntableResult(CalibrationColumn):
 class VirtualCoriolisResult:
     """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.
 
+    V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
     `scale_factor_error_u_percent` is what noise and the resolutions of meter and generator allow, through both slopes
     and K_Vc; `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
     Neither knows of the generator's accuracy: a V_Vc that is set and not measured may be off by as much as
@@ -76,7 +78,7 @@ class VirtualCoriolisResult:
     k_vc: Quantity
     """Rate that one volt of V_Vc stands for."""
     k_vc_u_generator: float
-    """Standard uncertainty of K_Vc by the generator's accuracy alone, (deg/s)/V."""
+    """Standard uncertainty of K_Vc by the generator's accuracy alone, (deg/s)/V; 0 where V_Vc was measured."""
     v_vc10_v: float
     """V_Vc that gives the output of `match_rate_deg_s`; the paper's rate is 10 deg/s."""
     turntable: CalibrationColumn
@@ -161,19 +163,22 @@ def virtual_coriolis_results(
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
     from vcfbench.procedures.uncertainty import four_step_statement  # noqa: PLC0415  # as above
 
+    measured = any(point.v_vc_measured_v is not None for point in points)
+    points, u_level = at_measured_levels(points), 0.0 if measured else _U_LEVEL
     u_v = u_output_v(points, meter_resolution_v)
     matching = Matching.of(points, match, match_rate_deg_s)
+    points = standing_for(points, 4, matching.k_vc)
     noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
-    u_k_vc = math.hypot(noise_k_vc, _U_LEVEL * matching.k_vc)
+    u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
     driven = _of_step(points, 4)
     turntable = _column(_of_step(points, 3), u_v)
-    virtual = _column(driven, [math.hypot(u_v, _U_LEVEL * matching.slope * point.v_vc_v) for point in driven])
+    virtual = _column(driven, [math.hypot(u_v, u_level * matching.slope * point.v_vc_v) for point in driven])
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
     return VirtualCoriolisResult(
         k_vc=Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
-        k_vc_u_generator=_u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
+        k_vc_u_generator=0.0 if measured else _u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
         v_vc10_v=matching.v_vc_equal_v,
         turntable=turntable.column(),
         virtual=virtual.column(),

@@ -17,9 +17,10 @@ import numpy as np
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.analysis.phase_noise import PhaseNoise
+from vcfbench.bench.settings import V_VC_RANGE_V
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -161,9 +162,9 @@ def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], ma
     match = _Sum("match", _match_weights(points, matching), "V")
     sums = [*_line_sums("table", table, len(points)), *_line_sums("virtual", virtual, len(points)), match]
     sources, correlations = _noise(settings, points, sums, table.scale_factor)
-    levels = _Levels.of(virtual, k_vc, matching, known)
+    levels = _Levels.of(virtual, k_vc, matching, _known_levels(points, matching, known))
     sources += [*_meter(known), *_table(known), *levels.sources]
-    span_v = matching.slope * matching.v_vc_equal_v
+    span_v = matching.slope * matching.level_v
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         of_table = _table_values(table, q)
@@ -185,7 +186,9 @@ def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], ma
             "bias_difference_v": bias / gain - of_table["bias"],
         }
 
-    return _statement(settings, sources, model, correlations, "scale_factor_error_percent")
+    return _statement(
+        settings, sources, model, correlations, difference="scale_factor_error_percent", levels_by=levels.by
+    )
 
 
 _OF = {
@@ -319,10 +322,62 @@ def _table(known: Sources) -> list[Source]:
 
 
 @dataclass(frozen=True, slots=True)
+class _KnownLevels:
+    """What V_Vc is known by, and how well: gain and offset are the same at all levels of one of its ranges."""
+
+    by: str
+    ranges_v: tuple[float, ...]
+    gain: float | None
+    offset_v: float | None
+    sigmas: float | None
+    besides: str
+    """What every level has of its own."""
+    u_besides_v: Callable[[float], float]
+    """Of one level of the virtual line, V."""
+    u_match_v: float
+    """Of the level that was matched, V."""
+
+    def range_of(self, level_v: float) -> int:
+        """Return the place of the range that a level is on."""
+        return next((n for n, upper in enumerate(self.ranges_v) if abs(level_v) <= upper), len(self.ranges_v) - 1)
+
+
+def _known_levels(points: Sequence[Point], matching: Matching, known: Sources) -> _KnownLevels:
+    """Return what V_Vc is known by: the meter that measured it, else the generator that it was set on."""
+    scatter_v = [point.v_vc_std_v for point in points if point.v_vc_std_v is not None]
+    if not scatter_v:
+        ranges = known.generator_ranges_v or (math.inf,)
+
+        def resolved(level_v: float) -> float:
+            upper_v = next((each for each in ranges if abs(level_v) <= each), ranges[-1])
+            return _step_v(upper_v, known.generator_bits) / math.sqrt(12.0)
+
+        gain, offset_v = known.generator_gain, known.generator_offset_v
+        u_match_v = resolved(matching.v_vc_equal_v)
+        return _KnownLevels("generator", ranges, gain, offset_v, None, "resolution", resolved, u_match_v)
+    pooled_v = math.sqrt(math.fsum(each**2 for each in scatter_v) / len(scatter_v))
+    samples = min(point.n for point in points)
+    zero = 0.0 if matching.match.value == "absolute" else 1.0 / matching.zero_virtual.n
+    u_match_v = pooled_v * math.sqrt(1.0 / matching.best.n + zero)
+    return _KnownLevels(
+        "V_Vc meter",
+        (V_VC_RANGE_V,),
+        known.v_vc_gain,
+        known.v_vc_offset_v,
+        known.v_vc_sigmas,
+        "readings",
+        lambda _level_v: pooled_v / math.sqrt(samples),
+        u_match_v,
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class _Levels:
-    """What the generator's errors do to the match and to the virtual line: gain and offset of each of its ranges."""
+    """What the errors of V_Vc do to the match and to the virtual line: gain and offset of each range."""
 
     sources: tuple[Source, ...]
+    by: str
+    besides: str
     match_range: str
     absolute_v: float
     """What an offset is divided by in the match, V; infinite where each output is taken from its own zero."""
@@ -332,71 +387,70 @@ class _Levels:
     offset_bias: Mapping[str, float]
 
     @classmethod
-    def of(cls, line: Line, k_vc: float, matching: Matching, known: Sources) -> _Levels:
-        ranges, level_v = known.generator_ranges_v or (math.inf,), line.rate_deg_s / k_vc
-
-        def index(volts: float) -> int:
-            return next((n for n, upper in enumerate(ranges) if abs(volts) <= upper), len(ranges) - 1)
-
-        own = [index(volts) for volts in level_v]
-        match = index(matching.v_vc_equal_v)
+    def of(cls, line: Line, k_vc: float, matching: Matching, known: _KnownLevels) -> _Levels:
+        level_v = line.rate_deg_s / k_vc
+        own, match = [known.range_of(volts) for volts in level_v], known.range_of(matching.v_vc_equal_v)
         sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
-        used = sorted({*own, match})
-        names = {n: f"{ranges[n]:g} V range" for n in used}
+        names = {n: f"{known.ranges_v[n]:g} V range" for n in sorted({*own, match})}
 
         def sums(values: Floats) -> dict[str, float]:
-            return {names[n]: float(sum(v for v, o in zip(values, own, strict=True) if o == n)) for n in used}
+            return {
+                name: float(sum(v for v, o in zip(values, own, strict=True) if o == n)) for n, name in names.items()
+            }
 
-        steps = np.array([_step_v(ranges[n], known.generator_bits) for n in own])
+        by, besides = known.by, f"{known.by} {known.besides}"
+        u_v = np.array([known.u_besides_v(volts) for volts in level_v])
+        spread = k_vc * np.array([np.linalg.norm(sloping * u_v), np.linalg.norm(shifting * u_v)])
         sources = [
             source
-            for n in used
+            for name in names.values()
             for source in (
-                _limited(f"generator gain, {names[n]}", known.generator_gain, "1"),
-                _limited(f"generator offset, {names[n]}", known.generator_offset_v, "V"),
+                _limited(f"{by} gain, {name}", known.gain, "1", known.sigmas),
+                _limited(f"{by} offset, {name}", known.offset_v, "V", known.sigmas),
             )
         ]
-        spread = k_vc * np.array([np.linalg.norm(sloping * steps), np.linalg.norm(shifting * steps)])
+        u_match = known.u_match_v / abs(matching.level_v)
         sources += [
-            Source("generator resolution: virtual slope", 0.0, float(spread[0]) / math.sqrt(12.0), "V/(deg/s)"),
-            Source("generator resolution: virtual bias", 0.0, float(spread[1]) / math.sqrt(12.0), "V"),
-            _limited(
-                "generator resolution: match",
-                _step_v(ranges[match], known.generator_bits) / 2.0 / abs(matching.v_vc_equal_v),
-                "1",
-            ),
+            Source(f"{besides}: virtual slope", 0.0, float(spread[0]), "V/(deg/s)"),
+            Source(f"{besides}: virtual bias", 0.0, float(spread[1]), "V"),
+            _limited(f"{besides}: match", math.sqrt(3.0) * u_match, "1")
+            if known.besides == "resolution"
+            else Source(f"{besides}: match", 0.0, u_match, "1"),
         ]
+        absolute_v = matching.v_vc_equal_v if matching.match.value == "absolute" else math.inf
+        by_gain, by_offset = line.rate_deg_s, k_vc
         return cls(
             tuple(sources),
+            by,
+            besides,
             names[match],
-            matching.v_vc_equal_v if matching.match.value == "absolute" else math.inf,
-            sums(sloping * line.rate_deg_s),
-            sums(sloping * k_vc),
-            sums(shifting * line.rate_deg_s),
-            sums(shifting * k_vc),
+            absolute_v,
+            sums(sloping * by_gain),
+            sums(sloping * by_offset),
+            sums(shifting * by_gain),
+            sums(shifting * by_offset),
         )
 
     def matched(self, q: Mapping[str, Any]) -> Any:
-        """Return the level at the match over its setting."""
-        gain, offset = q[f"generator gain, {self.match_range}"], q[f"generator offset, {self.match_range}"]
-        return 1.0 + gain + offset / self.absolute_v + q["generator resolution: match"]
+        """Return the level at the match over what it is known as."""
+        gain, offset = q[f"{self.by} gain, {self.match_range}"], q[f"{self.by} offset, {self.match_range}"]
+        return 1.0 + gain + offset / self.absolute_v + q[f"{self.besides}: match"]
 
     def slope(self, q: Mapping[str, Any]) -> Any:
-        """Return what the levels' errors add to the slope over settings, V/(deg/s)."""
-        return _through(self.gain_slope, self.offset_slope, q) + q["generator resolution: virtual slope"]
+        """Return what the levels' errors add to the slope over known levels, V/(deg/s)."""
+        return self._through(self.gain_slope, self.offset_slope, q) + q[f"{self.besides}: virtual slope"]
 
     def bias(self, q: Mapping[str, Any]) -> Any:
         """Return what they add to the intercept, V."""
-        return _through(self.gain_bias, self.offset_bias, q) + q["generator resolution: virtual bias"]
+        return self._through(self.gain_bias, self.offset_bias, q) + q[f"{self.besides}: virtual bias"]
+
+    def _through(self, gains: Mapping[str, float], offsets: Mapping[str, float], q: Mapping[str, Any]) -> Any:
+        by_gain = sum(size * q[f"{self.by} gain, {name}"] for name, size in gains.items())
+        return by_gain + sum(size * q[f"{self.by} offset, {name}"] for name, size in offsets.items())
 
 
 def _step_v(upper_v: float, bits: int) -> float:
     return 2.0 * upper_v / 2**bits if bits and math.isfinite(upper_v) else 0.0
-
-
-def _through(gains: Mapping[str, float], offsets: Mapping[str, float], q: Mapping[str, Any]) -> Any:
-    by_gain = sum(size * q[f"generator gain, {name}"] for name, size in gains.items())
-    return by_gain + sum(size * q[f"generator offset, {name}"] for name, size in offsets.items())
 
 
 def _statement(
@@ -404,7 +458,9 @@ def _statement(
     sources: Sequence[Source],
     model: Model,
     correlations: Mapping[tuple[str, str], float],
+    *,
     difference: str | None = None,
+    levels_by: str = "",
 ) -> Statement:
     budget = evaluate(sources, model, correlations)
     values = tuple(_stated(result, budget, *_OF[result.name]) for result in budget.results)
@@ -412,7 +468,7 @@ def _statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    return Statement(values, correlation, ratio, tuple(_not_in_u(settings)))
+    return Statement(values, correlation, ratio, tuple(_not_in_u(settings, levels_by)))
 
 
 def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
@@ -448,11 +504,13 @@ def _finite(dof: float) -> float | None:
     return dof if math.isfinite(dof) else None
 
 
-def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
+def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
     """Say what the uncertainties do not hold."""
     known = settings.station.sources
     if known.meter_gain is None:
         yield "the multimeter's accuracy: its data sheet has none for this range"
+    if levels_by == "V_Vc meter" and known.v_vc_gain is None:
+        yield "the accuracy of the meter on V_Vc: its data sheet has none for this range"
     if known.table_rate is None:
         yield "the table's accuracy: the bench file does not say it (uncertainty.table_rate_error)"
     if known.bias_instability_deg_h is None:

@@ -14,8 +14,9 @@ from msgspec import Meta
 
 from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
 from vcfbench.bench.misfit import Misfit
-from vcfbench.bench.settings import Match, ProcedureSettings, rate_words
+from vcfbench.bench.settings import V_VC_RANGE_V, Match, ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.agreement import (
     MATCH_DRIFT,
     SWEEP_DRIFT,
@@ -27,7 +28,7 @@ from vcfbench.procedures.agreement import (
 )
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.reports import virtual_coriolis_report
 from vcfbench.procedures.results import VirtualCoriolisResult, virtual_coriolis_results
 from vcfbench.procedures.routines import (
@@ -41,6 +42,7 @@ from vcfbench.procedures.routines import (
 )
 from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
+from vcfbench.procedures.v_vc_levels import ready_v_vc_meter, take_driven
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -93,6 +95,7 @@ def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
 
 
 def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
     yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
     points = yield from _table_reference(settings)
     yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
@@ -173,7 +176,7 @@ def _in_turn(windows: int) -> Iterator[bool]:
 
 
 def _take_virtual(settings: VirtualCoriolisSettings, v_vc_v: float) -> Routine[Point]:
-    return (yield from take(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
+    return (yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
 def _no_match(matching: Matching, settings: VirtualCoriolisSettings) -> MeasurementError:
@@ -194,9 +197,10 @@ def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[
     points: list[Point] = []
     reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
     yield from v_vc_on()
-    for rate_deg_s in settings.rates_deg_s:
-        v_vc_v = yield from set_v_vc(settings, rate_deg_s / k_vc)
-        points.append((yield from take(settings, 4, rate_deg_s=k_vc * v_vc_v, v_vc_v=v_vc_v, table_deg_s=0.0)))
+    for asked_deg_s in settings.rates_deg_s:
+        v_vc_v = yield from set_v_vc(settings, asked_deg_s / k_vc)
+        rate_deg_s = k_vc * v_vc_v
+        points.append((yield from take_driven(settings, 4, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
         require_agreement([*driven, *points], settings, SWEEP_DRIFT)
         require_steady_slope(points[-2:], reference)
     require_steady_slope(points, reference)
@@ -218,5 +222,6 @@ VIRTUAL_CORIOLIS = Procedure(
     plan=virtual_coriolis,
     results=_results,
     report=virtual_coriolis_report,
+    uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
 )
 """The virtual Coriolis calibration."""
