@@ -12,7 +12,6 @@ by the closed forms of the tests.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 import os
@@ -25,6 +24,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import msgspec
 import numpy as np
 from msgspec import structs
 
@@ -58,7 +58,7 @@ def _all(how: str) -> Any:
 
 
 def _plain(errors: Any) -> Any:
-    return json.loads(json.dumps(dataclasses.asdict(errors)).replace("Infinity", "1e15"))
+    return json.loads(json.dumps(msgspec.to_builtins(errors)).replace("Infinity", "1e15"))
 
 
 def ageing_of(seed: int) -> dict[str, Any]:

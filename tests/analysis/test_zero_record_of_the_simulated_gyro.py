@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.analysis.allan import allan_deviation

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -56,13 +55,13 @@ def warm(parameters: BenchParameters) -> BenchParameters:
     heat = parameters.thermal.self_heating_k
 
     def at(mode: Any) -> Any:
-        return replace(
+        return structs.replace(
             mode,
             frequency_hz=mode.frequency_hz * (1.0 + mode.frequency_coefficient_per_k * heat),
             quality=mode.quality * (1.0 + mode.quality_coefficient_per_k * heat),
         )
 
-    return replace(
+    return structs.replace(
         parameters,
         drive_mode=at(parameters.drive_mode),
         sense_in_phase=at(parameters.sense_in_phase),

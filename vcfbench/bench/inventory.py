@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ast
 import inspect
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from textwrap import dedent
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.simulated import chosen_seed, instrument_errors, named_parameters, physical_parameters
+from vcfbench.record.plain import field_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,21 +86,20 @@ def _source(description: BenchDescription, role: str, seed: int) -> str:
 def _rows(group: Any, path: str, source: str) -> Iterator[Row]:
     kind: type = type(group)
     meanings = _field_docstrings(kind)
-    for each in fields(group):
-        here, value = f"{path}.{each.name}", getattr(group, each.name)
-        if is_dataclass(value):
+    for name in field_names(group) or ():
+        here, value = f"{path}.{name}", getattr(group, name)
+        if field_names(value) is not None:
             yield from _rows(value, here, source)
-        elif isinstance(value, tuple) and value and is_dataclass(value[0]):
+        elif isinstance(value, tuple) and value and field_names(value[0]) is not None:
             for index, entry in enumerate(value):
                 yield from _rows(entry, f"{here}[{index}]", source)
         else:
-            meaning = meanings.get(each.name, "")
-            yield Row(here, value, each.metadata.get("unit", _unit(each.name, value)), meaning, source)
+            yield Row(here, value, _unit(name, value), meanings.get(name, ""), source)
 
 
 @cache  # finding a class in its file takes a while
 def _field_docstrings(kind: type) -> dict[str, str]:
-    """Return the docstrings that follow the fields of a dataclass; Python itself forgets them."""
+    """Return the docstrings that follow the fields of a class; Python itself forgets them."""
     (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
     assert isinstance(definition, ast.ClassDef)  # noqa: S101  # the source of a class is one
     return {

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import fields, is_dataclass
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
 from vcfbench.bench.misfit import Misfit
+from vcfbench.record.plain import field_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -37,18 +37,18 @@ def overridden(base: T, changes: Mapping[str, Any]) -> T:
 
 
 def override_misfits(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[Misfit]:
-    """Yield what in `changes` is no value of the dataclass `base`; `path` is where the bench file has them."""
-    known = {each.name: getattr(base, each.name) for each in fields(base)}
+    """Yield what in `changes` is no value of `base`, a dataclass or struct; `path` is where the bench file has them."""
+    known = {name: getattr(base, name) for name in field_names(base) or ()}
     for name, value in changes.items():
         here = f"{path}.{name}"
         if name not in known:
             yield Misfit(here, _suggestion(name, list(known)), value)
-        elif not is_dataclass(known[name]):
+        elif (below := field_names(known[name])) is None:
             yield from _value_misfits(base, name, value, here)
         elif isinstance(value, dict):
             yield from override_misfits(known[name], value, here)
         else:
-            yield Misfit(here, f"a table with {', '.join(each.name for each in fields(known[name]))}", value)
+            yield Misfit(here, f"a table with {', '.join(below)}", value)
 
 
 def _value_misfits(base: Any, name: str, value: object, path: str) -> Iterator[Misfit]:

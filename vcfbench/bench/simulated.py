@@ -9,9 +9,11 @@ from __future__ import annotations
 import inspect
 import math
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, cast
+
+from msgspec.structs import replace
 
 from vcfbench.bench.overrides import overridden
 from vcfbench.errors import ConfigError

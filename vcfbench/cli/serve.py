@@ -6,11 +6,11 @@ import contextlib
 import gc
 import re
 import signal
-from dataclasses import replace
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
+from msgspec.structs import replace
 
 from vcfbench.errors import BenchError, ConfigError
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from vcfbench.errors import ConfigError
 
-__all__ = ["ReadOnly", "plain", "read_only"]
+__all__ = ["ReadOnly", "field_names", "plain", "read_only"]
 
 _WHOLE = 1 << 63
 
@@ -38,12 +38,12 @@ def plain(value: object, name: str = "results") -> Any:
         if set(map(type, value)) == {float} and all(map(math.isfinite, value)):
             return list(value)  # a million of them take no time
         return [plain(each, f"{name}[{place}]") for place, each in enumerate(value)]
-    if (names := _field_names(value)) is not None:
+    if (names := field_names(value)) is not None:
         return {each: plain(getattr(value, each), f"{name}.{each}") for each in names}
     return _single(value, name)
 
 
-def _field_names(value: object) -> Sequence[str] | None:
+def field_names(value: object) -> Sequence[str] | None:
     """Return the fields of a dataclass or struct, None of anything else."""
     if isinstance(value, type):
         return None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -11,8 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["Adjustable", "Adjustment"]
 
 
-@dataclass(frozen=True, slots=True)
-class Adjustment:
+class Adjustment(Struct, frozen=True):
     """One quantity: its dotted name, unit, meaning, how to read it, and how to change it (None: it cannot be)."""
 
     name: str

@@ -44,10 +44,10 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
@@ -121,8 +121,7 @@ UNREACHABLE = frozenset({"unreachable", "power_cycle"})
 """Kinds during which there is no new connection."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
+class Fault(Struct, frozen=True):
     """A fault of one instrument.
 
     Raises:
@@ -167,9 +166,7 @@ class Fault:
 
     def describe(self) -> str:
         """Return in words what happens, from when on and for how long."""
-        own = {
-            field.name: getattr(self, field.name) for field in fields(self) if field.name in _OF_KIND.get(self.kind, ())
-        }
+        own = {name: getattr(self, name) for name in self.__struct_fields__ if name in _OF_KIND.get(self.kind, ())}
         what = "".join(f", {name} {value}" for name, value in own.items())
         if self.kind in _AT_ONCE:
             return f"{self.instrument}: {self.kind}{what}, once at {self.at_s:g} s of bench time"
@@ -178,8 +175,7 @@ class Fault:
         return f"{self.instrument}: {self.kind}{what}, from {self.at_s:g} s of bench time {until}{answers}"
 
 
-@dataclass(frozen=True, slots=True)
-class FaultScript:
+class FaultScript(Struct, frozen=True):
     """What goes wrong and when; `seed` is that of the noise."""
 
     faults: tuple[Fault, ...]
@@ -212,7 +208,7 @@ def read_faults(path: Path) -> list[Fault]:
 
 
 def _fault(entry: Any, where: str) -> Fault:
-    known = {field.name for field in fields(Fault)}
+    known = set(Fault.__struct_fields__)
     if not isinstance(entry, dict) or not {"instrument", "kind"} <= set(entry) <= known:
         raise ConfigError(f"{where}: expected instrument and kind, and of {', '.join(sorted(known))} no others")
     try:
@@ -223,7 +219,7 @@ def _fault(entry: Any, where: str) -> Fault:
 
 def fault_from(values: Mapping[str, Any]) -> Fault:
     """Return the fault of which somebody gave the fields by name; raises ValueError if one is missing or wrong."""
-    if unknown := set(values) - {field.name for field in fields(Fault)}:
+    if unknown := set(values) - set(Fault.__struct_fields__):
         raise ValueError(f"a fault has no {min(unknown)!r}")
     if values.get("kind") not in get_args(Kind):
         raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {values.get('kind')!r}")
@@ -369,8 +365,7 @@ def begin_on_bench(device: Any, fault: Fault) -> Callable[[], None]:
     return (lambda: None) if begin is None else begin[1](device, fault)
 
 
-@dataclass(slots=True, eq=False)
-class Ongoing:
+class Ongoing(Struct, eq=False):
     """A fault that goes on: what ends it, when, and how many more answers it spoils (None: all)."""
 
     fault: Fault

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim import mains
 from vcfbench.sim.world import NODES
@@ -23,8 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Lead", "Leads", "LoadingLeads"]
 
 
-@dataclass(frozen=True, slots=True)
-class Lead:
+class Lead(Struct, frozen=True):
     """Where a lead goes: a node of the PCB, None when it hangs free and reads 0 V; its way round, what it catches."""
 
     node: str | None

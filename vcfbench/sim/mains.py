@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.sim.sources import Drive, Piece, Sine
 
@@ -22,8 +23,7 @@ _STREAM = 3
 """Number of this random stream among those of the World's seed; see :mod:`.gyro.gyro`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Mains:
+class Mains(Struct, frozen=True):
     """What is in the leads of the multimeters and in that of V_Vc; None where nothing is."""
 
     in_meter_leads: Sine | None
@@ -61,8 +61,7 @@ def mean_v(sine: Sine, start_s: float, stop_s: float) -> float:
     return sine.amplitude_v * math.sin(middle) * math.sin(turned) / turned
 
 
-@dataclass(frozen=True, slots=True)
-class _Overlaid:
+class _Overlaid(Struct, frozen=True):
     """A source that plays, and a small sine in series; of an input's curvature the sine sees none."""
 
     source: Played

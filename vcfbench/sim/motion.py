@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,8 +33,7 @@ MEMORY_S = 1.0
 """For how long the motion before a command can be looked back at."""
 
 
-@dataclass(frozen=True, slots=True)
-class RateSegment:
+class RateSegment(Struct, frozen=True):
     """True rate over [start_s, stop_s): `rate + slope t + Re sum a exp(s t)` in deg/s, t from `start_s`."""
 
     start_s: float
@@ -67,8 +67,7 @@ class RateSegment:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Ripple:
+class Ripple(Struct, frozen=True):
     """A part of the angle error: `arcsec` sin(`harmonic` angle + `phase_rad`)."""
 
     arcsec: float
@@ -76,8 +75,7 @@ class Ripple:
     phase_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Swing:
+class Swing(Struct, frozen=True):
     """A sinusoid of the angle: amplitude now, amplitude in the end, how fast it changes; frequency; phase now."""
 
     from_deg: float
@@ -114,8 +112,7 @@ class Swing:
         return tuple((-1j * a * s * cmath.exp(1j * self.phase_rad), s) for a, s in angle)
 
 
-@dataclass(frozen=True, slots=True)
-class _Profile:
+class _Profile(Struct, frozen=True):
     """One piece of the commanded profile and the state of the rate loop at its start; `terms` as of a segment."""
 
     start_s: float

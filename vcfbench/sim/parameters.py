@@ -1,19 +1,18 @@
 """Every physical parameter of the simulated bench, with its unit, meaning and source.
 
+Annotations are values here, not texts: the ranges in them are held against every value.
+
 Nothing here is a result: scale factors, biases and non-linearities are what comes out of the model. The two sets
 that are shipped, `ideal` and `paper`, are made in :mod:`vcfbench.sim.gyro.design`.
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 __all__ = [
     "BenchParameters",
@@ -40,8 +39,7 @@ UNVERIFIED = "chosen, unverified"
 OFF = "off: it would move the paper's figures"
 
 
-@dataclass(frozen=True, slots=True)
-class _Range:
+class _Range(Struct, frozen=True):
     """Which values the model can compute with; `least` itself belongs to them, `above` does not."""
 
     least: float = -math.inf
@@ -64,13 +62,16 @@ OSCILLATES = _Range(above=0.5)
 A_TEMPERATURE = _Range(least=-100.0, most=200.0)
 
 
-def quantity(unit: str, meaning: str, source: str, allowed: _Range = ANY) -> Any:
-    """Declare a parameter: its unit, one line of meaning, where its value comes from, and what it may be."""
-    return field(metadata={"unit": unit, "meaning": meaning, "source": source, "allowed": allowed})
+class Quantity(NamedTuple):
+    """What a parameter is: its unit, one line of meaning, where its value comes from, and what it may be."""
+
+    unit: str
+    meaning: str
+    source: str
+    allowed: _Range = ANY
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
+class _Group(Struct, frozen=True):
     """Parameters that know their ranges."""
 
     def __post_init__(self) -> None:
@@ -79,240 +80,297 @@ class _Group:
         Raises:
             ValueError: what was expected instead.
         """
-        for each in fields(self):
-            value, allowed = getattr(self, each.name), each.metadata["allowed"]
+        for name, told in self.quantities().items():
+            value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
-                if not allowed.holds(number):
-                    raise ValueError(str(allowed))
+                if not told.allowed.holds(number):
+                    raise ValueError(str(told.allowed))
+
+    @classmethod
+    def quantities(cls) -> dict[str, Quantity]:
+        """Return what each parameter is, by its name."""
+        return {name: told.__metadata__[0] for name, told in cls.__annotations__.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class DriveMode(_Group):
+class DriveMode(_Group, frozen=True):
     """The anti-phase drive mode x."""
 
-    frequency_hz: float = quantity("Hz", "resonance at the reference temperature", f"{PAPER}, section 4.2", A_FREQUENCY)
-    quality: float = quantity("1", "quality factor at the reference temperature", f"{PAPER}, section 4.2", OSCILLATES)
-    mass_kg: float = quantity("kg", "equivalent mass of the drive mode", CHOSEN, POSITIVE)
-    frequency_coefficient_per_k: float = quantity(
-        "1/K", "relative change of the resonance", "silicon, about -30 ppm/K", _Range(least=-1e-3, most=1e-3)
-    )
-    quality_coefficient_per_k: float = quantity("1/K", "relative change of the quality factor", CHOSEN)
+    frequency_hz: Annotated[
+        float, Quantity("Hz", "resonance at the reference temperature", f"{PAPER}, section 4.2", A_FREQUENCY)
+    ]
+    quality: Annotated[
+        float, Quantity("1", "quality factor at the reference temperature", f"{PAPER}, section 4.2", OSCILLATES)
+    ]
+    mass_kg: Annotated[float, Quantity("kg", "equivalent mass of the drive mode", CHOSEN, POSITIVE)]
+    frequency_coefficient_per_k: Annotated[
+        float,
+        Quantity("1/K", "relative change of the resonance", "silicon, about -30 ppm/K", _Range(least=-1e-3, most=1e-3)),
+    ]
+    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor", CHOSEN)]
 
 
-@dataclass(frozen=True, slots=True)
-class SenseMode(_Group):
+class SenseMode(_Group, frozen=True):
     """One sense mode; forces on each mass count positive in the direction of that mass's Coriolis force."""
 
-    frequency_hz: float = quantity(
-        "Hz", "resonance at the reference temperature", f"{PAPER}: 4.2 (y2), FEM (y1)", A_FREQUENCY
-    )
-    quality: float = quantity(
-        "1", "quality factor at the reference temperature", f"{PAPER}, 4.2 (y2); chosen equal (y1)", OSCILLATES
-    )
-    left_participation: float = quantity("1", "share of a force on the left mass that drives the mode", CHOSEN)
-    right_participation: float = quantity("1", "share of a force on the right mass that drives the mode", CHOSEN)
-    pick_off_v_per_m: float = quantity("V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)", CHOSEN)
-    quadrature_rad_s: float = quantity("rad/s", "quadrature force as the rate that would excite as much", CHOSEN)
-    frequency_coefficient_per_k: float = quantity(
-        "1/K", "relative change of the resonance", CHOSEN, _Range(least=-1e-3, most=1e-3)
-    )
-    quality_coefficient_per_k: float = quantity("1/K", "relative change of the quality factor", CHOSEN)
+    frequency_hz: Annotated[
+        float, Quantity("Hz", "resonance at the reference temperature", f"{PAPER}: 4.2 (y2), FEM (y1)", A_FREQUENCY)
+    ]
+    quality: Annotated[
+        float,
+        Quantity(
+            "1", "quality factor at the reference temperature", f"{PAPER}, 4.2 (y2); chosen equal (y1)", OSCILLATES
+        ),
+    ]
+    left_participation: Annotated[
+        float, Quantity("1", "share of a force on the left mass that drives the mode", CHOSEN)
+    ]
+    right_participation: Annotated[
+        float, Quantity("1", "share of a force on the right mass that drives the mode", CHOSEN)
+    ]
+    pick_off_v_per_m: Annotated[float, Quantity("V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)", CHOSEN)]
+    quadrature_rad_s: Annotated[
+        float, Quantity("rad/s", "quadrature force as the rate that would excite as much", CHOSEN)
+    ]
+    frequency_coefficient_per_k: Annotated[
+        float, Quantity("1/K", "relative change of the resonance", CHOSEN, _Range(least=-1e-3, most=1e-3))
+    ]
+    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor", CHOSEN)]
 
 
-@dataclass(frozen=True, slots=True)
-class DriveLoop(_Group):
+class DriveLoop(_Group, frozen=True):
     """AGC and PLL around the drive mode."""
 
-    amplitude_m: float = quantity("m", "drive amplitude A_x that the AGC holds", CHOSEN, POSITIVE)
-    pick_off_v_per_m: float = quantity("V/m", "drive pick-off, node `drive`", CHOSEN)
-    agc_proportional: float = quantity(
-        "1", "AGC proportional gain, on amplitudes relative to the set one", CHOSEN, NOT_NEGATIVE
-    )
-    agc_integral_per_s: float = quantity("1/s", "AGC integral gain", CHOSEN, NOT_NEGATIVE)
-    force_limit_n_per_v: float = quantity("N/V", "largest drive force per volt of the weaker rail", CHOSEN, POSITIVE)
-    pll_proportional_per_s: float = quantity(
-        "1/s", "PLL proportional gain, rad/s of frequency per rad of phase", CHOSEN, NOT_NEGATIVE
-    )
-    pll_integral_per_s2: float = quantity("1/s^2", "PLL integral gain", CHOSEN, NOT_NEGATIVE)
-    pll_free_running_offset_hz: float = quantity("Hz", "VCO frequency before lock, minus the resonance", CHOSEN)
-    amplitude_supply_coefficient_per_v: float = quantity(
-        "1/V", "relative change of A_x with the weaker rail", CHOSEN, _Range(least=-0.05, most=0.05)
-    )
+    amplitude_m: Annotated[float, Quantity("m", "drive amplitude A_x that the AGC holds", CHOSEN, POSITIVE)]
+    pick_off_v_per_m: Annotated[float, Quantity("V/m", "drive pick-off, node `drive`", CHOSEN)]
+    agc_proportional: Annotated[
+        float, Quantity("1", "AGC proportional gain, on amplitudes relative to the set one", CHOSEN, NOT_NEGATIVE)
+    ]
+    agc_integral_per_s: Annotated[float, Quantity("1/s", "AGC integral gain", CHOSEN, NOT_NEGATIVE)]
+    force_limit_n_per_v: Annotated[
+        float, Quantity("N/V", "largest drive force per volt of the weaker rail", CHOSEN, POSITIVE)
+    ]
+    pll_proportional_per_s: Annotated[
+        float, Quantity("1/s", "PLL proportional gain, rad/s of frequency per rad of phase", CHOSEN, NOT_NEGATIVE)
+    ]
+    pll_integral_per_s2: Annotated[float, Quantity("1/s^2", "PLL integral gain", CHOSEN, NOT_NEGATIVE)]
+    pll_free_running_offset_hz: Annotated[
+        float, Quantity("Hz", "VCO frequency before lock, minus the resonance", CHOSEN)
+    ]
+    amplitude_supply_coefficient_per_v: Annotated[
+        float, Quantity("1/V", "relative change of A_x with the weaker rail", CHOSEN, _Range(least=-0.05, most=0.05))
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class SensePath(_Group):
+class SensePath(_Group, frozen=True):
     """From the pick-off to the low-pass filter."""
 
-    preamplifier_gain: float = quantity("1", "K_pre", CHOSEN)
-    amplifier_gain: float = quantity("1", "K_amp", CHOSEN)
-    reference_amplitude_v: float = quantity(
-        "V", "V_dac at the nominal A_x; it follows the drive pick-off", CHOSEN, POSITIVE
-    )
-    demodulator_phase_rad: float = quantity(
-        "rad", "phase of the multiplier's reference against the drive force", CHOSEN
-    )
-    multiplier_per_v: float = quantity(
-        "1/V", "scale of the demodulator's multiplier", "chosen, as analogue multipliers"
-    )
-    low_pass_hz: float = quantity("Hz", "cut-off of the low-pass filter", f"{PAPER}, section 3", POSITIVE)
-    low_pass_order: int = quantity(
-        "1", "order of the Butterworth low-pass filter", "chosen; the paper gives none", _Range(least=1, most=10)
-    )
-    carrier_feedthrough: float = quantity("V/V", "part of the carrier that is in V_s without any motion", OFF)
-    v_vc_feedthrough: float = quantity(
-        "V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", OFF
-    )
+    preamplifier_gain: Annotated[float, Quantity("1", "K_pre", CHOSEN)]
+    amplifier_gain: Annotated[float, Quantity("1", "K_amp", CHOSEN)]
+    reference_amplitude_v: Annotated[
+        float, Quantity("V", "V_dac at the nominal A_x; it follows the drive pick-off", CHOSEN, POSITIVE)
+    ]
+    demodulator_phase_rad: Annotated[
+        float, Quantity("rad", "phase of the multiplier's reference against the drive force", CHOSEN)
+    ]
+    multiplier_per_v: Annotated[
+        float, Quantity("1/V", "scale of the demodulator's multiplier", "chosen, as analogue multipliers")
+    ]
+    low_pass_hz: Annotated[float, Quantity("Hz", "cut-off of the low-pass filter", f"{PAPER}, section 3", POSITIVE)]
+    low_pass_order: Annotated[
+        int,
+        Quantity(
+            "1", "order of the Butterworth low-pass filter", "chosen; the paper gives none", _Range(least=1, most=10)
+        ),
+    ]
+    carrier_feedthrough: Annotated[float, Quantity("V/V", "part of the carrier that is in V_s without any motion", OFF)]
+    v_vc_feedthrough: Annotated[
+        float, Quantity("V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", OFF)
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class VirtualPath(_Group):
+class VirtualPath(_Group, frozen=True):
     """From the V_Vc input to the force on the feedback combs."""
 
-    pull_down_ohm: float = quantity("ohm", "resistor from the V_Vc input to ground", CHOSEN, POSITIVE)
-    carrier_phase_rad: float = quantity("rad", "phase of the carrier against the drive force", CHOSEN)
-    left_comb_n_per_v2: float = quantity("N/V^2", "K_FBY of the left feedback combs", CHOSEN)
-    right_comb_n_per_v2: float = quantity("N/V^2", "K_FBY of the right feedback combs (paper's Error 1)", CHOSEN)
-    mass_kg: float = quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", CHOSEN, POSITIVE)
-    offset_v: float = quantity("V", "modulator's leakage while its switch is closed, as V_Vc", CHOSEN)
-    second_order_per_v: float = quantity("1/V", "modulator's curvature, on V_Vc^2", CHOSEN)
-    third_order_per_v2: float = quantity("1/V^2", "modulator's curvature, on V_Vc^3", CHOSEN)
+    pull_down_ohm: Annotated[float, Quantity("ohm", "resistor from the V_Vc input to ground", CHOSEN, POSITIVE)]
+    carrier_phase_rad: Annotated[float, Quantity("rad", "phase of the carrier against the drive force", CHOSEN)]
+    left_comb_n_per_v2: Annotated[float, Quantity("N/V^2", "K_FBY of the left feedback combs", CHOSEN)]
+    right_comb_n_per_v2: Annotated[
+        float, Quantity("N/V^2", "K_FBY of the right feedback combs (paper's Error 1)", CHOSEN)
+    ]
+    mass_kg: Annotated[float, Quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", CHOSEN, POSITIVE)]
+    offset_v: Annotated[float, Quantity("V", "modulator's leakage while its switch is closed, as V_Vc", CHOSEN)]
+    second_order_per_v: Annotated[float, Quantity("1/V", "modulator's curvature, on V_Vc^2", CHOSEN)]
+    third_order_per_v2: Annotated[float, Quantity("1/V^2", "modulator's curvature, on V_Vc^3", CHOSEN)]
 
 
-@dataclass(frozen=True, slots=True)
-class OutputStage(_Group):
+class OutputStage(_Group, frozen=True):
     """The output amplifier: y = offset + u + second u^2 + third u^3, u = gain times the filtered signal."""
 
-    gain: float = quantity("1", "linear gain", CHOSEN)
-    offset_v: float = quantity("V", "offset at the output", CHOSEN)
-    second_order_per_v: float = quantity("1/V", "curvature, on u^2", CHOSEN)
-    third_order_per_v2: float = quantity("1/V^2", "curvature, on u^3", CHOSEN)
-    headroom_v: float = quantity("V", "how far from each rail the output saturates", CHOSEN, NOT_NEGATIVE)
+    gain: Annotated[float, Quantity("1", "linear gain", CHOSEN)]
+    offset_v: Annotated[float, Quantity("V", "offset at the output", CHOSEN)]
+    second_order_per_v: Annotated[float, Quantity("1/V", "curvature, on u^2", CHOSEN)]
+    third_order_per_v2: Annotated[float, Quantity("1/V^2", "curvature, on u^3", CHOSEN)]
+    headroom_v: Annotated[float, Quantity("V", "how far from each rail the output saturates", CHOSEN, NOT_NEGATIVE)]
 
 
-@dataclass(frozen=True, slots=True)
-class Supply(_Group):
+class Supply(_Group, frozen=True):
     """What the PCB does with its rails."""
 
-    nominal_v: float = quantity("V", "magnitude of both rails", f"{PAPER}, section 4.1", POSITIVE)
-    start_v: float = quantity("V", "weaker rail at which the drive loop starts", CHOSEN, POSITIVE)
-    brown_out_v: float = quantity("V", "weaker rail below which the drive loop stops", CHOSEN, POSITIVE)
-    dead_v: float = quantity("V", "weaker rail below which every node is 0 V", CHOSEN, NOT_NEGATIVE)
-    quiescent_a: float = quantity("A", "current of each rail while running", CHOSEN, NOT_NEGATIVE)
-    start_up_a: float = quantity("A", "additional current while the drive starts", CHOSEN, NOT_NEGATIVE)
-    ripple_feedthrough: float = quantity(
-        "V/V", "part of each rail's ripple that comes through to the output", CHOSEN, NOT_NEGATIVE
-    )
+    nominal_v: Annotated[float, Quantity("V", "magnitude of both rails", f"{PAPER}, section 4.1", POSITIVE)]
+    start_v: Annotated[float, Quantity("V", "weaker rail at which the drive loop starts", CHOSEN, POSITIVE)]
+    brown_out_v: Annotated[float, Quantity("V", "weaker rail below which the drive loop stops", CHOSEN, POSITIVE)]
+    dead_v: Annotated[float, Quantity("V", "weaker rail below which every node is 0 V", CHOSEN, NOT_NEGATIVE)]
+    quiescent_a: Annotated[float, Quantity("A", "current of each rail while running", CHOSEN, NOT_NEGATIVE)]
+    start_up_a: Annotated[float, Quantity("A", "additional current while the drive starts", CHOSEN, NOT_NEGATIVE)]
+    ripple_feedthrough: Annotated[
+        float, Quantity("V/V", "part of each rail's ripple that comes through to the output", CHOSEN, NOT_NEGATIVE)
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseSources(_Group):
+class NoiseSources(_Group, frozen=True):
     """Random disturbances, as rates at the input."""
 
-    angle_random_walk_deg_sqrt_s: float = quantity(
-        "deg/sqrt(s)", "white force noise, both quadratures", f"{PAPER}: 0.21 deg/sqrt(h)", NOT_NEGATIVE
-    )
-    bias_instability_deg_s: float = quantity(
-        "deg/s",
-        "coefficient B of the flicker noise",
-        f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
-        NOT_NEGATIVE,
-    )
-    flicker_shortest_s: float = quantity("s", "shortest correlation time of the flicker noise", CHOSEN, POSITIVE)
-    flicker_processes: int = quantity(
-        "1", "number of Ornstein-Uhlenbeck processes, each four times slower", CHOSEN, _Range(least=0, most=30)
-    )
-    electronic_v_sqrt_hz: float = quantity(
-        "V/sqrt(Hz)",
-        "white noise of the electronics behind the demodulator, at the output",
-        "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
-        NOT_NEGATIVE,
-    )
-    electronic_corner_hz: float = quantity(
-        "Hz", "where that noise is 3 dB down, first order", CHOSEN, _Range(least=1.0, most=5e3)
-    )
+    angle_random_walk_deg_sqrt_s: Annotated[
+        float,
+        Quantity("deg/sqrt(s)", "white force noise, both quadratures", f"{PAPER}: 0.21 deg/sqrt(h)", NOT_NEGATIVE),
+    ]
+    bias_instability_deg_s: Annotated[
+        float,
+        Quantity(
+            "deg/s",
+            "coefficient B of the flicker noise",
+            f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
+            NOT_NEGATIVE,
+        ),
+    ]
+    flicker_shortest_s: Annotated[
+        float, Quantity("s", "shortest correlation time of the flicker noise", CHOSEN, POSITIVE)
+    ]
+    flicker_processes: Annotated[
+        int,
+        Quantity(
+            "1", "number of Ornstein-Uhlenbeck processes, each four times slower", CHOSEN, _Range(least=0, most=30)
+        ),
+    ]
+    electronic_v_sqrt_hz: Annotated[
+        float,
+        Quantity(
+            "V/sqrt(Hz)",
+            "white noise of the electronics behind the demodulator, at the output",
+            "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
+            NOT_NEGATIVE,
+        ),
+    ]
+    electronic_corner_hz: Annotated[
+        float, Quantity("Hz", "where that noise is 3 dB down, first order", CHOSEN, _Range(least=1.0, most=5e3))
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class PickUp(_Group):
+class PickUp(_Group, frozen=True):
     """What the leads catch of the mains; its phases come from the seed."""
 
-    mains_hz: float = quantity("Hz", "nominal line frequency", "the bench file: site.mains_hz", _Range(least=1.0))
-    mains_deviation_hz: float = quantity(
-        "Hz",
-        "standard deviation of the line frequency from bench to bench, constant within a run",
-        "off; a grid keeps within some 0.05 Hz (unverified)",
-        _Range(least=0.0, most=2.0),
-    )
-    meter_leads_v: float = quantity("V rms", "in the loop of the multimeter's leads", UNVERIFIED, NOT_NEGATIVE)
-    v_vc_lead_v: float = quantity("V rms", "in the lead from generator to V_Vc", UNVERIFIED, NOT_NEGATIVE)
+    mains_hz: Annotated[
+        float, Quantity("Hz", "nominal line frequency", "the bench file: site.mains_hz", _Range(least=1.0))
+    ]
+    mains_deviation_hz: Annotated[
+        float,
+        Quantity(
+            "Hz",
+            "standard deviation of the line frequency from bench to bench, constant within a run",
+            "off; a grid keeps within some 0.05 Hz (unverified)",
+            _Range(least=0.0, most=2.0),
+        ),
+    ]
+    meter_leads_v: Annotated[
+        float, Quantity("V rms", "in the loop of the multimeter's leads", UNVERIFIED, NOT_NEGATIVE)
+    ]
+    v_vc_lead_v: Annotated[float, Quantity("V rms", "in the lead from generator to V_Vc", UNVERIFIED, NOT_NEGATIVE)]
 
 
-@dataclass(frozen=True, slots=True)
-class Thermal(_Group):
+class Thermal(_Group, frozen=True):
     """Temperature of the gyro and what the bias does with it."""
 
-    ambient_c: float = quantity("degC", "air on the bench", f"{PAPER}, Table 1", A_TEMPERATURE)
-    reference_c: float = quantity(
-        "degC", "temperature at which the parameters hold", f"{PAPER}, Table 1", A_TEMPERATURE
-    )
-    self_heating_k: float = quantity("K", "rise when powered for long", CHOSEN, _Range(least=0.0, most=100.0))
-    time_constant_s: float = quantity("s", "of the warm-up", CHOSEN, POSITIVE)
-    bias_coefficient_deg_s_k: float = quantity("(deg/s)/K", "bias, hence the warm-up exponential", CHOSEN)
-    refresh_k: float = quantity(
-        "K", "frequencies and quality factors are refreshed each time this much is passed", CHOSEN, _Range(least=1e-4)
-    )
+    ambient_c: Annotated[float, Quantity("degC", "air on the bench", f"{PAPER}, Table 1", A_TEMPERATURE)]
+    reference_c: Annotated[
+        float, Quantity("degC", "temperature at which the parameters hold", f"{PAPER}, Table 1", A_TEMPERATURE)
+    ]
+    self_heating_k: Annotated[float, Quantity("K", "rise when powered for long", CHOSEN, _Range(least=0.0, most=100.0))]
+    time_constant_s: Annotated[float, Quantity("s", "of the warm-up", CHOSEN, POSITIVE)]
+    bias_coefficient_deg_s_k: Annotated[float, Quantity("(deg/s)/K", "bias, hence the warm-up exponential", CHOSEN)]
+    refresh_k: Annotated[
+        float,
+        Quantity(
+            "K",
+            "frequencies and quality factors are refreshed each time this much is passed",
+            CHOSEN,
+            _Range(least=1e-4),
+        ),
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class TableMechanics(_Group):
+class TableMechanics(_Group, frozen=True):
     """True motion of the rate table under its servo."""
 
-    loop_hz: float = quantity("Hz", "natural frequency of the rate loop", "BD125 data sheet: 25 Hz", POSITIVE)
-    loop_damping: float = quantity(
-        "1", "damping of the rate loop", "suggested, unverified", _Range(least=0.1, most=0.99)
-    )
-    rate_error: float = quantity(
-        "1", "relative error of the mean rate", "BD125 class: 10 ppm, unverified", _Range(least=-0.5, most=0.5)
-    )
-    ripple_arcsec: tuple[float, ...] = quantity("arcsec", "amplitude of the angle error of each harmonic", CHOSEN)
-    ripple_harmonic: tuple[int, ...] = quantity("1/turn", "periods of each harmonic in a turn", CHOSEN, _Range(least=1))
-    ripple_phase_rad: tuple[float, ...] = quantity("rad", "phase of each harmonic at angle zero", CHOSEN)
-    flutter_per_sqrt_hz: float = quantity(
-        "1/sqrt(Hz)",
-        "white flutter of the true rate, a share of it",
-        "chosen, unverified; 27e-6 would be the BD125's 10 ppm over a turn at 100 deg/s",
-        NOT_NEGATIVE,
-    )
-    friction_deg_s2: float = quantity("deg/s^2", "dry friction with the servo open", CHOSEN, POSITIVE)
-    friction_time_s: float = quantity("s", "time constant of viscous friction with the servo open", CHOSEN, POSITIVE)
+    loop_hz: Annotated[float, Quantity("Hz", "natural frequency of the rate loop", "BD125 data sheet: 25 Hz", POSITIVE)]
+    loop_damping: Annotated[
+        float, Quantity("1", "damping of the rate loop", "suggested, unverified", _Range(least=0.1, most=0.99))
+    ]
+    rate_error: Annotated[
+        float,
+        Quantity(
+            "1", "relative error of the mean rate", "BD125 class: 10 ppm, unverified", _Range(least=-0.5, most=0.5)
+        ),
+    ]
+    ripple_arcsec: Annotated[
+        tuple[float, ...], Quantity("arcsec", "amplitude of the angle error of each harmonic", CHOSEN)
+    ]
+    ripple_harmonic: Annotated[
+        tuple[int, ...], Quantity("1/turn", "periods of each harmonic in a turn", CHOSEN, _Range(least=1))
+    ]
+    ripple_phase_rad: Annotated[tuple[float, ...], Quantity("rad", "phase of each harmonic at angle zero", CHOSEN)]
+    flutter_per_sqrt_hz: Annotated[
+        float,
+        Quantity(
+            "1/sqrt(Hz)",
+            "white flutter of the true rate, a share of it",
+            "chosen, unverified; 27e-6 would be the BD125's 10 ppm over a turn at 100 deg/s",
+            NOT_NEGATIVE,
+        ),
+    ]
+    friction_deg_s2: Annotated[float, Quantity("deg/s^2", "dry friction with the servo open", CHOSEN, POSITIVE)]
+    friction_time_s: Annotated[
+        float, Quantity("s", "time constant of viscous friction with the servo open", CHOSEN, POSITIVE)
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class Site(_Group):
+class Site(_Group, frozen=True):
     """Where the bench stands."""
 
-    latitude_deg: float = quantity(
-        "deg", "geographic latitude; the table axis is vertical", "Taiyuan, unverified", _Range(least=-90.0, most=90.0)
-    )
+    latitude_deg: Annotated[
+        float,
+        Quantity(
+            "deg",
+            "geographic latitude; the table axis is vertical",
+            "Taiyuan, unverified",
+            _Range(least=-90.0, most=90.0),
+        ),
+    ]
 
 
-@dataclass(frozen=True, slots=True)
-class SourceResistance(_Group):
+class SourceResistance(_Group, frozen=True):
     """Resistance behind the outputs of the PCB; the generator brings its own to v_vc, the rails count as 0 ohm."""
 
-    output_ohm: float = quantity("ohm", "node `output`: a resistor after the amplifier", CHOSEN, NOT_NEGATIVE)
-    drive_ohm: float = quantity("ohm", "node `drive`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)
-    carrier_ohm: float = quantity("ohm", "node `carrier`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)
-    sense_ohm: float = quantity("ohm", "node `sense`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)
+    output_ohm: Annotated[float, Quantity("ohm", "node `output`: a resistor after the amplifier", CHOSEN, NOT_NEGATIVE)]
+    drive_ohm: Annotated[float, Quantity("ohm", "node `drive`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)]
+    carrier_ohm: Annotated[float, Quantity("ohm", "node `carrier`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)]
+    sense_ohm: Annotated[float, Quantity("ohm", "node `sense`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)]
 
     def by_node(self) -> dict[str, float]:
         """Return the resistance of each of these nodes, ohm."""
-        return {each.name.removesuffix("_ohm"): getattr(self, each.name) for each in fields(self)}
+        return {name.removesuffix("_ohm"): getattr(self, name) for name in self.__struct_fields__}
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterRow:
+class ParameterRow(Struct, frozen=True):
     """One line of ``vcfbench sim show``."""
 
     path: str
@@ -331,8 +389,7 @@ class Contradiction(ConfigError):
         self.came = came
 
 
-@dataclass(frozen=True, slots=True)
-class BenchParameters:
+class BenchParameters(Struct, frozen=True):
     """The whole simulated bench, but for the errors of its instruments."""
 
     drive_mode: DriveMode
@@ -374,14 +431,8 @@ class BenchParameters:
 
     def rows(self) -> list[ParameterRow]:
         """Return every parameter with its dotted path, unit, meaning and source."""
-        return list(_rows("", self))
-
-
-def _rows(prefix: str, group: Any) -> Iterator[ParameterRow]:
-    for each in fields(group):
-        value = getattr(group, each.name)
-        path = f"{prefix}{each.name}"
-        if is_dataclass(value):
-            yield from _rows(f"{path}.", value)
-        else:
-            yield ParameterRow(path, value, each.metadata["unit"], each.metadata["meaning"], each.metadata["source"])
+        return [
+            ParameterRow(f"{group}.{name}", getattr(getattr(self, group), name), told.unit, told.meaning, told.source)
+            for group in self.__struct_fields__
+            for name, told in getattr(self, group).quantities().items()
+        ]

@@ -6,10 +6,10 @@ the handler into pyserial's list.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import serial
+from msgspec import Struct
 
 from vcfbench.sim.serial_line import Frame, Parity, SerialLine
 
@@ -65,8 +65,7 @@ class Port(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class _Port:
+class _Port(Struct, frozen=True):
     """A device in this process."""
 
     device: Device

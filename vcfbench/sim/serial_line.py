@@ -14,8 +14,9 @@ from __future__ import annotations
 import bisect
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+
+from msgspec import Struct
 
 from vcfbench.sim.scpi import ScpiError
 
@@ -37,8 +38,7 @@ _CLEAR = 3
 _WHOLE = 1 << 25
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(Struct, frozen=True):
     """How an end of the line sends and expects characters."""
 
     baud: float = 9600.0

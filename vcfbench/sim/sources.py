@@ -8,8 +8,10 @@ the chain behind that input.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,8 +40,7 @@ Bend = tuple[float, float, float, float]
 """A memoryless input: b0 + b1 V + b2 V^2 + b3 V^3 of the open-circuit voltage."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sine:
+class Sine(Struct, frozen=True):
     """amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time."""
 
     amplitude_v: float
@@ -55,8 +56,7 @@ class Sine:
         return self.amplitude_v * math.sin(math.tau * self.frequency_hz * now_s + self.phase_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
+class Drive(Struct, frozen=True):
     """What a generator puts out, open circuit.
 
     dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time, and `overtones`: the sidebands of a
@@ -98,8 +98,7 @@ def _sines(sines: tuple[Sine, ...], times_s: NDArray[np.float64]) -> NDArray[np.
     return volts
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+class Piece(Struct, frozen=True):
     """constant + slope_per_s t + Re sum a exp(s t) over [start_s, stop_s], terms (a, s), t from `start_s`."""
 
     start_s: float
@@ -130,8 +129,7 @@ class Played(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Ripple:
+class Ripple(Struct, frozen=True):
     """What a supply leaves on its output of the rectified mains: a sine, its phase at bench time 0."""
 
     rms_v: float
@@ -139,8 +137,7 @@ class Ripple:
     phase_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class Approach:
+class Approach(Struct, frozen=True):
     """A supply's voltage on its way: `goal_v` and the sum of size exp(-t / tau), t from `origin_s`.
 
     Args:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.sources import Sine
 
@@ -20,8 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["History", "Piece", "Trace"]
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+class Piece(Struct, frozen=True):
     """What a node did over [start_s, stop_s].
 
     Args:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import bisect
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec.structs import replace
 
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered

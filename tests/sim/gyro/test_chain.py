@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.optimize import brentq
 
 from tests.sim.gyro.bench import locked_chain

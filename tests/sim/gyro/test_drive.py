@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.sim.gyro.bench import powered
 from vcfbench.clock import VirtualClock

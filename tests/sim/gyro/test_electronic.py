@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.sim.gyro.design import ideal_bench

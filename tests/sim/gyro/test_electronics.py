@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.gyro.electronics import Oscillation, amplify, modulate, node_voltage, output_limits, rail_current_a

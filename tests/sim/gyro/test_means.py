@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.linalg import expm
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered

@@ -1,9 +1,8 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec.structs import replace
 
 from tests.sim.rate_tables.ideal import exchange
 from tests.sim.rate_tables.turning import RATE, START, aaaa, dd16, mn

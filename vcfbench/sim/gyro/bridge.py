@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.gyro.noise import BLOCK, by_rows
 
@@ -40,8 +40,7 @@ WITHOUT_WEIGHT = 1e-11
 """Part of the largest eigenvalue below which a direction is round-off; what its end misses is spread evenly."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Span:
+class _Span(Struct, frozen=True):
     """A piece of a stretch: the noise at both its ends and the integral of the filtered noise over it, V s."""
 
     start: NoiseState
@@ -50,8 +49,7 @@ class _Span:
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Waveform:
+class _Waveform(Struct, frozen=True):
     """Evenly spaced over a span: the filtered noise, V; its slope, V/s; the noise of the envelope of V_s, V."""
 
     step_s: float

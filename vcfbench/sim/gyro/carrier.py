@@ -10,10 +10,10 @@ powers in blocks, some thousand times faster than real time.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.gyro.modes import butterworth_poles
 
@@ -28,8 +28,7 @@ FINE_STEPS = 4
 BLOCK_CYCLES = 64
 
 
-@dataclass(frozen=True, slots=True)
-class CarrierRun:
+class CarrierRun(Struct, frozen=True):
     """Waveforms at `samples` instants a cycle, from the end of the first step on; V.
 
     `time_s` counts from the start of the run, `drive` is the pick-off, `filtered` the demodulated signal behind the

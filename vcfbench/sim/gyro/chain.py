@@ -15,11 +15,11 @@ the step.
 from __future__ import annotations
 
 import cmath
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.gyro.modes import butterworth_poles, butterworth_residues
 from vcfbench.sim.gyro.signals import FEW_TERMS, ExponentialSum
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Chain", "ChainDesign", "ChainState", "Forcing", "Response", "build_chain"]
 
 
-@dataclass(frozen=True, slots=True)
-class ChainState:
+class ChainState(Struct, frozen=True):
     """What the chain remembers, in terms that outlive a change of its parameters.
 
     `displacements`, `velocities`: complex envelopes of both sense modes, m and m/s. `filtered`: the filter's parts, V.
@@ -50,8 +49,7 @@ class ChainState:
         return cls(np.zeros(2, complex), np.zeros(2, complex), np.zeros(order, complex))
 
 
-@dataclass(frozen=True, slots=True)
-class Forcing:
+class Forcing(Struct, frozen=True):
     """Rate (rad/s) and modulator output (V) from now on; terms (a, s) add a exp(s t) each."""
 
     rate: complex
@@ -62,8 +60,7 @@ class Forcing:
     virtual_slope: complex = 0.0
 
 
-@dataclass(frozen=True)
-class Response:
+class Response(Struct, frozen=True, dict=True):
     """The chain's answer to a forcing, t from the moment it began.
 
     Eigenmodes move as `free exp(eigenmodes t) + constant + slope t + forced exp(exponents t)`, and the filter's
@@ -130,8 +127,7 @@ class Response:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Chain:
+class Chain(Struct, frozen=True, dict=True):
     """The sense chain with fixed parameters: eigenmodes, how each source forces them, what they show.
 
     `coupling` and `turned_coupling` (times e^{2j th}) tell the filter's parts from its free motions. Sources: `rate`
@@ -157,17 +153,21 @@ class Chain:
     to_sense: NDArray[np.complex128]
     carrier_through: complex
     virtual_through: complex
-    lag: NDArray[np.complex128] = field(init=False)
-    """What the filter's free motions make of a steady force times e^{2j th}."""
-    by_rate: NDArray[np.complex128] = field(init=False)
-    by_virtual: NDArray[np.complex128] = field(init=False)
-    """Columns of `rate` over `turned_rate`, and of `virtual` over `turned_virtual`."""
 
-    def __post_init__(self) -> None:
-        """Work out what every response needs."""
-        object.__setattr__(self, "lag", 1 / (2j * self.drive_rad_s - self.eigenmodes[4:]))
-        object.__setattr__(self, "by_rate", np.concatenate((self.rate, self.turned_rate))[:, None])
-        object.__setattr__(self, "by_virtual", np.concatenate((self.virtual, self.turned_virtual))[:, None])
+    @cached_property
+    def lag(self) -> NDArray[np.complex128]:
+        """What the filter's free motions make of a steady force times e^{2j th}."""
+        return np.asarray(1 / (2j * self.drive_rad_s - self.eigenmodes[4:]))
+
+    @cached_property
+    def by_rate(self) -> NDArray[np.complex128]:
+        """Column of `rate` over `turned_rate`."""
+        return np.concatenate((self.rate, self.turned_rate))[:, None]
+
+    @cached_property
+    def by_virtual(self) -> NDArray[np.complex128]:
+        """Column of `virtual` over `turned_virtual`."""
+        return np.concatenate((self.virtual, self.turned_virtual))[:, None]
 
     def modal(self, state: ChainState, turn: complex) -> NDArray[np.complex128]:
         """Return the eigenmodes' coordinates of a state; `turn` is e^{2j th}, 0 leaves the second product out."""

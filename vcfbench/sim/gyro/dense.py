@@ -6,10 +6,10 @@ most 0.0234 (w h)^4, 2e-6 of a sine at 7 kHz, a tenth of a step of its 16-bit wa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,8 +21,7 @@ FEWEST = 1024
 LEAST_SAVING = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Coarse:
+class Coarse(Struct, frozen=True):
     """Every `share`-th of `count` evenly spaced times, with the neighbours that a cubic needs at both ends."""
 
     first_s: float

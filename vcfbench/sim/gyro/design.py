@@ -8,7 +8,9 @@ unexplained.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.parameters import (
     BenchParameters,
@@ -32,8 +34,7 @@ __all__ = ["EARTH_RATE_DEG_S", "Targets", "design", "ideal_bench", "paper_bench"
 EARTH_RATE_DEG_S = 15.041067 / 3600.0
 
 
-@dataclass(frozen=True, slots=True)
-class Targets:
+class Targets(Struct, frozen=True):
     """What computed gains must give: y = c0 + c1 r + c2 r^2 + c3 r^3, r the table rate in deg/s, V_Vc switch open."""
 
     bias_v: float

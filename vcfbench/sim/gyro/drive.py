@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.gyro.signals import ExponentialSum
 
@@ -67,8 +67,7 @@ class Motion(NamedTuple):
         return ExponentialSum(0j, 0j, sizes, np.array([plus, minus, 1j * self.drive_rad_s]))
 
 
-@dataclass(frozen=True, slots=True)
-class DriveSegment:
+class DriveSegment(Struct, frozen=True):
     """A stretch of the drive's motion as the sense chain takes it: constant mean envelopes and frequency.
 
     `motions` hold the exact motion within it. A `locked` segment follows the resonance and lasts for ever.
@@ -93,8 +92,7 @@ def resting(drive_rad_s: float) -> DriveSegment:
     return DriveSegment(math.inf, drive_rad_s, 0j, 0j, locked=False, motions=())
 
 
-@dataclass(slots=True)
-class _Loop:
+class _Loop(Struct):
     """AGC and PLL with their integrators; amplitudes relative to the set one, forces to the one that holds it."""
 
     bench: BenchParameters

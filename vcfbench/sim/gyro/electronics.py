@@ -5,10 +5,11 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vcfbench.sim.sources import Drive
@@ -41,8 +42,7 @@ FORGOTTEN = 1e-9
 """Part of the largest below which a product of sines is left out."""
 
 
-@dataclass(frozen=True, slots=True)
-class Oscillation:
+class Oscillation(Struct, frozen=True):
     """A line and sines: `constant_v + slope_v_s t + Re sum a exp(j w t)`, terms (a, j w), t from its own origin."""
 
     constant_v: float
@@ -67,8 +67,7 @@ class Oscillation:
         return self.constant_v * duration_s + 0.5 * self.slope_v_s * duration_s**2 + swung
 
 
-@dataclass(frozen=True, slots=True)
-class Pin:
+class Pin(Struct, frozen=True):
     """A supply pin: how its voltage goes on, and what ripples on it; `sign` is the polarity that the PCB takes.
 
     Of the other polarity it counts as 0 V: the protection diodes block it.
@@ -103,8 +102,7 @@ class Pin:
         return [(cmath.rect(math.sqrt(2) * ripple.rms_v, speed * now_s + ripple.phase_rad), 1j * speed)]
 
 
-@dataclass(frozen=True, slots=True)
-class PlayedVoltage:
+class PlayedVoltage(Struct, frozen=True):
     """V_Vc of a source that plays, from `start_s` on: pictures as it is, means from its pieces."""
 
     source: Played
@@ -130,8 +128,7 @@ class PlayedVoltage:
         return total
 
 
-@dataclass(frozen=True, slots=True)
-class Passage:
+class Passage(Struct, frozen=True):
     """V_Vc and what the modulator makes of it, from `origin_s` to `stop_s`."""
 
     origin_s: float
@@ -264,8 +261,7 @@ def output_limits(stage: OutputStage, positive_v: float, negative_v: float) -> t
     return min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class MovingLimits:
+class MovingLimits(Struct, frozen=True):
     """Where the output saturates while the rails move; times from the origin of both rails, ripple left out."""
 
     stage: OutputStage

@@ -13,10 +13,10 @@ from __future__ import annotations
 import cmath
 import copy
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign, ChainState, Forcing

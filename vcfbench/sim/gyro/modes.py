@@ -11,25 +11,25 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass, field
+from functools import cached_property
+
+from msgspec import Struct
 
 __all__ = ["Resonance", "butterworth_poles", "butterworth_residues"]
 
 
-@dataclass(frozen=True, slots=True)
-class Resonance:
+class Resonance(Struct, frozen=True, dict=True):
     """A second-order mode: natural frequency in rad/s and quality factor (> 1/2)."""
 
     natural_rad_s: float
     quality: float
-    poles: tuple[complex, complex] = field(init=False, repr=False, compare=False)
-    """p+ and p-, 1/s."""
 
-    def __post_init__(self) -> None:
-        """Work out the poles, which every step needs."""
+    @cached_property
+    def poles(self) -> tuple[complex, complex]:
+        """p+ and p-, 1/s."""
         damping = self.natural_rad_s / (2 * self.quality)
         ringing = self.natural_rad_s * math.sqrt(1 - 1 / (4 * self.quality**2))
-        object.__setattr__(self, "poles", (complex(-damping, ringing), complex(-damping, -ringing)))
+        return complex(-damping, ringing), complex(-damping, -ringing)
 
     def steady(self, drive_rad_s: float) -> complex:
         """Return the steady envelope per unit force per mass, 1/(P + jR), s^2."""

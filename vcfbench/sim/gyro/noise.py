@@ -12,10 +12,11 @@ would change its size by less than 1e-5.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,8 +29,7 @@ __all__ = ["BLOCK", "Flicker", "Flutter", "Interval", "NoiseState", "NoisyChain"
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 
-@dataclass(frozen=True, slots=True)
-class Flicker:
+class Flicker(Struct, frozen=True):
     """Ornstein-Uhlenbeck processes whose sum has the spectrum B^2/(2 pi f) (two-sided), correlation times 1:4:16..."""
 
     times_s: NDArray[np.float64]
@@ -54,8 +54,7 @@ class Flicker:
         return np.asarray(rates_rad_s * kept + np.sqrt(-np.expm1(-2 * duration_s / self.times_s)) * self.drawn(random))
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseState:
+class NoiseState(Struct, frozen=True):
     """What noise has made so far of the chain's eigenmodes (first product only) and of each flicker rate, rad/s."""
 
     modal: NDArray[np.complex128]
@@ -73,8 +72,7 @@ class NoiseState:
         return np.concatenate((modal.real, modal.imag, self.rates_rad_s - other.rates_rad_s))
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(Struct, frozen=True, dict=True):
     """What an interval does to a noise state: decay, mean effect of the flicker, factor of what is added."""
 
     decay: NDArray[np.complex128]
@@ -82,11 +80,10 @@ class Interval:
     carried: NDArray[np.complex128]
     integral: NDArray[np.complex128]
     factor: NDArray[np.float64]
-    whole: NDArray[np.float64] = field(init=False)
-    """What makes (Re modal, Im modal, flicker, integral) of (Re modal, Im modal, flicker, random numbers)."""
 
-    def __post_init__(self) -> None:
-        """Write all of it as one matrix."""
+    @cached_property
+    def whole(self) -> NDArray[np.float64]:
+        """What makes (Re modal, Im modal, flicker, integral) of (Re modal, Im modal, flicker, random numbers)."""
         n, k = len(self.decay), len(self.fade)
         by_itself = np.zeros((2 * n + k + 1, 2 * n + k))
         rotation = np.diag(self.decay)
@@ -94,7 +91,7 @@ class Interval:
         by_itself[n : 2 * n] = np.hstack((rotation.imag, rotation.real, self.carried.imag))
         by_itself[2 * n : -1, 2 * n :] = np.diag(self.fade)
         by_itself[-1] = np.concatenate((self.integral[:n].real, -self.integral[:n].imag, self.integral[n:].real))
-        object.__setattr__(self, "whole", np.hstack((by_itself, self.factor)))
+        return np.hstack((by_itself, self.factor))
 
     def integral_of(self, state: NoiseState) -> float:
         """Return the integral of the filtered noise that a state makes by itself, V s."""

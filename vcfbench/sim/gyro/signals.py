@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,8 +16,7 @@ BLOCK = 1 << 20
 FEW_TERMS = 256
 
 
-@dataclass(frozen=True, slots=True)
-class ExponentialSum:
+class ExponentialSum(Struct, frozen=True):
     """The signal `constant + slope t + sum amplitudes exp(exponents t) + turning t exp(turn t)`, complex.
 
     t is in s from the signal's own origin. An exponent is 0 where a sine on V_Vc meets the second product of the

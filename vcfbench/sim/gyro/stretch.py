@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct, field
 
 from vcfbench.sim.gyro.dense import COARSE_S, coarser
 from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, amplify, output_limits
@@ -32,8 +32,7 @@ FINEST_RAD = 0.05
 PINS = ("rail_positive", "rail_negative")
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(Struct, frozen=True):
     """What holds from one event to the next: the chain's response, the drive, what is on V_Vc and the supply pins.
 
     A PCB without enough power is not `alive`.
@@ -49,8 +48,7 @@ class Situation:
     electronic: ElectronicNoise | None
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(Struct, frozen=True):
     """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
     The response began `responding_s` before the stretch did. `noise_integral_v_s` is the noise's part of the integral

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.sim.gyro.modes import Resonance
 
@@ -14,8 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["WarmUp", "resonance_at"]
 
 
-@dataclass(frozen=True, slots=True)
-class WarmUp:
+class WarmUp(Struct, frozen=True):
     """Temperature from `start_s` on: goal + (start - goal) exp(-(t - start_s)/tau)."""
 
     start_s: float

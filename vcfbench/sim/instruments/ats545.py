@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
+
+from msgspec import Struct, field
 
 from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.scpi import (
@@ -51,8 +52,7 @@ _LOCAL = re.compile(rb"%(?:RM|GL|LL)\r?\n?")
 """Remote and local on RS-232; taken everywhere, because drivers send them everywhere."""
 
 
-@dataclass(frozen=True, slots=True)
-class StreamErrors:
+class StreamErrors(Struct, frozen=True):
     """Imperfections of one specimen."""
 
     air_offset_k: float
@@ -71,8 +71,7 @@ class StreamErrors:
         return cls(*(float(each) for each in rng.normal(0.0, 0.5, 2)))
 
 
-@dataclass(slots=True)
-class _Setpoint:
+class _Setpoint(Struct):
     """One of the three of the operator's screen."""
 
     temperature_c: float
@@ -85,8 +84,7 @@ def _setpoints() -> list[_Setpoint]:
     return [_Setpoint(85.0), _Setpoint(25.0), _Setpoint(-40.0)]
 
 
-@dataclass(slots=True)
-class _Settings:
+class _Settings(Struct):
     """What can be set beside the setpoints."""
 
     number: int = 1

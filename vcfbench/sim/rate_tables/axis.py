@@ -8,8 +8,9 @@ the over-rate trip, ends of travel, a stalled motor.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct
 
 from vcfbench.sim.motion import Swing
 
@@ -119,8 +120,7 @@ class TableWorld(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class TableErrors:
+class TableErrors(Struct, frozen=True):
     """Imperfections of the read-back of one specimen; zero switches each off. And what shuts it down by itself.
 
     Raises:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.axis import TableWorld
@@ -15,8 +16,7 @@ __all__ = ["LineDevice", "SerialTiming"]
 _BITS_PER_CHARACTER = 10  # 8N1: start, eight data, stop
 
 
-@dataclass(frozen=True, slots=True)
-class SerialTiming:
+class SerialTiming(Struct, frozen=True):
     """How long an exchange takes: the line's speed and the controller's own time."""
 
     baud: float

@@ -11,8 +11,9 @@ encoder is absolute.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.sim.motion import Ripple
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
@@ -36,16 +37,14 @@ _ACCELERATION_UNIT = 1.6384e-4
 _REQUEST = re.compile(r"/(?:\s*(\d+)(?:\s+(\d+)(?:\s+(\d+))?)?)?(?:\s*([A-Za-z].*?))?\s*")
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
+class _Request(Struct, frozen=True):
     device: int
     axis: int
     identifier: str | None
     words: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class StepperErrors(TableErrors):
+class StepperErrors(TableErrors, frozen=True):
     """Imperfections of a stage with a stepping motor; zero switches each off."""
 
     step_error_arcsec: float = 0.0
@@ -56,7 +55,7 @@ class StepperErrors(TableErrors):
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> StepperErrors:
         """Return a specimen: the read-back as of any table, and the steps of its motor."""
-        told = {each.name: getattr(TableErrors.drawn(rng), each.name) for each in fields(TableErrors)}
+        told = {name: getattr(TableErrors.drawn(rng), name) for name in TableErrors.__struct_fields__}
         return cls(**told, step_error_arcsec=0.2, pull_out_deg_s=600.0)
 
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
+
+from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ErrorQueue, ScpiError, esr_bit
 from vcfbench.sim.scpi.formats import signed_integer
@@ -43,8 +44,7 @@ _SMALLEST_BUFFER = 64
 """No instrument's input buffer is smaller: what is shorter than this never fills one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Interface:
+class Interface(Struct, frozen=True):
     """A connector's personality.
 
     Args:
@@ -67,8 +67,7 @@ LAN = Interface("lan", message_exchange=False)
 RS232 = Interface("rs232", b"\r\n", message_exchange=False, break_byte=b"\x03")
 
 
-@dataclass(frozen=True, slots=True)
-class Dialect:
+class Dialect(Struct, frozen=True):
     """What the parser of a model has of its own.
 
     Args:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NoReturn
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.scpi.errors import ScpiError
 
@@ -46,8 +48,7 @@ class Kind(Enum):
     EXPRESSION = "expression"
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(Struct, frozen=True):
     """One parameter: `text` as typed (strings and blocks without delimiters), `number` and `suffix` of numbers."""
 
     kind: Kind
@@ -56,8 +57,7 @@ class Token:
     suffix: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Unit:
+class Unit(Struct, frozen=True):
     """One program message unit.
 
     `error` ends the message: nothing after it was understood; without mnemonics not even the header was.

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from functools import cached_property
+
+from msgspec import Struct
 
 __all__ = ["Mnemonic"]
 
 _PATTERN = re.compile(r"(\*?[A-Z][A-Z0-9_]*)([a-z0-9_]*)(?:<(\d+)-(\d+)>)?")
 
 
-@dataclass(frozen=True)
-class Mnemonic:
+class Mnemonic(Struct, frozen=True):
     """A keyword: exactly its short or exactly its long form, case apart; `suffixes` is the range of its number."""
 
     short: str
@@ -28,7 +27,7 @@ class Mnemonic:
         suffixes = None if match[3] is None else (int(match[3]), int(match[4]))
         return cls(match[1], (match[1] + match[2]).upper(), suffixes)
 
-    @cached_property
+    @property
     def spellings(self) -> tuple[str, ...]:
         """The accepted spellings, upper case, without suffix."""
         return (self.short,) if self.short == self.long else (self.short, self.long)

@@ -8,9 +8,10 @@ limits, MIN, MAX and DEF may depend on the instrument's state.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ScpiError
 from vcfbench.sim.scpi.lexer import Kind, Token
@@ -81,8 +82,7 @@ def clip(value: float, limits: Limits, word: str) -> Violation:
     return Violation(limits.maximum if upper else limits.minimum, ScpiError(-222, "; ".join(parts)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
+class Parameter(Struct, frozen=True, kw_only=True):
     """What every parameter has: whether it must be there, what stands for it when it is not, and a refusal."""
 
     required: bool = True
@@ -145,8 +145,7 @@ def _suffixes(unit: str) -> dict[str, Quantity]:
     return table
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Number(Parameter):
+class Number(Parameter, frozen=True, kw_only=True):
     """A decimal number with an optional unit suffix, or MIN, MAX, DEF where there are limits.
 
     Args:
@@ -169,22 +168,20 @@ class Number(Parameter):
     with_unit: bool = False
     deferred: bool = False
     named: bool = True
-    suffixes: Mapping[str, Quantity] = field(init=False, repr=False, compare=False)
-    specials: Mapping[str, Any] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    @property
+    def suffixes(self) -> Mapping[str, Quantity]:
+        """What the suffixes of its units stand for."""
         names = (self.unit,) if isinstance(self.unit, str) else self.unit
-        suffixes: dict[str, Quantity] = {}
-        for name in filter(None, names):
-            suffixes |= _suffixes(name)
-        specials: dict[str, Any] = {}
+        return {suffix: each for name in filter(None, names) for suffix, each in _suffixes(name).items()}
+
+    @property
+    def specials(self) -> Mapping[str, Any]:
+        """What its words stand for, long or short."""
         pairs: list[tuple[str, Any]] = [*self.words.items()]
         if self.named and (self.limits is not None or self.deferred):
             pairs += [(special.value, special) for special in Special]
-        for word, meaning in pairs:
-            specials |= dict.fromkeys(Mnemonic.parse(word).spellings, meaning)
-        object.__setattr__(self, "suffixes", suffixes)
-        object.__setattr__(self, "specials", specials)
+        return {spelling: meaning for word, meaning in pairs for spelling in Mnemonic.parse(word).spellings}
 
     @property
     def fixed(self) -> bool:
@@ -241,21 +238,23 @@ class Number(Parameter):
         return violation.value
 
     def _word(self, token: Token) -> Any:
-        if not self.specials:
+        specials = self.specials
+        if not specials:
             raise self.refuse_kind(token)
-        if token.text not in self.specials:
+        if token.text not in specials:
             raise ScpiError(-224)
-        value = self.specials[token.text]
+        value = specials[token.text]
         return Quantity(value, "") if self.with_unit and not isinstance(value, Special) else value
 
     def _scale(self, token: Token) -> Quantity:
         if not token.suffix:
             return Quantity(token.number, "")
-        if not self.suffixes:
+        suffixes = self.suffixes
+        if not suffixes:
             raise ScpiError(-138)
-        if token.suffix not in self.suffixes:
+        if token.suffix not in suffixes:
             raise ScpiError(-131)
-        factor, unit = self.suffixes[token.suffix]
+        factor, unit = suffixes[token.suffix]
         return Quantity(token.number * factor, unit)
 
 
@@ -266,8 +265,7 @@ def nearest(value: float, legal: tuple[float, ...]) -> float:
     return min(legal, key=lambda candidate: abs(math.log(max(abs(value), 1e-300) / candidate)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Integer(Number):
+class Integer(Number, frozen=True, kw_only=True):
     """A number rounded to an integer; handed over as `int`."""
 
     def rounded(self, value: float) -> float:
@@ -285,8 +283,7 @@ class Integer(Number):
         return False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Boolean(Parameter):
+class Boolean(Parameter, frozen=True, kw_only=True):
     """ON, OFF or a number, which is rounded; anything but 0 is on. `words` adds others, e.g. ("ONCE",)."""
 
     words: tuple[str, ...] = ()
@@ -313,15 +310,15 @@ class _NumberNotAllowed(ScpiError):
         super().__init__(-128)
 
 
-@dataclass(frozen=True, slots=True)
-class Choice(Parameter):
+class Choice(Parameter, frozen=True):
     """One of some words, long or short; handed over in the short form, with its suffix: `Choice(("CHANnel<1-4>",))`."""
 
     words: tuple[str, ...] = ()
-    mnemonics: tuple[Mnemonic, ...] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mnemonics", tuple(map(Mnemonic.parse, self.words)))
+    @property
+    def mnemonics(self) -> tuple[Mnemonic, ...]:
+        """The words as the manual spells them."""
+        return tuple(map(Mnemonic.parse, self.words))
 
     def parse(self, token: Token) -> str:
         """Return the short form in upper case."""
@@ -336,8 +333,7 @@ class Choice(Parameter):
         raise ScpiError(-224)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Text(Parameter):
+class Text(Parameter, frozen=True, kw_only=True):
     """A quoted string of at most `limit` characters (-223 beyond)."""
 
     limit: int | None = None
@@ -353,8 +349,7 @@ class Text(Parameter):
         return token.text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Word(Parameter):
+class Word(Parameter, frozen=True, kw_only=True):
     """Any unquoted word, in upper case (security codes)."""
 
     def parse(self, token: Token) -> str:
@@ -366,8 +361,7 @@ class Word(Parameter):
         return token.text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Block(Parameter):
+class Block(Parameter, frozen=True, kw_only=True):
     """A block of bytes."""
 
     def parse(self, token: Token) -> bytes:

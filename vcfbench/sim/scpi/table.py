@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ScpiError
 from vcfbench.sim.scpi.lexer import Kind, Token, Unit, units
@@ -24,8 +25,7 @@ def _as_it_is(value: Any) -> str | bytes:
     return value if isinstance(value, bytes) else str(value)
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(Struct, frozen=True):
     """One line of a manual's command list.
 
     Args:
@@ -132,8 +132,7 @@ def _failed(error: ScpiError) -> Step:
     return step
 
 
-@dataclass(slots=True)
-class _Node:
+class _Node(Struct):
     children: dict[str, list[tuple[Mnemonic, _Node]]] = field(default_factory=dict)
     doing: Command | None = None
     asking: Command | None = None

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import socket
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
+
+from msgspec import Struct, field
 
 from vcfbench.models import Wire as Offer
 from vcfbench.sim.faults import FaultScript
@@ -45,8 +46,7 @@ _DEFAULT_CONTROL_PORT = 20220
 _HIGHEST_PORT = 65_535
 
 
-@dataclass(frozen=True, slots=True)
-class ServedBench:
+class ServedBench(Struct, frozen=True):
     """What is served: the World, the devices by role, and their models by role; all on one :class:`ServedClock`."""
 
     world: World
@@ -60,8 +60,7 @@ class ServedBench:
     """The interfaces of the real boxes by role."""
 
 
-@dataclass(frozen=True, slots=True)
-class ServerSettings:
+class ServerSettings(Struct, frozen=True):
     """How a bench is served.
 
     Args:
@@ -85,8 +84,7 @@ class ServerSettings:
     rs232: Rs232 = "ideal"
 
 
-@dataclass(slots=True)
-class Wires:
+class Wires(Struct):
     """Where one instrument answers: ready resource strings, None where it does not."""
 
     model: str

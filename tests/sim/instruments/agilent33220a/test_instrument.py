@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from tests.sim.instruments.agilent33220a.bench import Socket
 from vcfbench.sim.instruments.agilent33220a import TABLE, GeneratorErrors, OutputRange

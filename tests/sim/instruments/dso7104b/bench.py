@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors

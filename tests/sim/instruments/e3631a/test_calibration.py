@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from tests.sim.instruments.e3631a.test_instrument import Bench, bench
 from vcfbench.sim.instruments.e3631a.errors import OutputErrors, SupplyErrors

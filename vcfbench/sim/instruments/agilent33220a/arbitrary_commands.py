@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.instruments.agilent33220a.arbitrary import crest, mean
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["COMMANDS"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _DacPoints(Parameter):
+class _DacPoints(Parameter, frozen=True, kw_only=True):
     """A block of 16-bit words or a number -8191...8191."""
 
     def parse(self, token: Token) -> bytes | float:

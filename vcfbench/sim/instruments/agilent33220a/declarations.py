@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.agilent33220a.settings import FREQUENCY_HZ
@@ -34,8 +33,7 @@ __all__ = [
 nr3 = real(13)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Name(Parameter):
+class Name(Parameter, frozen=True, kw_only=True):
     """A free name without quotes: a letter, then letters, digits or underscores, at most 12 (unverified)."""
 
     def parse(self, token: Token) -> str:

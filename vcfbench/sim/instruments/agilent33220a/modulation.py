@@ -8,8 +8,9 @@ Sync, trigger output and the marker are outputs of which nothing on the bench ta
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.agilent33220a.settings import SOURCE_OHM
 from vcfbench.sim.sources import Drive, Sine

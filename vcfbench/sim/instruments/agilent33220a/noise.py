@@ -8,10 +8,11 @@ oscilloscope sees of single ticks adds up to it. Between ticks it goes straight,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.agilent33220a.playing import cosines
 from vcfbench.sim.sources import Piece
@@ -34,8 +35,7 @@ _MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _STEP = 0x9E3779B97F4A7C15
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
+class Noise(Struct, frozen=True):
     """offset_v and Gaussian noise of `rms_v`, clipped at its crest."""
 
     offset_v: float

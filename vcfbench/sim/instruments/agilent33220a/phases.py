@@ -7,10 +7,11 @@ move smoothly: the steps of the real accumulator, below 1 uHz every 20 ns, are n
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.agilent33220a.waveforms import turned
 
@@ -32,8 +33,7 @@ class Run(NamedTuple):
     until_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Rhythm:
+class Rhythm(Struct, frozen=True):
     """A modulating waveform; it runs freely from bench time 0."""
 
     waveform: Waveform
@@ -49,8 +49,7 @@ class Rhythm:
         return turned(self.waveform, self.hz * times_s) / self.hz
 
 
-@dataclass(frozen=True, slots=True)
-class Steady:
+class Steady(Struct, frozen=True):
     """One frequency."""
 
     hz: float
@@ -75,8 +74,7 @@ class Steady:
         return Run(self.hz, self.hz * time_s + self.cycles, math.inf)
 
 
-@dataclass(frozen=True, slots=True)
-class Deviated:
+class Deviated(Struct, frozen=True):
     """Frequency modulation: hz + deviation_hz times the rhythm."""
 
     hz: float
@@ -103,8 +101,7 @@ class Deviated:
         del time_s
 
 
-@dataclass(frozen=True, slots=True)
-class Shifted:
+class Shifted(Struct, frozen=True):
     """Phase modulation: deviation_cycles times the rhythm added."""
 
     hz: float
@@ -130,8 +127,7 @@ class Shifted:
         del time_s
 
 
-@dataclass(frozen=True, slots=True)
-class Keyed:
+class Keyed(Struct, frozen=True):
     """Frequency shift keying: hz for the first half of each period of the rate, hop_hz for the second."""
 
     hz: float
@@ -162,8 +158,7 @@ class Keyed:
         return Run(self.hop_hz if halves % 2 else self.hz, cycles, (halves + 1) / (2 * self.rate_hz))
 
 
-@dataclass(frozen=True, slots=True)
-class Swept:
+class Swept(Struct, frozen=True):
     """Sweeps from start_hz to stop_hz in `lasts_s`, one after the other, or one at `from_s` with start_hz around it."""
 
     start_hz: float
@@ -212,8 +207,7 @@ class Swept:
         return Run(self.start_hz, float(self.at(np.array([time_s]))[0]), until)
 
 
-@dataclass(frozen=True, slots=True)
-class Bursts:
+class Bursts(Struct, frozen=True):
     """`count` cycles from the phase `cycles` on, at `from_s` and then every `period_s`; in between the phase stands."""
 
     hz: float

@@ -11,10 +11,11 @@ stretches of the phase, so that neither a fast carrier nor its edges are sampled
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.agilent33220a.waveforms import POWERS
 from vcfbench.sim.sources import HIGHEST_HZ, Piece
@@ -45,8 +46,7 @@ _BENDS = 16
 _FORGOTTEN = 1e-13
 
 
-@dataclass(frozen=True, slots=True)
-class Envelope:
+class Envelope(Struct, frozen=True):
     """Amplitude modulation: (1 + depth rhythm)/2 of the amplitude, at most `most` of it."""
 
     depth: float
@@ -63,8 +63,7 @@ class Envelope:
         return np.minimum((1 + self.depth * swung) / 2, self.most)
 
 
-@dataclass(frozen=True, slots=True)
-class WidthSwing:
+class WidthSwing(Struct, frozen=True):
     """Pulse width modulation: duty + swing rhythm."""
 
     duty: float
@@ -76,8 +75,7 @@ class WidthSwing:
         return np.clip(self.duty + self.swing * self.rhythm.values(times_s), 0.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Playing:
+class Playing(Struct, frozen=True):
     """offset_v + peak_v envelope(t) waveform(phase(t)); a negative peak is an inverted waveform."""
 
     offset_v: float

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.sim.scpi import ScpiError
 
@@ -117,8 +118,7 @@ def conflict(words: str) -> ScpiError:
     return ScpiError(-221, f"Settings conflict; {words}")
 
 
-@dataclass(frozen=True, slots=True)
-class OutputRange:
+class OutputRange(Struct, frozen=True):
     """One attenuator range of the direct-voltage path, open-circuit volts."""
 
     upper_v: float
@@ -129,8 +129,7 @@ class OutputRange:
     """Voltage that the range adds, V."""
 
 
-@dataclass(frozen=True, slots=True)
-class GeneratorErrors:
+class GeneratorErrors(Struct, frozen=True):
     """Imperfections of one specimen; each is off at zero."""
 
     ranges: tuple[OutputRange, ...]

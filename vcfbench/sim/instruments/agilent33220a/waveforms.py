@@ -7,10 +7,10 @@ are; the powers are those of a modulator's curvature.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,8 +46,7 @@ def turned(waveform: Waveform, cycles: Values) -> Values:
     return np.asarray(whole * one + waveform.integral(1, cycles - whole))
 
 
-@dataclass(frozen=True, slots=True)
-class Sine:
+class Sine(Struct, frozen=True):
     """A sine."""
 
     @property
@@ -71,8 +70,7 @@ class Sine:
         return np.asarray((9 * (1 - np.cos(angles)) - (1 - np.cos(3 * angles))) / (24 * math.pi))
 
 
-@dataclass(frozen=True, slots=True)
-class Pulse:
+class Pulse(Struct, frozen=True):
     """High from 0 to `duty`, between the middles of its edges, which last the part `edge` of the cycle.
 
     Its integrals take the edges, some 10 ns, as jumps.
@@ -101,8 +99,7 @@ class Pulse:
         return np.asarray(2 * np.minimum(places, self.duty if duty is None else duty) - places)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+class Segments(Struct, frozen=True, eq=False):
     """Straight segments from one place to the next: where each starts, its value there, its slope per cycle."""
 
     starts: Values

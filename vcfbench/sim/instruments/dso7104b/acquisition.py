@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.gyro.dense import Coarse
 from vcfbench.sim.instruments.dso7104b.inputs import Signals, seen
@@ -42,8 +42,7 @@ _REMEMBERED_S = 11.0
 """The longest duration that a trigger measures, and a little more."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScopeErrors:
+class ScopeErrors(Struct, frozen=True):
     """Imperfections of one specimen; each is off at zero."""
 
     gain_error: tuple[float, float, float, float]
@@ -78,8 +77,7 @@ class ScopeErrors:
         return cls(four(0.02), four(0.1), four(1e-10), float(rng.uniform(-25e-6, 25e-6)), 0.02, 8)
 
 
-@dataclass(frozen=True, slots=True)
-class Digitised:
+class Digitised(Struct, frozen=True):
     """A channel's samples in volts after the converter, and whether any was beyond it."""
 
     volts: NDArray[np.float64]
@@ -223,8 +221,7 @@ def _stepped(volts: NDArray[np.float64], step_v: float, offset_v: float) -> NDAr
     return volts
 
 
-@dataclass(frozen=True, slots=True)
-class Pace:
+class Pace(Struct, frozen=True):
     """How acquisitions follow each other.
 
     Args:
@@ -242,8 +239,7 @@ class Pace:
     not_before_s: float = -math.inf
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
+class Found(Struct, frozen=True):
     """What was captured, and when the triggers were."""
 
     capture: Capture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.scpi import INFINITY, Choice, Command, Integer, Limits, Number, Parameter, ScpiError, signed_integer
@@ -36,8 +35,7 @@ VOLTS = Number(unit="V")
 SECONDS = Number(unit="S")
 
 
-@dataclass(frozen=True, slots=True)
-class Source(Choice):
+class Source(Choice, frozen=True):
     """A channel or the math trace, which has two names and answers to FUNC (6000 series programmer's guide)."""
 
     words: tuple[str, ...] = ("CHANnel<1-4>", "FUNCtion", "MATH")

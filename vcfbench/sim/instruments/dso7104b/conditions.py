@@ -7,8 +7,9 @@ a time-out when it runs out while the pattern is there, a pattern when the last 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -307,8 +308,7 @@ class Video(_Patient):
         return exactly(end) if self._field and first and self._in_field else None
 
 
-@dataclass(frozen=True, slots=True)
-class Stage:
+class Stage(Struct, frozen=True):
     """What one stage of a sequence waits for: a pattern entered or exited, an edge, or an edge within a pattern."""
 
     pattern: Mapping[int, bool] | None = None

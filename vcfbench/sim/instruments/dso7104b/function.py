@@ -8,10 +8,10 @@ sources; so do span and centre of an FFT, which then shows all frequencies.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.instruments.dso7104b.commands import CHANNEL, clipped, setting
 from vcfbench.sim.instruments.dso7104b.math_trace import FFT_POINTS, TWO_SOURCES, Spectrum, combined, transformed
@@ -40,8 +40,7 @@ _RANGES = {
 _FFT_RANGE_DB, _FFT_CENTRE_DBV = 160.0, -60.0
 
 
-@dataclass(frozen=True, slots=True)
-class MathTrace:
+class MathTrace(Struct, frozen=True):
     """Values at `first + n step`: seconds, or hertz of an FFT."""
 
     first: float

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -71,8 +71,7 @@ class ScopeWorld(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Screen:
+class Screen(Struct, frozen=True):
     """The time window that is shown: from `left_s` for `range_s`, trigger at 0."""
 
     left_s: float
@@ -89,8 +88,7 @@ class Screen:
         return self.left_s + np.arange(start, stop, dtype=np.float64) * (self.range_s / points)
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelView:
+class ChannelView(Struct, frozen=True):
     """How a channel looks at its node."""
 
     node: str | None
@@ -118,8 +116,7 @@ def seen(capture: Capture, view: ChannelView, times_s: NDArray[np.float64]) -> N
     return volts * view.shown_per_real
 
 
-@dataclass(frozen=True, slots=True)
-class Signals:
+class Signals(Struct, frozen=True):
     """What the trigger circuits see: the channels, the mains, the empty EXTernal input."""
 
     capture: Capture

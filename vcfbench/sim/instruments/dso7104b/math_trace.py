@@ -8,10 +8,10 @@ that DIFFerentiate takes is the one between the two neighbours of a point here, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,8 +56,7 @@ def _integral(volts: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
     return np.concatenate(([0.0], np.cumsum((volts[1:] + volts[:-1]) * (step_s / 2.0))))
 
 
-@dataclass(frozen=True, slots=True)
-class Spectrum:
+class Spectrum(Struct, frozen=True):
     """An FFT: level at multiples of `step_hz`."""
 
     step_hz: float

@@ -8,11 +8,11 @@ the one nearest the time reference. Whatever cannot be measured is None, which t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,8 +26,7 @@ _OUTER_BINS = 102
 """Where top and base are looked for, 40 % from each end (chosen): a burst rests in the middle, which is neither."""
 
 
-@dataclass(frozen=True, slots=True)
-class Thresholds:
+class Thresholds(Struct, frozen=True):
     """Lower, middle and upper threshold: percent between base and top, or volts."""
 
     upper: float = 90.0
@@ -36,8 +35,7 @@ class Thresholds:
     absolute: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Edge:
+class Edge(Struct, frozen=True):
     """A full transition: where it crosses the lower, middle and upper threshold, s."""
 
     rising: bool

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.sim.instruments.dso7104b.commands import (
     INVALID,
@@ -30,8 +31,7 @@ __all__ = ["MEASURE_COMMANDS", "Installed"]
 _INSTALLED_MOST = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Installed:
+class Installed(Struct, frozen=True):
     """A measurement on the screen."""
 
     label: str
@@ -43,8 +43,7 @@ class Installed:
         return _try(lambda: self.of(*(model.trace(source, record) for source in self.sources)))
 
 
-@dataclass(frozen=True, slots=True)
-class _Definition(Parameter):
+class _Definition(Parameter, frozen=True):
     """A word or a number of :MEASure:DEFine."""
 
     def parse(self, token: Token) -> str | float:
@@ -54,8 +53,7 @@ class _Definition(Parameter):
         return Choice(("STANdard", "PERCent", "ABSolute")).parse(token)
 
 
-@dataclass(frozen=True, slots=True)
-class _Averaging(Choice):
+class _Averaging(Choice, frozen=True):
     """A word or a source of VAVerage and VRMS."""
 
     words: tuple[str, ...] = ("CYCLe", "DISPlay", "AUTO", "AC", "DC", "CHANnel<1-4>", "FUNCtion", "MATH")

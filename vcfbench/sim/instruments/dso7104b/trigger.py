@@ -7,11 +7,11 @@ what is looked at here has no noise.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.sim.instruments.dso7104b.conditions import Change
 
@@ -39,8 +39,7 @@ _SETTLED = 8.0
 """Time constants after which a filter has forgotten that it began somewhere."""
 
 
-@dataclass(frozen=True, slots=True)
-class Comparator:
+class Comparator(Struct, frozen=True):
     """High above its upper threshold, low below its lower one, as it was between them."""
 
     level_v: float
@@ -60,8 +59,7 @@ class Comparator:
         return cls(level_v, middle - band_v / 2.0, middle + band_v / 2.0, ac, reject)
 
 
-@dataclass(frozen=True, slots=True)
-class Trigger:
+class Trigger(Struct, frozen=True):
     """A condition on the outputs of comparators."""
 
     comparators: Mapping[int, Comparator]
@@ -70,8 +68,7 @@ class Trigger:
     """Television: the level follows the tips of the signal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tips:
+class Tips(Struct, frozen=True):
     """Synchronising tips: below or above everything else, by at least `swing_v`."""
 
     negative: bool

@@ -9,7 +9,6 @@ answer.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -204,8 +203,7 @@ _MODES: dict[str, Callable[[Mapping[str, Any]], Trigger]] = {
 # --- commands
 
 
-@dataclass(frozen=True, slots=True)
-class _Bits(Parameter):
+class _Bits(Parameter, frozen=True):
     """An integer, or one as a string: "0x1F"."""
 
     def parse(self, token: Token) -> int:

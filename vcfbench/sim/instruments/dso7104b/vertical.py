@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 __all__ = ["VERTICAL_COMMANDS"]
 
 
-class _Label(Text):
+class _Label(Text, frozen=True):
     """A channel's label: ten capitals are kept (siblings' guide, as quoted by PyMeasure's DSOX1102G)."""
-
-    __slots__ = ()
 
     def parse(self, token: Token) -> str:
         """Return the label as it will be shown."""

@@ -6,8 +6,10 @@ what is too far to be taken (712, 713), and that data without a level is 221 are
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.e3631a.system_commands import remote_only
 from vcfbench.sim.scpi import (
@@ -63,8 +65,7 @@ class Correction(NamedTuple):
         return cls(gain, offset)
 
 
-@dataclass(slots=True)
-class Calibration:
+class Calibration(Struct):
     """The calibration memory, guarded by a code (p. 104), and the adjustment under way."""
 
     secured: bool = True

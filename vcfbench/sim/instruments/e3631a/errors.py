@@ -6,8 +6,10 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 186).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.e3631a.kinds import N25V, P6V, P25V, OutputKind
 
@@ -17,8 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["OutputErrors", "SupplyErrors"]
 
 
-@dataclass(frozen=True, slots=True)
-class OutputErrors:
+class OutputErrors(Struct, frozen=True):
     """Imperfections of one output of a specimen; gains are relative errors."""
 
     programming_gain: float = 0.0
@@ -54,8 +55,7 @@ class OutputErrors:
     """Phase of the ripple at bench time 0, rad."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Accuracy:
+class _Accuracy(Struct, frozen=True):
     """Published 12-month accuracy at 25 +- 5 C (p. 186): relative part and fixed part."""
 
     programming: tuple[float, float]
@@ -70,8 +70,7 @@ _ACCURACY = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class SupplyErrors:
+class SupplyErrors(Struct, frozen=True):
     """Imperfections of a specimen; each can be set by itself."""
 
     p6v: OutputErrors = field(default_factory=OutputErrors)
@@ -120,7 +119,7 @@ def _draw(rng: np.random.Generator, limit: float) -> float:
 
 def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: _Accuracy) -> OutputErrors:
     limits = (*accuracy.programming, *accuracy.current, *accuracy.readback, *accuracy.current)
-    names = [item.name for item in fields(OutputErrors)][: len(limits)]
+    names = OutputErrors.__struct_fields__[: len(limits)]
     drawn = {name: _draw(rng, limit) for name, limit in zip(names, limits, strict=True)}
     return OutputErrors(**drawn, resistance_ohm=2e-3 / kind.rated_a, sag=1e-4)
 

@@ -8,9 +8,10 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 84-108 comman
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.instruments.e3631a.calibration import Calibration
@@ -49,8 +50,7 @@ _FAN = 16
 """Bit of the questionable status (p. 113)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
+class Settings(Struct, frozen=True):
     """What *SAV stores (p. 96)."""
 
     selected: str

@@ -5,15 +5,15 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 91, 186-187).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.scpi import Limits, Number
 
 __all__ = ["KINDS", "N25V", "P6V", "P25V", "OutputKind"]
 
 
-@dataclass(frozen=True, slots=True)
-class OutputKind:
+class OutputKind(Struct, frozen=True):
     """What an output is by design.
 
     Args:

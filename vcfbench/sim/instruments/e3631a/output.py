@@ -6,8 +6,9 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 118, 186-187)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
+
+from msgspec import Struct
 
 from vcfbench.sim.sources import NOTHING_V, Approach, Ripple
 
@@ -31,8 +32,7 @@ _BEYOND_S = 1e-9
 _HALVINGS = 40
 
 
-@dataclass(slots=True)
-class _Ramp:
+class _Ramp(Struct):
     """An exponential approach of the open-circuit level."""
 
     start_s: float

@@ -10,11 +10,11 @@ themselves are unverified. Transients of the blocking capacitor after a step of 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -56,8 +56,7 @@ class Detected(NamedTuple):
     peak_v: float
 
 
-@dataclass(frozen=True, slots=True)
-class Phasors:
+class Phasors(Struct, frozen=True):
     """Sines as `Re sum sizes exp(j speeds t)`, t from the start of their piece."""
 
     sizes: NDArray[np.complex128]
@@ -76,8 +75,7 @@ class Phasors:
         return max(float(np.abs(self.at(times)).max()) for times in looks)
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(Struct, frozen=True):
     """The way from a node of `source_ohm` to the converter, errors of the specimen included."""
 
     filter_hz: float
@@ -176,8 +174,7 @@ def _sampled(pieces: list[Piece], start_s: float, stop_s: float, response: Respo
     return Detected(response.gain * math.sqrt(power), float(np.abs(volts - whole.mean).max()))
 
 
-@dataclass(frozen=True, slots=True)
-class _Spectrum:
+class _Spectrum(Struct, frozen=True):
     """Samples weighted with a raised cosine: their mean, the power of the rest, and where it lies."""
 
     mean: float

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
+
+from msgspec import Struct
 
 from vcfbench.sim.scpi import INFINITY, ScpiError
 
@@ -26,8 +27,7 @@ _LIMIT_LOW = 1 << 11
 _LIMIT_HIGH = 1 << 12
 
 
-@dataclass(frozen=True, slots=True)
-class MathResult:
+class MathResult(Struct, frozen=True):
     """A reading after math, QUEStionable bits of a failed limit, an error."""
 
     value: float

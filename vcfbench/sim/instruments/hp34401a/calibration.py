@@ -8,9 +8,10 @@ gives, the time a calibration takes, and that a refused one answers nothing.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
+
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.scpi import Pending, ScpiError

@@ -11,8 +11,9 @@ errors at low frequencies and those of crest factors are as generally quoted, un
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,8 +26,7 @@ def _share(rng: np.random.Generator) -> float:
     return float(min(max(rng.normal(0.0, 0.25), -1.0), 1.0))
 
 
-@dataclass(frozen=True, slots=True)
-class AcErrors:
+class AcErrors(Struct, frozen=True):
     """Imperfections of the ac voltage function."""
 
     gain_error: float = 0.0
@@ -55,8 +55,7 @@ class AcErrors:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class CounterErrors:
+class CounterErrors(Struct, frozen=True):
     """Imperfections of frequency and period."""
 
     timebase_error: float = 0.0
@@ -72,8 +71,7 @@ class CounterErrors:
         return cls(8e-5 * _share(rng), 8e-4 * _share(rng), 0.3)
 
 
-@dataclass(frozen=True, slots=True)
-class OhmsErrors:
+class OhmsErrors(Struct, frozen=True):
     """Imperfections of resistance, continuity and diode test."""
 
     reading_share: float = 0.0
@@ -89,8 +87,7 @@ class OhmsErrors:
         return cls(_share(rng), _share(rng), float(rng.uniform(0.0, 0.2)))
 
 
-@dataclass(frozen=True, slots=True)
-class CurrentErrors:
+class CurrentErrors(Struct, frozen=True):
     """Imperfections of the current functions; their input is not wired, so no error of reading shows."""
 
     dc_range_share: float = 0.0
@@ -104,8 +101,7 @@ class CurrentErrors:
         return cls(_share(rng), _share(rng))
 
 
-@dataclass(frozen=True, slots=True)
-class MeterErrors:
+class MeterErrors(Struct, frozen=True):
     """Imperfections of a specimen, those of dc voltage first; each can be set by itself."""
 
     gain_error: float = 0.0

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 from vcfbench.sim.scpi import ScpiError
 
@@ -26,8 +27,7 @@ _CURRENT_OVERLOAD = 2
 _OHMS_OVERLOAD = 512
 
 
-@dataclass(frozen=True, slots=True)
-class Function:
+class Function(Struct, frozen=True):
     """A measurement function.
 
     Args:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.hp34401a import counter, ohms
 from vcfbench.sim.instruments.hp34401a.ac import SETTLING_S, Response, crest_limit, detect
@@ -45,8 +47,7 @@ _AC_LIMIT_LOWEST, _AC_LIMIT = 4e-4, 3e-4
 """Published error of range of ac voltage, on the lowest range and above (p. 218)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(Struct, frozen=True):
     """A reading under way: `value()` may be asked for from `end_s` on, and may be a further reading that it needs."""
 
     end_s: float

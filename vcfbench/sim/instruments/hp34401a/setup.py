@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S
 from vcfbench.sim.scpi import ScpiError, Special
@@ -14,8 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Setup", "attainable_fraction", "configured"]
 
 
-@dataclass(slots=True)
-class Setup:
+class Setup(Struct):
     """What one function is set to. `resolution` is a fraction of the range, `nplc` and `aperture_s` go with it."""
 
     range: float

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 from vcfbench.sim.instruments.hp34401a.inputs import Reading
 from vcfbench.sim.scpi import ScpiError
@@ -22,8 +23,7 @@ _ARMING_S = 0.02
 """From leaving idle to waiting for the trigger (p. 79: about 20 ms)."""
 
 
-@dataclass(slots=True)
-class Sequence:
+class Sequence(Struct):
     """A running measurement: what is left of it and what it has given.
 
     Args:

@@ -10,7 +10,6 @@ running measurement when a setting is changed (here it is ended, as the readings
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -44,8 +43,7 @@ _SERIAL_NUMBER = "MY54500001"
 _OFFSET_RANGE_V = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class Errors34461A(MeterErrors):
+class Errors34461A(MeterErrors, frozen=True):
     """Imperfections of a 34461A: those of a 34401A, in direct voltage drawn from its own data sheet."""
 
     @classmethod
@@ -54,8 +52,7 @@ class Errors34461A(MeterErrors):
         return cls(**_drawn(KIND_34461A.sheet, rng))
 
 
-@dataclass(frozen=True, slots=True)
-class Errors34465A(MeterErrors):
+class Errors34465A(MeterErrors, frozen=True):
     """Imperfections of a 34465A: those of a 34401A, in direct voltage drawn from its own data sheet."""
 
     @classmethod
@@ -71,7 +68,7 @@ def _drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str,
     """
     like = MeterErrors.drawn(rng)
     own, classic = (each.standard_deviation(_OFFSET_RANGE_V, 365) for each in (sheet, specifications.HP_34401A))
-    fields = {name: getattr(like, name) for name in MeterErrors.__dataclass_fields__}
+    fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
     gain_error, offset_v = like.gain_error * own.reading / classic.reading, like.offset_v * own.range / classic.range
     return {**fields, "gain_error": gain_error, "offset_v": offset_v}
 

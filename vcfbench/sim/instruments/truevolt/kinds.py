@@ -5,9 +5,11 @@ Capacitance, temperature and the options DIG and MEM are not simulated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench import specifications
 from vcfbench.sim.instruments.hp34401a.functions import BY_NAME, Function
@@ -23,8 +25,7 @@ _DIGITISING = 0.02
 """Power line cycles below this are an option (guide p. 329)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(Struct, frozen=True):
     """A model of the series.
 
     Args:

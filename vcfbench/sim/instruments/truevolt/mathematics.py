@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 __all__ = ["LimitTest", "Null", "Statistics"]
 
@@ -11,8 +12,7 @@ _LOW, _HIGH = 1 << 11, 1 << 12
 """QUEStionable bits of a failed limit test."""
 
 
-@dataclass(slots=True)
-class Null:
+class Null(Struct):
     """What is taken off every reading of a function; in automatic the first reading becomes it."""
 
     on: bool = False
@@ -38,8 +38,7 @@ class Null:
         return reading - self.value
 
 
-@dataclass(slots=True)
-class Statistics:
+class Statistics(Struct):
     """Running statistics over readings since they were cleared; not a number without any."""
 
     on: bool = False
@@ -78,8 +77,7 @@ class Statistics:
         return self.maximum - self.minimum
 
 
-@dataclass(slots=True)
-class LimitTest:
+class LimitTest(Struct):
     """Limits that readings are held against."""
 
     on: bool = False

@@ -8,8 +8,9 @@ INITiate is overlapped: other commands are executed while it measures, FETCh? wa
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
 
 from vcfbench.sim.instruments.hp34401a import trigger_commands
 from vcfbench.sim.instruments.hp34401a.measuring_commands import CONFIGURATION, FUNCTION, measurement_commands

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 __all__ = ["Demand"]
 
 
-@dataclass(slots=True)
-class Demand:
+class Demand(Struct):
     """The demanded states; selecting a mode uses those that it knows, stale or not."""
 
     rate_deg_s: float = 0.0

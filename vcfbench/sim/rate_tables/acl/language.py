@@ -9,7 +9,8 @@ settle ``:INT:``/``:I:`` (Interlock, not Interface) and ``:R:V`` (Read:Vector). 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+
+from msgspec import Struct, field
 
 __all__ = ["COMMANDS", "MAX_MESSAGE_CHARS", "BadCommand", "Request", "parse_message"]
 
@@ -74,8 +75,7 @@ class BadCommand(Exception):
     """A command that does not parse; its text is the offending command."""
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(Struct, frozen=True):
     """One command of a message: full path (``Demand:Rate`` or ``*IDN``), whether it is a query, its arguments."""
 
     path: str
@@ -83,8 +83,7 @@ class Request:
     arguments: tuple[str, ...]
 
 
-@dataclass(slots=True)
-class _Node:
+class _Node(Struct):
     """One mnemonic of the tree; `leaf` tells that it is a command itself."""
 
     path: str

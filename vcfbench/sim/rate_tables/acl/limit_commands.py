@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
 
 from vcfbench.sim.rate_tables.acl.arguments import MODES, Action, Arguments, Query, check_axis, counted, number, word
 from vcfbench.sim.rate_tables.acl.limits import FACTORY, FACTORY_OVERALL, AxisLimits, OverallLimits

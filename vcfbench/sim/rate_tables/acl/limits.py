@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from vcfbench.sim.rate_tables.acl.arguments import MODES, check_within
 from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
@@ -13,8 +13,7 @@ UNLIMITED_DEG = 1e9
 """Where an axis that turns on and on has its ends of travel."""
 
 
-@dataclass(frozen=True, slots=True)
-class AxisLimits:
+class AxisLimits(Struct, frozen=True):
     """Working limits of one profiler mode: deg/s, deg/s2, deg/s3."""
 
     rate_deg_s: float
@@ -26,8 +25,7 @@ class AxisLimits:
         return self.rate_deg_s, self.acceleration_deg_s2, self.jerk_deg_s3
 
 
-@dataclass(frozen=True, slots=True)
-class OverallLimits:
+class OverallLimits(Struct, frozen=True):
     """Limits that hold in every mode."""
 
     low_deg: float

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.sim.motion import Swing
 from vcfbench.sim.rate_tables.acl.arguments import Action, Arguments, Query, check_axis, counted, number, word
@@ -22,8 +23,7 @@ _SETTLE_S = 0.15
 """Pause for the rate loop before a turning axis that was stopped begins to oscillate (chosen)."""
 
 
-@dataclass(frozen=True, slots=True)
-class OscillatorSetup:
+class OscillatorSetup(Struct, frozen=True):
     """Configure:Oscillator (TM-8004-C 4.2.19). Power-on values are chosen; a frequency is taken at once, not slewed."""
 
     enabled: str = "Disable"
