@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
     from vcfbench.procedures.step import Outcome, Plan, Routine, Step, StepResult
     from vcfbench.procedures.steps import Note, Settle
+    from vcfbench.record.devices import Device, load_device
     from vcfbench.record.schema import Point, Status
     from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
     from vcfbench.report.text import text_of
@@ -96,6 +97,7 @@ __all__ = [
     "ConnectFailed",
     "Deadline",
     "DeadlineExceeded",
+    "Device",
     "DryRun",
     "Figure",
     "FramingError",
@@ -173,6 +175,7 @@ __all__ = [
     "go_to_rate",
     "list_runs",
     "load_bench",
+    "load_device",
     "load_run",
     "open_bench",
     "powered",
@@ -301,6 +304,10 @@ _HOMES = {
     "procedures.steps": (
         "Note",
         "Settle",
+    ),
+    "record.devices": (
+        "Device",
+        "load_device",
     ),
     "record.schema": (
         "Point",

@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
+import sys
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 import pytest
 from typer.testing import CliRunner
 
+import vcfbench
 from vcfbench.cli.main import app
 from vcfbench.record.devices import Certificate, Conditions, DeviceStore, KvcCurve, Measured, SelfCalibration
 
@@ -85,3 +87,31 @@ def test_a_device_that_nobody_knows_is_an_error_with_those_that_are_known(store:
     assert failed.exit_code == 2
     assert "nothing is known of device 'G-2'" in failed.stderr
     assert "known devices: G-1" in failed.stderr
+
+
+def test_the_history_is_drawn_into_a_file(store: DeviceStore, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    for name, begins in (("history.png", b"\x89PNG"), ("history.svg", b"<?xml")):
+        shown = call("G-1", "--devices", str(store.root), "--plot", str(tmp_path / name))
+        assert shown.exit_code == 0
+        assert (tmp_path / name).read_bytes().startswith(begins)
+    assert "time since 2026-05-04" in (tmp_path / "history.svg").read_text(encoding="utf-8")
+    refused = call("G-1", "--devices", str(store.root), "--plot", str(tmp_path / "history.xyz"))
+    assert refused.exit_code == 2
+    assert "no picture can be written" in refused.stderr
+
+
+def test_without_matplotlib_the_extra_is_named(store: DeviceStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    refused = call("G-1", "--devices", str(store.root), "--plot", "history.png")
+    assert refused.exit_code == 2
+    assert "pip install vcfbench[plot]" in refused.stderr
+
+
+def test_a_device_is_loaded_from_python(store: DeviceStore) -> None:
+    known = vcfbench.load_device("G-1", store.root)
+    assert known.certificate is not None
+    assert known.certificate.k_vc == CURVE
+    assert [each.e_n for each in known.self_calibrations] == [2.5]
+    with pytest.raises(vcfbench.ConfigError, match="nothing is known of device 'G-2'"):
+        vcfbench.load_device("G-2", store.root)

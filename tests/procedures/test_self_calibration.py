@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
+from vcfbench.bench.parts import Acceptance
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
@@ -189,6 +190,23 @@ def test_a_limit_of_the_drift_has_a_guard_band(quiet: tuple[Path, dict[str, Any]
     found = run(where, still(LAB), {**told, "max_drift_ppm": 500.0})
     assert (found.drift.limit_ppm, found.drift.verdict) == (500.0, "pass")
     assert run(where, still(LAB), {**told, "max_drift_ppm": 1.0}).drift.verdict == "marginal"
+
+
+def test_a_drift_fails_the_run_where_acceptance_says_so(quiet: tuple[Path, dict[str, Any]]) -> None:
+    """Without it nothing is judged, and the exit code is 0 however far the scale factor is from the last entry."""
+    where, told = quiet
+    limits = Acceptance(guard_band="U95", drift_ppm=(-200.0, 200.0), e_n=(0.0, 1.0))
+    fresh = structs.replace(still(LAB), acceptance=limits)
+    old = aged(fresh, output_stage={"gain": 1.002 * physical_parameters(fresh).output_stage.gain})
+    store = DeviceStore(where / "judged")
+    store.add(DeviceStore(where / "devices").certificate("G-1").record)
+    told = {**told, "devices": str(store.root)}
+    passed, failed = (vcfbench.run("self-calibration", bench, settings=told, runs=where) for bench in (fresh, old))
+    assert passed.verdict.as_json()["verdict"] == "pass"
+    assert {each.key: each.word for each in failed.verdict.limits} == {"drift_ppm": "fail", "e_n": "fail"}
+    assert not failed.verdict.passed
+    unjudged = vcfbench.run("self-calibration", still(LAB), settings=told, runs=where)
+    assert (unjudged.verdict, unjudged.results.drift.verdict) == (None, "fail")  # back again, by 2000 ppm
 
 
 def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, Any]]) -> None:

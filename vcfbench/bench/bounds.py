@@ -140,6 +140,10 @@ RateWindow = tuple[Rate, Rate]
 """deg/s: as rates."""
 PpmWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]
 """ppm: from straight to as large as what it is a part of."""
+DriftWindow = tuple[Annotated[float, Meta(ge=-1e6, le=1e6)], Annotated[float, Meta(ge=-1e6, le=1e6)]]
+"""ppm: from gone to twice what it was."""
+EnWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]
+"""A difference over its expanded uncertainty, without sign."""
 PercentWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]
 """%: from one to the other."""
 

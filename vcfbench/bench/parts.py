@@ -9,6 +9,8 @@ from msgspec import Struct
 from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     Acceleration,
     Current,
+    DriftWindow,
+    EnWindow,
     LeastRail,
     NoiseWindow,
     OutputDrift,
@@ -132,3 +134,5 @@ class Acceptance(Part, frozen=True, kw_only=True):
     reading_noise_v: NoiseWindow | None = None
     k_vc_deg_s_per_v: SlopeWindow | None = None
     scale_factor_error_percent: PercentWindow | None = None
+    drift_ppm: DriftWindow | None = None
+    e_n: EnWindow | None = None

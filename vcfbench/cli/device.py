@@ -29,6 +29,12 @@ def device(
     *,
     json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, a row an entry.")] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot", metavar="FILE", help="Draw the scale factor against time: .png, .svg, .pdf (Matplotlib)."
+        ),
+    ] = None,
 ) -> None:
     """Show what is known of a gyroscope: its certificates and self-calibrations, oldest first."""
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
@@ -37,12 +43,9 @@ def device(
     if serial is None:
         _list(store.serials(), devices, json=json)
         return
-    entries = store.entries(serial)
-    if not entries:
-        raise ConfigError(
-            f"{devices}: nothing is known of device {serial!r}",
-            hint=f"known devices: {', '.join(store.serials()) or 'none'}",
-        )
+    entries = store.device(serial).entries
+    if plot is not None:
+        _plot(serial, entries, plot)
     rows = [_row(entry) for entry in entries]
     if json:
         _print_entries(serial, entries)
@@ -50,6 +53,28 @@ def device(
         typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
     else:
         _print_table(serial, rows)
+
+
+def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
+    """Draw the scale factor of each entry against the first that has one, ppm, over days."""
+    from vcfbench.record.devices import SelfCalibration  # noqa: PLC0415
+    from vcfbench.report.document import Axis, Figure, Series  # noqa: PLC0415
+    from vcfbench.report.plot import save_figure  # noqa: PLC0415
+
+    found = [
+        (record.done if isinstance(record, SelfCalibration) else record.issued, record.scale_factor_v_per_deg_s)
+        for record in (entry.record for entry in entries)
+    ]
+    known = [(done, scale) for done, scale in found if scale is not None and scale.value]
+    if not known:
+        raise ConfigError(f"device {serial}: no entry has a scale factor, there is nothing to draw")
+    begun, first = known[0]
+    days = [(done - begun).total_seconds() / 86_400.0 for done, _ in known]
+    changes = [1e6 * (scale.value / first.value - 1.0) for _, scale in known]
+    u = [1e6 * scale.u / abs(first.value) for _, scale in known]
+    since = Axis(f"time since {begun:%Y-%m-%d}", "d")
+    series = [Series("scale factor", days, changes, u)]
+    save_figure(Figure(f"Scale factor of {serial}", since, Axis("change", "ppm"), series), path)
 
 
 def _list(serials: tuple[str, ...], devices: Path, *, json: bool) -> None:

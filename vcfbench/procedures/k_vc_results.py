@@ -93,6 +93,14 @@ class KVcResult:
             "k_vc_deg_s_per_v": self.k_vc.value,
         }
 
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return {
+            "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
+            "bias_v": self.bias.expanded_u,
+            "k_vc_deg_s_per_v": self.k_vc.expanded_u,
+        }
+
 
 _HOLDS_NOT = (
     "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",

@@ -106,6 +106,7 @@ class VirtualCoriolisResult:
             **_acceptance_values(self.turntable),
             "k_vc_deg_s_per_v": self.k_vc.value,
             "scale_factor_error_percent": self.scale_factor_error_percent,
+            **({} if self.uncertainty is None or self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
         }
 
     def acceptance_u95(self) -> Mapping[str, float]:

@@ -113,14 +113,25 @@ class SelfCalibrationResult:
     """Since the last entry; None where there is none."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys."""
+        """Return what ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
         scale_factor = self.scale_factor.value
-        return {
+        values: dict[str, float | None] = {
             "scale_factor_v_per_deg_s": scale_factor,
             "bias_v": self.bias.value,
             "bias_deg_s": self.bias.value / scale_factor if scale_factor else None,
             "nonlinearity_ppm": self.nonlinearity.value,
         }
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.value, "e_n": self.drift.e_n}
+        return values | drift
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys; E_n has none."""
+        known = {
+            "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
+            "bias_v": self.bias.expanded_u,
+            "nonlinearity_ppm": self.nonlinearity.expanded_u,
+        }
+        return known if self.drift is None else {**known, "drift_ppm": self.drift.change_ppm.expanded_u}
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ __all__ = [
     "Certificate",
     "Conditions",
     "CurveShare",
+    "Device",
     "DeviceRecord",
     "DeviceStore",
     "Entry",
@@ -35,6 +36,7 @@ __all__ = [
     "Measured",
     "SelfCalibration",
     "Share",
+    "load_device",
     "read_entry",
 ]
 
@@ -245,6 +247,24 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
+class Device:
+    """What is known of one gyroscope: its entries, oldest first."""
+
+    serial: str
+    entries: tuple[Entry, ...]
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The last certificate, None where there is none."""
+        return next((e.record for e in reversed(self.entries) if isinstance(e.record, Certificate)), None)
+
+    @property
+    def self_calibrations(self) -> tuple[SelfCalibration, ...]:
+        """The self-calibrations, oldest first."""
+        return tuple(each.record for each in self.entries if isinstance(each.record, SelfCalibration))
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceStore:
     """The devices under one directory, which need not be there before the first entry."""
 
@@ -262,6 +282,20 @@ class DeviceStore:
         """
         _require_serial(serial)
         return tuple(Entry(path, _read(path, serial)) for _, path in _numbered(self.root / serial))
+
+    def device(self, serial: str) -> Device:
+        """Return what is known of a device.
+
+        Raises:
+            ConfigError: nothing is known of it, or an entry cannot be read.
+        """
+        entries = self.entries(serial)
+        if not entries:
+            raise ConfigError(
+                f"{shown(self.root)}: nothing is known of device {serial!r}",
+                hint=f"known devices: {', '.join(self.serials()) or 'none'}",
+            )
+        return Device(serial, entries)
 
     def certificate(self, serial: str) -> Entry:
         """Return the last certificate of a device; ConfigError when it has none."""
@@ -307,6 +341,20 @@ class DeviceStore:
             return []
         except OSError as error:
             raise ConfigError(f"{shown(self.root)}: expected a directory of devices: {error.strerror}") from error
+
+
+def load_device(serial: str, devices: Path | str = "devices") -> Device:
+    """Return what is known of a gyroscope: its certificates and self-calibrations.
+
+    Args:
+        serial: its serial number.
+        devices: directory in which the devices are kept.
+
+    Raises:
+        ConfigError: nothing is known of it, or an entry cannot be read.
+
+    """
+    return DeviceStore(Path(devices)).device(serial)
 
 
 def _kind(record: DeviceRecord) -> str:
