@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -93,6 +95,18 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Let each worker begin to import at another place: what must be compiled is compiled once, not by all of them."""
+    worker = getattr(session.config, "workerinput", None)
+    if worker is None or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    modules = [path for path in sorted(HERE.rglob("test_*.py")) if not pytest_ignore_collect(path, session.config)]
+    begin = len(modules) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+    for path in (*modules[begin:], *modules[:begin]):
+        import_module(".".join(path.relative_to(HERE.parent).with_suffix("").parts))
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Do not even import what is not quick when nothing else is wanted."""
     is_test = collection_path.suffix == ".py" and collection_path.is_relative_to(HERE)
@@ -110,6 +124,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.quick)
     order = {HERE / module: place for place, module in enumerate(SLOW)}
     items.sort(key=lambda item: order.get(item.path, len(SLOW)))
+
+
+def pytest_collection_finish() -> None:
+    """Let no collection of garbage look again and again at what was imported and collected: it stays to the end."""
+    gc.collect()
+    gc.freeze()
 
 
 def _is_quick(path: Path) -> bool:

@@ -76,6 +76,7 @@ def test_against_a_fit_of_all_true_values_at_once(u_v: float) -> None:
     assert curve.chi_square == pytest.approx(2.0 * solved.cost, rel=0.02)
 
 
+@pytest.mark.exhaustive
 def test_stated_uncertainties_are_what_repetition_shows() -> None:
     """1000 certificates: coefficients and rates in between scatter as stated, 95 % in 95 %, chi-square too."""
     rng = np.random.default_rng(3)

@@ -60,6 +60,7 @@ def test_against_the_equation_of_motion(f: float) -> None:
     assert rate_response(f, drive, split, q)[0] == pytest.approx(swing[0] / swing[1], rel=2e-3)
 
 
+@pytest.mark.exhaustive
 def test_fifty_random_gyroscopes_lie_within_the_stated_uncertainty() -> None:
     rng = np.random.default_rng(3)
     for _ in range(50):

@@ -34,6 +34,7 @@ def test_a_heavily_damped_mode_has_its_natural_frequency() -> None:
     assert fit.q == pytest.approx(5.0, rel=1e-7)
 
 
+@pytest.mark.exhaustive
 def test_fifty_random_gyroscopes_lie_within_the_stated_uncertainty() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):

@@ -48,6 +48,7 @@ def test_white_noise_alone_falls_with_the_root_of_the_number() -> None:
 
 
 @pytest.mark.parametrize("order", ["rising", "alternating"])
+@pytest.mark.exhaustive
 def test_slope_under_flicker_and_drift_of_the_bias(order: str) -> None:
     """800 records, 20 windows of 20 s: the scatter of the slope is the stated one, for either order; 4 sigma: 10 %."""
     rng = np.random.default_rng(12)
@@ -63,6 +64,7 @@ def test_slope_under_flicker_and_drift_of_the_bias(order: str) -> None:
     assert (stated.u > 0.5) == (order == "rising")
 
 
+@pytest.mark.exhaustive
 def test_mean_within_a_horizon() -> None:
     """1000 records of flicker: the middle tenth against the whole."""
     records = flicker(500, np.random.default_rng(13), records=1000)

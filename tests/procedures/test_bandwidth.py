@@ -43,6 +43,7 @@ def test_split_and_q_come_back_from_readings_alone(tmp_path: Path) -> None:
     assert again.results == found
 
 
+@pytest.mark.exhaustive
 def test_without_an_oscilloscope_q_knows_less(tmp_path: Path) -> None:
     """It is in proportion to the drive frequency, of which only the window is known then."""
     limits = Limits(max_v_vc_v=10.0, min_rail_v=9.5, max_rail_v=10.5, max_rail_current_a=0.2)

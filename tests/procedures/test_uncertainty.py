@@ -66,6 +66,7 @@ def test_a_table_known_by_a_limit_is_rectangular_and_has_the_factor_of_that() ->
     assert slope.u95 == pytest.approx(abs(K) * 0.95e-5, rel=5e-3)
 
 
+@pytest.mark.exhaustive
 def test_flicker_of_the_bias_is_the_integral_of_its_density() -> None:
     """Numerically, in frequency: B^2/(pi f), one-sided, times the square of what the weights make of it."""
     told, points = settings(FLICKER), table_points(std_v=0.0)

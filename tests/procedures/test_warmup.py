@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import vcfbench
+from tests.cells import few
 from vcfbench.bench.description import Limits
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Station
@@ -51,7 +52,7 @@ def found(figure: WarmupFigure | None) -> tuple[float, float]:
     return figure.value, figure.u
 
 
-@pytest.mark.parametrize(("heating_k", "tau_s", "seed"), [(10.0, 300.0, 4), (6.0, 200.0, 3)])
+@pytest.mark.parametrize(("heating_k", "tau_s", "seed"), few([(10.0, 300.0, 4), (6.0, 200.0, 3)], (10.0, 300.0, 4)))
 def test_the_simulated_warm_up_is_found(heating_k: float, tau_s: float, seed: int, tmp_path: Path) -> None:
     """The bias goes by 30 deg/h a kelvin, the embedded bench's coefficient."""
     run = vcfbench.run("warmup", bench(heating_k, tau_s), seed=seed, settings=SCALE, runs=tmp_path)
@@ -107,6 +108,7 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
     )
 
 
+@pytest.mark.exhaustive
 def test_values_scatter_as_their_uncertainties_say() -> None:
     rng, z = np.random.default_rng(7), []
     for _ in range(60):

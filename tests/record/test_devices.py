@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
@@ -235,6 +235,7 @@ def test_a_curve_whose_parts_do_not_fit_is_none(changes: dict[str, Any]) -> None
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
+@settings(max_examples=15)  # each writes two files through to the disk
 @given(FINITE, FINITE.map(abs), st.datetimes(timezones=st.just(UTC)), st.lists(st.text(min_size=1, max_size=20)))
 def test_any_number_instant_and_words_come_back(
     tmp_path_factory: pytest.TempPathFactory, value: float, u: float, instant: datetime, words: list[str]

@@ -106,6 +106,7 @@ def test_noise_within_a_step_has_the_covariance_of_noise_that_nobody_cut() -> No
     assert np.max(np.abs(seen - wanted)) < 5 * math.sqrt(2 / len(drawn)) * wanted[0, 0]
 
 
+@pytest.mark.exhaustive
 def test_a_stretch_that_is_halved_before_it_is_looked_at_has_the_same_noise() -> None:
     """40 s, looked at where two of its parts meet and far from them: variance, and covariance over 10 ms."""
     chain, white = NoisyChain(locked_chain(PAPER), Flicker(np.array([1.0] * COUNT), 0.0), WHITE), white_only()

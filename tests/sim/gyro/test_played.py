@@ -156,6 +156,7 @@ def gains(hertz: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
     return upper * passed, lower.conjugate() * passed
 
 
+@pytest.mark.exhaustive
 def test_noise_on_v_vc_shakes_the_output_by_its_density() -> None:
     """The noise around 0 Hz through both sidebands at once, that around 6978 Hz through one each."""
     clock, world = playing("FUNC NOIS;:VOLT 20")
