@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.procedure import Made
-    from vcfbench.procedures.self_calibration import Reference, SelfCalibrationSettings
+    from vcfbench.procedures.known_device import Reference
+    from vcfbench.procedures.self_calibration import SelfCalibrationSettings
     from vcfbench.record.devices import KvcCurve, Measured, Share
     from vcfbench.record.schema import Point
 
@@ -255,7 +256,7 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
         ((METER_GAIN, gain, None), meter.name),
     ]
     same_meter = False
-    for share in _shares_of(settings.known.k_vc):
+    for share in shares_of(settings.known.k_vc):
         name, of, dof, covariance = share
         if of is not None and of == error.name and settings.v_vc_role is not None:
             same_meter = True  # its volts were those of the certificate: both errors are in the curve already
@@ -268,7 +269,8 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
     return found
 
 
-def _shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
+def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
+    """Return what the covariance of a curve is made of: source, whose it is, degrees of freedom, its covariance."""
     if not curve.shares:
         return [("its covariance", None, None, np.array(curve.covariance))]
     return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]

@@ -11,7 +11,7 @@ from vcfbench.procedures.steps.chamber import (
 from vcfbench.procedures.steps.gapless import AcquireGapless
 from vcfbench.procedures.steps.meter import Acquire, ConfigureMeter, VerifyZero, Window, ZeroWindow
 from vcfbench.procedures.steps.operator import AskOperator, OperatorAnswer, move_leads
-from vcfbench.procedures.steps.sampling import SampleSine, SineResponse
+from vcfbench.procedures.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
 from vcfbench.procedures.steps.scope import (
     CaptureSines,
     ConfigureScope,
@@ -70,6 +70,7 @@ __all__ = [
     "FindDrive",
     "MeasureDrive",
     "MeasureVvc",
+    "ModulatedRecord",
     "NotChecked",
     "Note",
     "OperatorAnswer",
@@ -80,6 +81,7 @@ __all__ = [
     "RailsReading",
     "RateReading",
     "Reading",
+    "SampleModulated",
     "SampleSine",
     "ScopeReady",
     "SetRate",

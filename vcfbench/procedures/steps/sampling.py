@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import SamplesVoltage
 from vcfbench.procedures.step import Effect, Step, StepResult
+from vcfbench.procedures.steps.table import read_rate
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.interfaces import Multimeter
     from vcfbench.procedures.step import Context
 
 
@@ -69,7 +71,7 @@ class SampleSine(Step):
         """
         meter, clock = context.bench.multimeter, context.bench.clock
         if not isinstance(meter, SamplesVoltage):
-            raise ConfigError("the multimeter takes no readings by itself, as sampling a sine asks for")
+            raise _takes_none("multimeter")
         began_s = clock.now()
         lasts_s = meter.start_sampling(self.samples, self.interval_s)
         # What the meter needs between two readings is not known below a millisecond.
@@ -84,3 +86,113 @@ class SampleSine(Step):
         step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
         voltages_v = tuple(gyro.bias_v + amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
         return SineResponse(self.interval_s, 0.0, voltages_v)
+
+
+def _takes_none(role: str) -> ConfigError:
+    return ConfigError(f"the {role} takes no readings by itself, as sampling a sine asks for")
+
+
+@dataclass(frozen=True, slots=True)
+class ModulatedRecord(StepResult):
+    """Readings without gaps, of the output, of V_Vc, or of both at the same time.
+
+    `output_v` and `v_vc_v` (V) stand in the order in which they were taken, none of what was not sampled; each
+    integrates over `aperture_s`. `output_t_s` and `v_vc_t_s` are the bench times at which the first began, s.
+    `table_rate_deg_s` is the read-back of the table at the end, None where none was asked.
+    """
+
+    aperture_s: float
+    output_t_s: float
+    output_v: tuple[float, ...]
+    v_vc_t_s: float
+    v_vc_v: tuple[float, ...]
+    table_rate_deg_s: float | None
+
+    def describe(self) -> str:
+        """Name the means."""
+        means = [f"{math.fsum(each) / len(each):+.5f} V" for each in (self.output_v, self.v_vc_v) if each]
+        return ", V_Vc ".join(means)
+
+
+@dataclass(frozen=True, slots=True)
+class SampleModulated(Step):
+    """Sample without gaps while V_Vc is a sine, or rests: `samples` readings of `aperture_s`, by the meters themselves.
+
+    `of` is what is sampled: the output by the multimeter, V_Vc by it (its leads were moved there), or both at once, V_Vc
+    by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; an amplitude of 0 is rest.
+    `table_deg_s` is what the table must read back at the end, within `tolerance_deg_s`; None asks no table.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "output"
+    overhead_s: ClassVar[float] = 0.5
+
+    frequency_hz: float
+    amplitude_v: float
+    samples: int
+    aperture_s: float
+    of: Literal["output", "v_vc", "both"]
+    table_deg_s: float | None
+    tolerance_deg_s: float
+
+    def describe(self) -> str:
+        """Name the record."""
+        what = {"output": "the output", "v_vc": "V_Vc", "both": "output and V_Vc at once"}[self.of]
+        return f"sample {what}: {self.samples} readings of {self.aperture_s:g} s without gaps"
+
+    @property
+    def physical_s(self) -> float:
+        """The record, s."""
+        return self.samples * self.aperture_s
+
+    def perform(self, context: Context) -> ModulatedRecord:
+        """Let the meters take them, and fetch them.
+
+        Raises:
+            ConfigError: a meter cannot take readings by itself.
+            MeasurementError: the table does not turn as it should.
+        """
+        bench = context.bench
+        v_vc = self._begun(context, bench.v_vc_meter, "v_vc_meter") if self.of == "both" else None
+        own = self._begun(context, bench.multimeter, "multimeter")
+        context.bench.clock.sleep_until(max(each.ends_s for each in (own, v_vc) if each is not None))
+        output_v = context.believable(own.meter.sampled_voltages_v)
+        v_vc_v = () if v_vc is None else context.believable(v_vc.meter.sampled_voltages_v)
+        table = None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+        aperture_s = own.meter.aperture_s
+        if self.of == "v_vc":
+            return ModulatedRecord(aperture_s, 0.0, (), own.began_s, output_v, table)
+        return ModulatedRecord(aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table)
+
+    def _begun(self, context: Context, meter: Multimeter, role: str) -> _Begun:
+        if not isinstance(meter, SamplesVoltage):
+            raise _takes_none(role)
+        lasts_s = meter.start_sampling(self.samples, self.aperture_s)
+        began_s = context.bench.clock.now()
+        return _Begun(meter, began_s, began_s + lasts_s)
+
+    def predict(self, gyro: LinearGyro) -> ModulatedRecord:
+        """Predict a sine without noise, the modes following at once."""
+        step_rad = 2.0 * math.pi * self.frequency_hz * self.aperture_s
+        rate_deg_s = self.table_deg_s or 0.0
+        swing_v = gyro.scale_factor * gyro.k_vc
+        v_vc_v = tuple(self.amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
+        output_v = tuple(gyro.bias_v + gyro.scale_factor * rate_deg_s + swing_v * each for each in v_vc_v)
+        sampled = self.of
+        return ModulatedRecord(
+            self.aperture_s,
+            0.0,
+            output_v if sampled != "v_vc" else (),
+            0.0,
+            v_vc_v if sampled != "output" else (),
+            self.table_deg_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """A meter that samples by itself, when it began and when it is done, bench time."""
+
+    meter: SamplesVoltage
+    began_s: float
+    ends_s: float
