@@ -60,7 +60,7 @@ def test_what_show_prints_is_a_bench_file_of_the_same_bench(name: str) -> None:
     again, bench = parse_bench(shown.stdout, "shown"), load_bench(name)
     assert structs.replace(again, procedure_table=bench.procedure_table) == bench
     for procedure in PROCEDURES.values():
-        asked = asked_in_python({"k_vc": "150"} if procedure.name == "self-calibration" else {})
+        asked = asked_in_python({"k_vc": "150"} if procedure.name in {"online", "self-calibration"} else {})
         assert settings_of(procedure, again, asked) == settings_of(procedure, bench, asked)
 
 

@@ -124,7 +124,7 @@ def test_the_bench_is_opened_with_what_was_chosen() -> None:
     assert settings_of(TURNTABLE, opened) == chosen
 
 
-NEEDED = {"self-calibration": ['k_vc="150"']}
+NEEDED = {name: ['k_vc="150"'] for name in ("online", "self-calibration")}
 """What procedures cannot do without."""
 
 

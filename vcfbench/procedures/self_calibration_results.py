@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.procedures.procedure import Made
     from vcfbench.procedures.known_device import Reference
+    from vcfbench.procedures.procedure import Made
     from vcfbench.procedures.self_calibration import SelfCalibrationSettings
     from vcfbench.record.devices import KvcCurve, Measured, Share
     from vcfbench.record.schema import Point
@@ -401,7 +401,7 @@ def self_calibration_report(
         Table(columns, rows, "V_Vc and the rate that it stands for"),
         Text("\n".join(words)),
         budget_table("the scale factor", results.scale_factor),
-        *_drift_parts(results.drift),
+        *drift_parts(results.drift),
         Figure("Output less line", Axis("rate", "deg/s"), Axis("output - line", "mV"), [residuals]),
         Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
     ]
@@ -410,7 +410,8 @@ def self_calibration_report(
     return Report(parts)
 
 
-def _drift_parts(drift: Drift | None) -> list[Any]:
+def drift_parts(drift: Drift | None) -> list[Any]:
+    """Return what is reported of the drift since an earlier entry."""
     if drift is None:
         return [Text("drift: nothing earlier is known of the device")]
     found = drift.change_ppm

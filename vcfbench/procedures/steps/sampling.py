@@ -118,8 +118,8 @@ class ModulatedRecord(StepResult):
 class SampleModulated(Step):
     """Sample without gaps while V_Vc is a sine, or rests: `samples` readings of `aperture_s`, by the meters themselves.
 
-    `of` is what is sampled: the output by the multimeter, V_Vc by it (its leads were moved there), or both at once, V_Vc
-    by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; an amplitude of 0 is rest.
+    `of` is what is sampled: the output by the multimeter, V_Vc by it (its leads were moved there), or both at once,
+    V_Vc by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; 0 V is rest.
     `table_deg_s` is what the table must read back at the end, within `tolerance_deg_s`; None asks no table.
     """
 

@@ -1,0 +1,184 @@
+"""Calibration while the gyroscope measures, against closed forms of the gyroscope's parameters."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+import vcfbench
+from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
+from vcfbench.bench.simulated import physical_parameters
+from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError, LimitError
+from vcfbench.procedures.steps import AskOperator, EnableTable, SampleModulated, SetRate, SetSine
+from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
+from vcfbench.report.document import Figure, Table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
+
+FIELD = vcfbench.load_bench("examples/field-bench.toml")
+QUIET = still(LAB)
+SCALE_FACTOR, K_VC = truth(warm(physical_parameters(LAB)))
+WARM = {"warm_up_s": 7200.0, "duration_s": 300.0}
+FAST: dict[str, Any] = {"warm_up_s": 7200.0, "nplc": 1, "modulation_hz": 2.0, "window_s": 2.0, "duration_s": 30.0}
+"""Records of 10 s; the response at 2 Hz is 0.56 % above that at rest, and known to 6 % of that."""
+
+
+def run(bench: BenchDescription, where: Path, seed: int = 1, **settings: Any) -> Any:
+    done = vcfbench.run("online", bench, seed=seed, settings={"k_vc": repr(K_VC), **settings}, runs=where)
+    assert done.error is None
+    return done
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A run with everything drawn, the table at 20 deg/s."""
+    return run(LAB, tmp_path_factory.mktemp("turning"), 5, rate_deg_s=20.0, **WARM)
+
+
+def slope_at(rate_deg_s: float) -> float:
+    """Return the output per rate of small signals about a rate, V/(deg/s): by V_Vc, whose K_Vc is known."""
+    gyro, on = warm(physical_parameters(LAB)), physical_parameters(LAB).virtual_path.offset_v
+    per_v = (read_v(gyro, rate_deg_s, on + 1e-4) - read_v(gyro, rate_deg_s, on - 1e-4)) / 2e-4
+    return per_v / K_VC
+
+
+def test_without_noise_and_errors_the_scale_factor_comes_out(tmp_path: Path) -> None:
+    found = run(QUIET, tmp_path, warm_up_s=7200.0, window_s=52.0, duration_s=156.0).results
+    assert found.scale_factor.value == pytest.approx(SCALE_FACTOR, rel=2e-6)
+    assert [each.scale_factor_v_per_deg_s for each in found.windows] == pytest.approx([SCALE_FACTOR] * 3, rel=2e-6)
+    assert abs(found.disturbance.value) < 2e-4
+    # the modulator's square makes 150 * 0.013 * V^2 / 2 of it, its cube 3/4 * 0.0145 * V^2
+    assert found.rectified_deg_s == pytest.approx(150.0 * 0.013 * found.v_vc_amplitude_v**2 / 2.0, rel=0.15)
+    assert found.compression_ppm == pytest.approx(0.75e6 * 0.0145 * found.v_vc_amplitude_v**2, rel=0.05)
+    assert found.virtual_rate_deg_s == pytest.approx(50.0, rel=1e-4)
+    assert found.response_ppm == pytest.approx(87.0, abs=2.0)
+
+
+def test_what_is_measured_while_it_turns_is_within_its_uncertainty(turning: Any) -> None:
+    found = turning.results
+    true = slope_at(20.0)
+    assert abs(true / SCALE_FACTOR - 1.0) > 50e-6
+    assert abs(found.scale_factor.value - true) <= 3.5 * found.scale_factor.u <= 150e-6 * abs(true)
+    assert sum(part.u**2 for part in found.scale_factor.parts) == pytest.approx(found.scale_factor.u**2)
+    assert len(found.windows) == 15
+    assert all(abs(each.scale_factor_v_per_deg_s - true) <= 4.5 * each.u for each in found.windows)
+    assert found.chi_square < 40.0
+    assert abs(found.disturbance.value) <= 3.5 * found.disturbance.u
+    assert found.disturbed_by_less_than_deg_s == pytest.approx(
+        abs(found.disturbance.value) + found.disturbance.expanded_u
+    )
+    assert found.disturbed_by_less_than_deg_s < 0.05
+    assert found.noise_modulated_deg_s == pytest.approx(found.noise_at_rest_deg_s, rel=0.2)
+    assert [each.tau_s for each in found.allan] == [20.0]
+
+
+def test_the_record_gives_the_same_and_the_report_shows_it(turning: Any) -> None:
+    assert vcfbench.load_run(turning.directory).results == turning.results
+    parts = turning.report().parts
+    titles = [each.title for each in parts if isinstance(each, Figure)]
+    assert titles[:2] == ["Scale factor over time", "True rate, modulation taken out"]
+    assert titles[2].startswith("Allan deviation of the scale factor")
+    assert any(isinstance(each, Table) and each.title == "scale factor, window after window" for each in parts)
+    where = [turning.directory.name, "--runs", str(turning.directory.parent)]
+    shown = CliRunner().invoke(app, ["runs", "show", *where])
+    assert shown.exit_code == 0, shown.output
+    assert "disturbed by less than" in shown.stdout
+    answer = json.loads(CliRunner().invoke(app, ["runs", "show", *where, "--json"]).stdout)
+    assert len(answer["results"]["windows"]) == 15
+
+
+def test_the_one_meter_is_moved_by_hand_and_the_sign_is_that_expected(tmp_path: Path) -> None:
+    one = structs.replace(QUIET, v_vc_meter=None)
+    found = run(one, tmp_path, **FAST).results
+    assert found.scale_factor.value == pytest.approx(SCALE_FACTOR, rel=3e-4)
+    assert abs(found.scale_factor.value - SCALE_FACTOR) < 2.0 * found.scale_factor.u
+    assert found.v_vc_by == "34401A at GPIB0::22::INSTR"
+
+
+def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_path: Path) -> None:
+    own, meter = 30e-6 * K_VC, 10e-6 * K_VC
+    name = "34401A at GPIB0::23::INSTR"
+    curve = KvcCurve(
+        coefficients=(0.0, K_VC),
+        covariance=((0.0, 0.0), (0.0, own**2 + meter**2)),
+        v_vc_min_v=-1.5,
+        v_vc_max_v=1.5,
+        shares=(
+            CurveShare(source="the table's rate", covariance=((0.0, 0.0), (0.0, own**2))),
+            CurveShare(source="gain of what V_Vc is known by", of=name, covariance=((0.0, 0.0), (0.0, meter**2))),
+        ),
+    )
+    here = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)
+    scale_factor = Measured(value=SCALE_FACTOR, u=2e-7)
+    DeviceStore(tmp_path / "devices").add(
+        Certificate(
+            serial="G-1",
+            issued=datetime(2020, 1, 1, tzinfo=UTC),
+            procedure="kvc",
+            k_vc=curve,
+            conditions=here,
+            scale_factor_v_per_deg_s=scale_factor,
+        )
+    )
+    found = run(QUIET, tmp_path, k_vc=None, dut="G-1", devices=str(tmp_path / "devices"), **FAST).results
+    sources = {part.source: part.u / abs(found.scale_factor.value) for part in found.scale_factor.parts}
+    assert sources["certificate: the table's rate"] == pytest.approx(30e-6)
+    assert not [each for each in sources if "gain of what V_Vc" in each]
+    assert found.k_vc_from == "certificate 0001"
+    assert found.drift.since == "certificate 0001 of 2020-01-01"
+    assert abs(found.drift.change_ppm.value) < 350.0
+
+
+def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: Path) -> None:
+    found = run(QUIET, tmp_path, v_vc="set", **FAST).results
+    assert found.scale_factor.u / abs(found.scale_factor.value) == pytest.approx(0.02 / 3**0.5, rel=0.05)
+    assert found.scale_factor.parts[0].source == "gain of what V_Vc is known by"
+    assert any(part.source.startswith("offset of the generator") for part in found.disturbance.parts)
+
+
+def test_a_bench_without_table_needs_none_and_one_with_a_table_may_turn() -> None:
+    told = {"k_vc": "150"}
+    kinds = [type(each.step) for each in vcfbench.dry_run("online", FIELD, settings=told).steps]
+    assert EnableTable not in kinds
+    assert kinds.count(SampleModulated) == 2 + 18
+    turns = vcfbench.dry_run("online", LAB, settings={**told, "rate_deg_s": -30.0}).steps
+    assert [each.step.rate_deg_s for each in turns if isinstance(each.step, SetRate)] == [-30.0, 0.0]
+    [sine] = [each.step for each in turns if isinstance(each.step, SetSine)]
+    assert (sine.frequency_hz, sine.amplitude_v) == (0.25, pytest.approx(1.0 / 3.0))
+    by_hand = vcfbench.dry_run("online", structs.replace(FIELD, v_vc_meter=None), settings=told).steps
+    assert sum(isinstance(each.step, AskOperator) for each in by_hand) == 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"modulation_hz": 1.0}, r"modulation_hz.*0.15 to 0.625 Hz"),
+        ({"modulation_hz": 3.0, "nplc": 1, "window_s": 2.0}, "a tenth of split_hz"),
+        ({"modulation_hz": 2.0, "window_s": 20.0, "nplc": 1}, "at most 512 readings of 0.02 s"),
+        ({"rate_deg_s": 20.0}, "0 on a bench without a rate table"),
+        ({"k_vc": None}, "K_Vc"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_opened(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.dry_run("online", FIELD, settings={"k_vc": "150", **settings})
+
+
+def test_a_sine_beyond_the_limit_is_refused() -> None:
+    with pytest.raises(LimitError, match="peak voltage"):
+        vcfbench.dry_run("online", FIELD, settings={"k_vc": "4"})
+
+
+def test_the_command_has_a_dry_run() -> None:
+    done = CliRunner().invoke(app, ["run", "online", "--dry-run", "--k-vc", "150", "--bench", "lab"])
+    assert done.exit_code == 0, done.output
+    assert "V_Vc = sine of 0.25 Hz, 0.333333 V peak" in done.stdout
