@@ -6,21 +6,30 @@ demodulated modes at the temperature of a warm gyroscope, modulator, output ampl
 For every value with an uncertainty the study prints z = (value - truth) / u over the seeds, and how often U95 holds the
 truth.
 
-    python benchmarks/truth.py --seeds 200 --processes 2
+    python benchmarks/truth.py 0 1000 --lines truth.jsonl         seeds 0 to 999, a line each
+    python benchmarks/truth.py 0 200 --v-vc measured              V_Vc by a second meter (the bench `lab`)
+    python benchmarks/truth.py --summary first.jsonl second.jsonl
 
-The same seeds give the same bytes, whatever the number of processes. A thousand seeds are the study that counts.
+The same seeds give the same bytes, whatever the number of processes. What stands in the file of --lines is not run
+again, so a study that was ended goes on where it was. A thousand seeds are the study that counts: 0.7 s of processor
+time each. Records are kept in memory where there is a /dev/shm, since a disk takes longer than the calibration.
 """
 
 from __future__ import annotations
 
 import argparse
 import cmath
+import json
 import math
 import multiprocessing
+import os
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
@@ -28,57 +37,63 @@ import vcfbench
 from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from vcfbench.procedures.uncertainty import Statement
     from vcfbench.sim.parameters import BenchParameters
+
+    Line = dict[str, Any]
 
 WARM_UP_S = 1800.0
 """Six of the gyroscope's thermal time constants: what is left of the warm-up is no part of this study."""
 TABLE_RATE_ERROR = 1e-5
 EARTH_DEG_S = 15.041067 / 3600.0
 
-BENCH = Path(str(vcfbench.__path__[0])) / "bench" / "paper.toml"
+BENCHES = {"set": "paper", "measured": "lab"}
+"""The embedded benches by how V_Vc is known."""
+MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
 
 
-def bench_of(seed: int) -> str:
-    """Return the embedded bench with all instruments drawn; its table's rate error is drawn here."""
-    text, _ = BENCH.read_text(encoding="utf-8").split("# The generator's errors are chosen", 1)
+def bench_of(seed: int, v_vc: str = "set") -> str:
+    """Return an embedded bench with all instruments drawn; its table's rate error is drawn here."""
+    file = Path(str(vcfbench.__path__[0])) / "bench" / f"{BENCHES[v_vc]}.toml"
+    text, _ = file.read_text(encoding="utf-8").split("# The generator's errors are chosen", 1)
     error = np.random.default_rng([seed, 9]).uniform(-TABLE_RATE_ERROR, TABLE_RATE_ERROR)
     drawn = f'[simulation.errors]\nrate_source = "drawn"\n[simulation.override.table]\nrate_error = {float(error)!r}\n'
     return f"{text}\n{drawn}"
 
 
-def calibrations(seed: int) -> list[tuple[str, float, float, bool]]:
-    """Return name, z, truth and whether U95 holds it, of each value of both calibrations."""
-    with tempfile.TemporaryDirectory() as directory:
+def calibrations(seed: int, v_vc: str = "set") -> Line:
+    """Return the seed, and by the name of each value of both calibrations its z and whether U95 holds the truth."""
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         file = Path(directory) / "bench.toml"
-        file.write_text(bench_of(seed), encoding="utf-8")
+        file.write_text(bench_of(seed, v_vc), encoding="utf-8")
         told: dict[str, Any] = {"bench": file, "seed": seed, "settings": {"warm_up_s": WARM_UP_S}, "runs": directory}
         table, four = vcfbench.run("turntable", **told), vcfbench.run("virtual-coriolis", **told)
     for run in (table, four):
         if run.results is None:
             raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
-    levels = [point.v_vc_v for point in four.points if point.step == 4]
+    driven = [point for point in four.points if point.step == 4]
+    levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in driven]
     rates = [point.rate_deg_s for point in table.points]
     truth = truths(rates, levels, 10.0)
     alone = {name.removeprefix("turntable."): value for name, value in truth.items() if name.startswith("turntable.")}
-    return [
-        *_scored("turntable: ", table.results.uncertainty, alone),
-        *_scored("virtual-coriolis: ", four.results.uncertainty, truth),
-    ]
+    return {
+        "seed": seed,
+        **_scored("turntable: ", table.results.uncertainty, alone),
+        **_scored("virtual-coriolis: ", four.results.uncertainty, truth),
+        "e_n": four.results.uncertainty.e_n,
+    }
 
 
-def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> list[tuple[str, float, float, bool]]:
-    return [
-        (
-            prefix + each.name,
+def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> Line:
+    return {
+        prefix + each.name: [
             (each.value - truth[each.name]) / each.u,
-            each.value,
             abs(each.value - truth[each.name]) <= each.u95,
-        )
+        ]
         for each in statement.values
-    ]
+    }
 
 
 def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], match_deg_s: float) -> dict[str, float]:
@@ -153,36 +168,71 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     return 0.5 * (low + high)
 
 
-def study(seeds: Sequence[int], processes: int) -> list[str]:
-    """Return the table of the study, a line a value."""
-    if processes > 1:
-        with multiprocessing.get_context("spawn").Pool(processes) as pool:
-            scored = pool.map(calibrations, seeds, chunksize=1)
-    else:
-        scored = [calibrations(seed) for seed in seeds]
-    lines = [
-        f"{len(seeds)} seeds from {seeds[0]}",
+def study(seeds: Sequence[int], v_vc: str, processes: int) -> Iterator[Line]:
+    """Yield what each seed gave, in their order."""
+    score = partial(calibrations, v_vc=v_vc)
+    if processes < 2:
+        yield from map(score, seeds)
+        return
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        yield from pool.imap(score, seeds, chunksize=1)
+
+
+def continued(file: Path | None, seeds: Sequence[int], v_vc: str, processes: int) -> list[Line]:
+    """Return the lines of `seeds`: those that stand in `file`, and those that are run now and added to it."""
+    if file is None:
+        return list(study(seeds, v_vc, processes))
+    had = {line["seed"]: line for line in lines_of([file])} if file.exists() else {}
+    with file.open("w", encoding="utf-8") as out:
+        out.writelines(json.dumps(line) + "\n" for line in had.values())
+        for line in study([seed for seed in seeds if seed not in had], v_vc, processes):
+            print(json.dumps(line), file=out, flush=True)
+            had[line["seed"]] = line
+    return [had[seed] for seed in seeds]
+
+
+def lines_of(files: Iterable[Path]) -> list[Line]:
+    """Return the lines of some files; one that was cut off at the end of a file is left out."""
+    texts = [text for file in files for text in file.read_text(encoding="utf-8").splitlines(keepends=True)]
+    return [json.loads(text) for text in texts if text.endswith("\n")]
+
+
+def summary(lines: Sequence[Line]) -> list[str]:
+    """Return the table of the study, a row a value."""
+    rows = [
+        f"{len(lines)} seeds, {lines[0]['seed']} to {lines[-1]['seed']}",
         f"{'value':48} {'mean z':>7} {'sd z':>6} {'max |z|':>7} {'in U95':>7}",
     ]
-    for place, (name, *_) in enumerate(scored[0]):
-        z = np.array([each[place][1] for each in scored])
-        held = np.mean([each[place][3] for each in scored])
+    for name in (each for each in lines[0] if each not in {"seed", "e_n"}):
+        z = np.array([line[name][0] for line in lines])
+        held = np.mean([line[name][1] for line in lines])
         good = abs(z.mean()) <= 0.1 and 0.93 <= z.std(ddof=1) <= 1.07 and 0.93 <= held <= 0.97
         mark = "" if good else "  *"
-        lines.append(f"{name:48} {z.mean():+7.3f} {z.std(ddof=1):6.3f} {abs(z).max():7.2f} {100 * held:6.1f}%{mark}")
-    error = 1.0 / math.sqrt(len(seeds))
-    chance = f"by chance alone the mean varies by {error:.3f}, the sd by {error / math.sqrt(2):.3f}"
-    lines.append(f"* outside |mean| 0.1, sd 0.93-1.07 or 93-97 %; {chance}")
-    return lines
+        rows.append(f"{name:48} {z.mean():+7.3f} {z.std(ddof=1):6.3f} {abs(z).max():7.2f} {100 * held:6.1f}%{mark}")
+    ratios = np.array([line["e_n"] for line in lines])
+    rows.append(
+        f"E_n of the methods: {ratios.min():.2f} to {ratios.max():.2f}, {100 * np.mean(ratios > 1.0):.1f}% above 1"
+    )
+    error = 1.0 / math.sqrt(len(lines))
+    chance = f"the mean varies by {error:.3f}, the sd by {error / math.sqrt(2):.3f}, the share by {22 * error:.1f}%"
+    rows.append(f"* outside |mean| 0.1, sd 0.93-1.07 or 93-97 %; by chance alone {chance}")
+    return rows
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=60)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("start", type=int, nargs="?", default=0)
+    parser.add_argument("count", type=int, nargs="?", default=60)
+    parser.add_argument("--v-vc", choices=sorted(BENCHES), default="set", help="how V_Vc is known")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--lines", type=Path, help="file that keeps a line a seed")
+    parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
     told = parser.parse_args()
-    print("\n".join(study(range(told.first, told.first + told.seeds), told.processes)))
+    if told.summary:
+        lines = lines_of(told.summary)
+    else:
+        lines = continued(told.lines, range(told.start, told.start + told.count), told.v_vc, told.processes)
+    print("\n".join(summary(sorted(lines, key=lambda line: line["seed"]))))
     return 0
 
 

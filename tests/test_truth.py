@@ -47,3 +47,30 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
     for each in run.results.uncertainty.values:
         left = left_v / 0.0125 if each.unit == "deg/s" else left_v if each.unit == "V" else 0.0
         assert each.value == pytest.approx(expected[each.name], rel=1e-6, abs=left), each.name
+
+
+def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, file, run = study(), tmp_path / "lines.jsonl", []
+
+    def calibrations(seed: int, v_vc: str) -> dict[str, Any]:
+        run.append(seed)
+        return {"seed": seed, "value": [0.5 * seed, seed < 3], "e_n": float(seed), "v_vc": v_vc}
+
+    monkeypatch.setattr(truth, "calibrations", calibrations)
+    whole = truth.continued(file, range(5), "set", 1)
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text[: text.index('{"seed": 3') + 9], encoding="utf-8")  # a line that was not written to its end
+    assert truth.continued(file, range(5), "set", 1) == whole
+    assert run == [0, 1, 2, 3, 4, 3, 4]
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_a_summary_marks_what_is_outside_the_bars() -> None:
+    truth = study()
+    z = [-1.4, -0.7, 0.0, 0.7, 1.4] * 20
+    lines = [
+        {"seed": n, "good": [each, n % 20 != 0], "bad": [each + 1.0, True], "e_n": 0.5} for n, each in enumerate(z)
+    ]
+    good, bad = truth.summary(lines)[2:4]
+    assert good.endswith("95.0%")
+    assert bad.endswith("100.0%  *")
