@@ -55,6 +55,10 @@ BUILT_IN = {
         "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",
     ),
+    "polarity": (
+        "vcfbench.procedures.polarity:POLARITY",
+        "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
+    ),
     "online": (
         "vcfbench.procedures.online:ONLINE",
         "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",

@@ -133,14 +133,24 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
 def recorded_verdict(directory: RunDirectory, record: JournalRecord) -> str | None:
     """Return ``pass``, ``marginal`` or ``fail``, None where nothing is judged.
 
-    Results are computed only where there are limits.
+    Results are computed only where the bench has limits; of a procedure with its own limits the stored verdict counts.
     """
     bench = record.header.get("bench", {})
     limits = bench.get("acceptance")
     if not isinstance(limits, dict) or not any(each for key, each in limits.items() if key != "guard_band"):
-        return None
+        return _stored_word(directory, record)
     verdict = _came_to(directory, record)[0].verdict
-    return None if verdict is None else verdict.as_json()["verdict"]
+    return None if verdict is None else verdict.word
+
+
+def _stored_word(directory: RunDirectory, record: JournalRecord) -> str | None:
+    from vcfbench.runs.results import stored  # noqa: PLC0415  # as above
+
+    try:
+        verdict = stored(directory, record).verdict
+    except ConfigError:  # there is none
+        return None
+    return None if verdict is None else verdict.word
 
 
 def printable(value: object) -> str:

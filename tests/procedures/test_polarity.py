@@ -1,0 +1,165 @@
+"""Which wire is the wrong way round, by the signs that it turns."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+import vcfbench
+from tests.procedures.fakes import MemoryJournal
+from vcfbench.bench.description import Limits
+from vcfbench.bench.settings import Expected, Placed, Station
+from vcfbench.cli.main import app
+from vcfbench.procedures.executor import Executor
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.polarity import DRIVEN, POLARITY, TURNED, PolaritySettings, results
+from vcfbench.procedures.steps import AwaitRate, SetRate, SetVvc
+from vcfbench.record.schema import Point
+from vcfbench.testing import open_simulated, simulated
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TABLE = Limits(max_rate_deg_s=300.0)
+MULTIMETER = "the multimeter's leads on the output are reversed"
+GENERATOR = "the generator's leads to V_Vc are reversed"
+METER = "the leads of the meter on V_Vc are reversed"
+COMBS = "the carrier is turned by half a cycle, or V_Vc drives the opposite combs"
+DEMODULATOR = "the demodulator's reference or the sense pick-off is turned by half a cycle"
+UPSIDE_DOWN = "the table's positive sense is the other one, or the gyroscope is mounted upside down"
+QUICK: dict[str, Any] = {"samples": 2}
+
+
+def settings(*, table: bool = True, meter: bool = False, bias: bool = False, **expected: Any) -> PolaritySettings:
+    """Return settings of a bench with the paper's gyroscope, whose bias is -42 mV."""
+    placed = {"v_vc_meter": Placed(model="34401A", where="GPIB0::23::INSTR")} if meter else {}
+    known = Expected(bias_v=(-0.06, -0.02) if bias else None, **expected)
+    return PolaritySettings(station=Station(instruments=placed, limits=TABLE if table else Limits(), expected=known))
+
+
+def points(*, table: float = 1.0, v_vc: float = 1.0, output: float = 1.0, meter: float | None = None) -> list[Point]:
+    """Return the points of a gyroscope with signs turned: of what acts on it, of its output, of what measures V_Vc."""
+
+    def point(step: int, rate: float, level: float) -> Point:
+        volts = output * (-0.042 - 0.0125 * (table * rate + v_vc * 150.0 * level))
+        seen = None if meter is None or step != DRIVEN else meter * level
+        return Point(step, rate, level, volts, 2e-5, 10, v_vc_measured_v=seen, v_vc_std_v=1e-6)
+
+    abba = (1.0, -1.0, -1.0, 1.0)
+    return [
+        point(1, 0.0, 0.0),
+        *(point(TURNED, 10.0 * sign, 0.0) for sign in abba),
+        *(point(DRIVEN, 0.0, 0.1 * sign) for sign in abba),
+    ]
+
+
+def test_right_signs_pass() -> None:
+    found = results(settings(meter=True, bias=True), points(meter=1.0))
+    assert [each.what for each in found.signs] == ["table", "V_Vc", "meter on V_Vc", "bias"]
+    assert found.wrong_signs == 0
+    assert found.causes == ()
+    assert [each.response for each in found.signs] == pytest.approx([-0.0125, -1.875, 1.0, -0.042])
+
+
+@pytest.mark.parametrize(
+    ("turned", "causes"),
+    [
+        ({"output": -1.0, "meter": 1.0}, {MULTIMETER}),
+        ({"v_vc": -1.0, "meter": -1.0}, {GENERATOR}),
+        ({"v_vc": -1.0, "meter": 1.0}, {COMBS}),
+        ({"meter": -1.0}, {METER}),
+        ({"table": -1.0, "meter": 1.0}, {UPSIDE_DOWN}),
+        ({"table": -1.0, "v_vc": -1.0, "meter": 1.0}, {DEMODULATOR}),
+        (
+            {"output": -1.0, "v_vc": -1.0, "meter": -1.0},
+            {f"{MULTIMETER}, and {GENERATOR}"},
+        ),
+    ],
+)
+def test_with_all_signs_the_cause_is_one(turned: dict[str, float], causes: set[str]) -> None:
+    assert set(results(settings(meter=True, bias=True), points(**turned)).causes) == causes
+
+
+def test_with_fewer_signs_all_that_can_be_are_named() -> None:
+    assert set(results(settings(), points(output=-1.0)).causes) == {MULTIMETER, DEMODULATOR}
+    assert set(results(settings(table=False), points(v_vc=-1.0)).causes) == {MULTIMETER, GENERATOR, COMBS, DEMODULATOR}
+    assert set(results(settings(table=False, bias=True), points(output=-1.0)).causes) == {MULTIMETER}
+
+
+def test_what_does_not_answer_has_no_sign() -> None:
+    found = results(settings(), points(v_vc=1e-3))
+    assert (found.signs[1].found, found.wrong_signs) == (0, 1)
+    assert found.causes == ("the output does not feel V_Vc: a lead of the generator is off",)
+    [words] = results(settings(), points(output=0.0)).causes
+    assert words.startswith("the output does not move")
+
+
+def test_the_bench_file_says_what_is_expected() -> None:
+    other = settings(scale_factor_v_per_deg_s=(0.01, 0.015), k_vc_deg_s_per_v=(-160.0, -140.0))
+    found = results(other, points(table=-1.0))
+    assert [(each.expected, each.right) for each in found.signs] == [(1, True), (-1, True)]
+    assert found.expected_from == "[expected] of the bench file: scale factor, K_Vc"
+
+
+@pytest.fixture(scope="module")
+def backwards(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A run on a gyroscope whose V_Vc drives the opposite combs; one limit of the bench file passes."""
+    combs = {"virtual_path": {"left_comb_n_per_v2": -1.448e-7, "right_comb_n_per_v2": -1.42e-7}}
+    lab = simulated("lab", overrides=combs)
+    return vcfbench.run("polarity", lab, settings=QUICK, runs=tmp_path_factory.mktemp("backwards"))
+
+
+def test_a_wrong_sign_fails_the_run(backwards: Any) -> None:
+    assert backwards.error is None
+    assert backwards.verdict.word == "fail"
+    assert backwards.results.causes == (COMBS,)
+    assert vcfbench.load_run(backwards.directory).results == backwards.results
+    where = ["--runs", str(backwards.directory.parent)]
+    shown = CliRunner().invoke(app, ["runs", "show", "last", *where])
+    assert "1 of 3 signs are wrong" in shown.stdout
+    assert COMBS in shown.stdout
+    [listed] = json.loads(CliRunner().invoke(app, ["runs", "list", "--json", *where]).stdout)["runs"]
+    assert listed["verdict"] == "fail"
+
+
+def test_the_command_says_pass_and_its_exit_code_is_the_verdict(tmp_path: Path) -> None:
+    command = ["run", "polarity", "--quiet", "--set", "samples=2", "--runs", str(tmp_path)]
+    right = CliRunner().invoke(app, command)
+    assert right.exit_code == 0, right.output
+    assert "all signs are right" in right.stdout
+    bench = tmp_path / "turned.toml"
+    bench.write_text(_paper_with_expected(), encoding="utf-8")
+    wrong = CliRunner().invoke(app, [*command, "--bench", str(bench), "--json"])
+    assert wrong.exit_code == 1, wrong.output
+    answer = json.loads(wrong.stdout)
+    assert answer["acceptance"]["verdict"] == "fail"
+    assert answer["results"]["causes"] == [MULTIMETER, DEMODULATOR]
+
+
+def _paper_with_expected() -> str:
+    from vcfbench.bench.file import embedded_text  # noqa: PLC0415  # one test needs it
+
+    return embedded_text("paper") + "\n[expected]\nscale_factor_v_per_deg_s = [0.01, 0.015]\n"
+
+
+def test_leads_that_are_really_reversed_are_found() -> None:
+    """On the simulated bench, where a hand turns them round."""
+    chosen = settings_of(POLARITY, vcfbench.load_bench("lab"), asked_in_python(QUICK))
+    chosen = structs.replace(chosen, station=structs.replace(chosen.station, expected=Expected(bias_v=(-0.06, -0.02))))
+    with open_simulated(simulated("lab"), seed=2) as lab:
+        lab.world.leads["multimeter"].turn("input", reversed_=True)
+        executed = Executor(lab.bench, MemoryJournal()).execute(POLARITY.plan(chosen))
+    found = results(chosen, executed.points)
+    assert found.causes == (MULTIMETER,)
+
+
+def test_both_ways_are_taken_against_drift_and_without_a_table_nothing_turns() -> None:
+    steps = [each.step for each in vcfbench.dry_run("polarity", "lab", settings=QUICK).steps]
+    assert [each.rate_deg_s for each in steps if isinstance(each, AwaitRate)] == [10.0, -10.0, 10.0, 0.0]
+    assert [each.v_vc_v for each in steps if isinstance(each, SetVvc)] == [0.0, 0.1, -0.1, 0.1]
+    field = [each.step for each in vcfbench.dry_run("polarity", "examples/field-bench.toml", settings=QUICK).steps]
+    assert not any(isinstance(each, SetRate) for each in field)

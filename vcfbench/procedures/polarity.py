@@ -1,0 +1,329 @@
+"""Polarity: which way the output goes for a positive table rate and a positive V_Vc, and which wire is the wrong way.
+
+After IEEE 1431, 12.7, the sign is never assumed. Each lead that is reversed, and each phase that is turned by half a
+cycle, turns signs of its own: the least that explains all signs that are wrong is what is named.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msgspec import Meta
+
+from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.settings import Limit, ProcedureSettings, rate_words
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import (
+    answer,
+    energised,
+    go_to_rate,
+    look_at_drive,
+    set_v_vc,
+    take,
+    under_servo,
+    v_vc_on,
+    window_of,
+)
+from vcfbench.procedures.steps import (
+    AcquireWithVvc,
+    ConfigureVvcMeter,
+    DisableVvc,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+    Window,
+)
+from vcfbench.report.document import Column, Report, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.procedures.step import Routine
+    from vcfbench.record.schema import Point
+
+__all__ = ["POLARITY", "PolarityResult", "PolaritySettings", "Sign", "polarity"]
+
+AT_REST, TURNED, DRIVEN = 1, 2, 3
+"""The steps, as in its points: at rest, on the table, with V_Vc."""
+
+_ABBA = (1.0, -1.0, -1.0, 1.0)
+_SURE = 5.0
+"""Standard uncertainties, of the scatter of the readings, by which a response must differ from none."""
+_LEAST = 0.2
+"""Part of the response that is expected below which there is none."""
+_ANY_V = 1e3
+"""Of what a meter on V_Vc reads here nothing is asked: its sign is what is looked for."""
+
+What = Literal["table", "V_Vc", "bias", "meter on V_Vc"]
+
+CAUSES: Mapping[str, frozenset[What]] = MappingProxyType(
+    {
+        "the multimeter's leads on the output are reversed": frozenset({"table", "V_Vc", "bias"}),
+        "the generator's leads to V_Vc are reversed": frozenset({"V_Vc", "meter on V_Vc"}),
+        "the table's positive sense is the other one, or the gyroscope is mounted upside down": frozenset({"table"}),
+        "the leads of the meter on V_Vc are reversed": frozenset({"meter on V_Vc"}),
+        "the carrier is turned by half a cycle, or V_Vc drives the opposite combs": frozenset({"V_Vc"}),
+        "the demodulator's reference or the sense pick-off is turned by half a cycle": frozenset({"table", "V_Vc"}),
+    }
+)
+"""What can be the wrong way round, and which signs it turns."""
+
+
+class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What the check is told beside what all procedures are."""
+
+    polarity_rate_deg_s: Annotated[
+        float, Meta(gt=0.0, le=1000.0, description="rate of the table, taken with both signs")
+    ] = 10.0
+    polarity_v_vc_v: Annotated[float, Meta(gt=0.0, le=10.0, description="V_Vc, taken with both signs")] = 0.1
+
+    @property
+    def acceptance(self) -> tuple[Limit, ...]:
+        """The limits of the bench file, and that no sign is wrong: that is the verdict."""
+        return (*super().acceptance, Limit("wrong_signs", 0.0, 0.0))
+
+    @property
+    def has_table(self) -> bool:
+        """Whether the bench has a table."""
+        return self.station.limits.max_rate_deg_s is not None
+
+    def contradictions(self) -> Iterator[Misfit]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        limit_deg_s = self.station.limits.max_rate_deg_s
+        if limit_deg_s is not None and self.polarity_rate_deg_s > limit_deg_s:
+            yield Misfit("polarity_rate_deg_s", rate_words(limit_deg_s), self.polarity_rate_deg_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """One sign: what was put in, the response per unit of it, and whether it is as expected.
+
+    `found` is 0 where there is no response. `u_response` is what the scatter of the readings leaves; whether a sign is
+    sure is all that it is for.
+    """
+
+    what: What
+    expected: Literal[-1, 1]
+    found: Literal[-1, 0, 1]
+    response: float
+    u_response: float
+    unit: str
+
+    @property
+    def right(self) -> bool:
+        """Whether it is as expected."""
+        return self.found == self.expected
+
+
+@dataclass(frozen=True, slots=True)
+class PolarityResult:
+    """The signs, how many are wrong or not there, and what explains them: each of `causes` alone does."""
+
+    signs: tuple[Sign, ...]
+    wrong_signs: int
+    causes: tuple[str, ...]
+    expected_from: str
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what is judged."""
+        return {"wrong_signs": float(self.wrong_signs)}
+
+
+def polarity(settings: PolaritySettings) -> Plan:
+    """Turn both ways, then drive V_Vc both ways."""
+    return (yield from energised(settings, _both_ways(settings)))
+
+
+def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
+    yield from look_at_drive(settings)
+    yield Note("At rest, generator off")
+    yield Settle(settings.settle_s, "gyro settles")
+    yield from take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
+    if settings.has_table:
+        yield from under_servo(settings, _turned(settings))
+        yield Settle(settings.settle_s, "gyro settles")
+    yield from _driven(settings)
+    return Outcome("both ways")
+
+
+def _turned(settings: PolaritySettings) -> Routine[None]:
+    yield Note(f"The table, {settings.polarity_rate_deg_s:g} deg/s both ways")
+    previous_deg_s = 0.0
+    for sign in _ABBA:
+        rate_deg_s = sign * settings.polarity_rate_deg_s
+        if rate_deg_s != previous_deg_s:
+            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+        yield from take(settings, TURNED, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
+        previous_deg_s = rate_deg_s
+
+
+def _driven(settings: PolaritySettings) -> Routine[None]:
+    yield Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
+    measured = "v_vc_meter" in settings.station.instruments
+    if measured:
+        yield ConfigureVvcMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from v_vc_on()
+    asked_v = level_v = 0.0
+    for sign in _ABBA:
+        if asked_v != sign * settings.polarity_v_vc_v:
+            asked_v = sign * settings.polarity_v_vc_v
+            level_v = yield from set_v_vc(settings, asked_v)
+        if measured:
+            window = AcquireWithVvc(DRIVEN, 0.0, level_v, None, v_vc_tolerance_v=_ANY_V, **window_of(settings))
+            answer((yield window), Window)
+        else:
+            yield from take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)
+    yield DisableVvc()
+
+
+def results(settings: PolaritySettings, points: Sequence[Point]) -> PolarityResult:
+    """Return the signs, and what explains those that are wrong."""
+    gyro = settings.expected_gyro()
+    driven = [point for point in points if point.step == DRIVEN]
+    signs = [
+        _sign("V_Vc", [(p.v_vc_v, p.output_v, _u(p)) for p in driven], gyro.scale_factor * gyro.k_vc, "V/V"),
+    ]
+    if settings.has_table:
+        turned = [(p.rate_deg_s, p.output_v, _u(p)) for p in points if p.step == TURNED]
+        signs.insert(0, _sign("table", turned, gyro.scale_factor, "V/(deg/s)"))
+    seen = [(p.v_vc_v, p.v_vc_measured_v, _u_v_vc(p)) for p in driven if p.v_vc_measured_v is not None]
+    if seen:
+        signs.append(_sign("meter on V_Vc", seen, 1.0, "V/V"))
+    signs += _bias(settings, points)
+    wrong = {each.what for each in signs if not each.right}
+    silent = [each.what for each in signs if not each.found]
+    causes = _silence(silent) if silent else _causes(wrong, {each.what for each in signs})
+    told = settings.expected.scale_factor_v_per_deg_s, settings.expected.k_vc_deg_s_per_v
+    named = [name for name, window in zip(("scale factor", "K_Vc"), told, strict=True) if window is not None]
+    source = f"[expected] of the bench file: {', '.join(named)}" if named else ""
+    missing = [name for name, window in zip(("scale factor", "K_Vc"), told, strict=True) if window is None]
+    default = f"the paper's gyroscope: {', '.join(missing)}" if missing else ""
+    return PolarityResult(tuple(signs), len(wrong), causes, "; ".join(each for each in (source, default) if each))
+
+
+def _u(point: Point) -> float:
+    return point.std_v / math.sqrt(point.n)
+
+
+def _u_v_vc(point: Point) -> float:
+    return (point.v_vc_std_v or 0.0) / math.sqrt(point.n)
+
+
+def _sign(what: What, seen: Sequence[tuple[float, float, float]], expected: float, unit: str) -> Sign:
+    """Return the sign of the slope through what was put in, what came out, and its uncertainty."""
+    swing = math.fsum(abs(x) for x, _, _ in seen)
+    response = math.fsum(math.copysign(1.0, x) * y for x, y, _ in seen) / swing
+    u = math.sqrt(math.fsum(each**2 for _, _, each in seen)) / swing
+    sure = abs(response) > _SURE * u and abs(response) > _LEAST * abs(expected)
+    return Sign(what, 1 if expected > 0.0 else -1, _sign_of(response) if sure else 0, response, u, unit)
+
+
+def _sign_of(value: float) -> Literal[-1, 1]:
+    return 1 if value > 0.0 else -1
+
+
+def _bias(settings: PolaritySettings, points: Sequence[Point]) -> list[Sign]:
+    """Return the sign of the output at rest, where the bench file expects one: it tells leads from phases."""
+    window = settings.expected.bias_v
+    if window is None or window[0] <= 0.0 <= window[1]:
+        return []
+    [rest] = [point for point in points if point.step == AT_REST]
+    sure = abs(rest.output_v) > _SURE * _u(rest)
+    found = _sign_of(rest.output_v) if sure else 0
+    return [Sign("bias", _sign_of(window[0]), found, rest.output_v, _u(rest), "V")]
+
+
+def _silence(silent: Sequence[What]) -> tuple[str, ...]:
+    """Say what may be loose where there is no response."""
+    if "table" in silent and "V_Vc" in silent:
+        return ("the output does not move: a lead of the multimeter is off, or the gyroscope does not run",)
+    loose: dict[What, str] = {
+        "table": "the output does not feel the table: is the gyroscope on it, and its axis along the table's?",
+        "V_Vc": "the output does not feel V_Vc: a lead of the generator is off",
+        "meter on V_Vc": "the meter on V_Vc reads nothing: a lead of it is off",
+        "bias": "the output at rest is not what is expected of it, nearly 0 V",
+    }
+    return tuple(loose[each] for each in silent)
+
+
+def _causes(wrong: set[What], seen: set[What]) -> tuple[str, ...]:
+    """Return what turns just the signs that are wrong, of those that were seen: the fewest causes, each choice a line.
+
+    Two that turn the same sign leave it as it was.
+    """
+    if not wrong:
+        return ()
+    for count in range(1, len(CAUSES) + 1):
+        found = []
+        for chosen in combinations(CAUSES, count):
+            turned: frozenset[What] = frozenset()
+            for each in chosen:
+                turned ^= CAUSES[each] & seen
+            if turned == wrong and all(CAUSES[each] & seen for each in chosen):
+                found.append(", and ".join(chosen))
+        if found:
+            return tuple(found)
+    return ("none of the causes that are known turns just these signs",)
+
+
+def report(settings: PolaritySettings, _points: Sequence[Point], found: PolarityResult) -> Report:
+    """Report each sign, and what explains those that are wrong."""
+    words = {-1: "-", 0: "no response", 1: "+"}
+    columns = (
+        *(Column("sign of the output for", align="left"), Column("expected"), Column("found")),
+        *(Column("response", format=".5g"), Column("u", format=".1g"), Column("unit", align="left")),
+        Column("verdict", align="left"),
+    )
+    rows = [
+        (
+            *(_LONG[each.what], words[each.expected], words[each.found], each.response, each.u_response, each.unit),
+            "right" if each.right else "WRONG" if each.found else "NO RESPONSE",
+        )
+        for each in found.signs
+    ]
+    return Report([Table(columns, rows), Text(_verdict(settings, found))])
+
+
+_LONG: Mapping[What, str] = MappingProxyType(
+    {
+        "table": "a positive rate of the table",
+        "V_Vc": "a positive V_Vc",
+        "bias": "rest",
+        "meter on V_Vc": "a positive V_Vc, of its own meter",
+    }
+)
+
+
+def _verdict(settings: PolaritySettings, found: PolarityResult) -> str:
+    basis = f"expected by {found.expected_from}"
+    if not found.wrong_signs:
+        return f"all signs are right ({basis})"
+    head = "what explains it" if len(found.causes) == 1 else "what explains it, one of these"
+    lines = [f"{found.wrong_signs} of {len(found.signs)} signs are wrong ({basis}); {head}:"]
+    lines += [f"  {each}" for each in found.causes]
+    if len(found.causes) > 1 and not settings.has_table:
+        lines.append("a table, or a gyroscope turned by hand, would tell more")
+    if len(found.causes) > 1 and settings.expected.bias_v is None:
+        lines.append("expected.bias_v in the bench file would tell reversed leads from turned phases")
+    return "\n".join(lines)
+
+
+POLARITY = Procedure(
+    name="polarity",
+    title=BUILT_IN["polarity"][1],
+    settings=PolaritySettings,
+    plan=polarity,
+    results=results,
+    report=report,
+    needs=MappingProxyType({"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage}),
+    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage, "rate_table": Rotates}),
+)
+"""The check of the signs."""
