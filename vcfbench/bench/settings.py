@@ -142,7 +142,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the place gives: wiring, limits, what is expected and what passes; nothing that a procedure could choose.
 
-    `instruments` are those of the bench file by role, the rate table apart.
+    `instruments` are those of the bench file by role, the rate table apart; `latitude_deg` is north positive.
     `oscilloscope` is what its channels see, None on a bench that has none.
     `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
     `sources` are what uncertainties come from.
@@ -152,6 +152,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     rails: RailWiring = field(default_factory=RailWiring)
     oscilloscope: OscilloscopeWiring | None = field(default_factory=OscilloscopeWiring)
     mains_hz: Literal[50, 60] = 50
+    latitude_deg: float | None = None
     meter_resolution_v: float | None = None
     limits: Limits = field(default_factory=Limits)
     expected: Expected = field(default_factory=Expected)

@@ -131,7 +131,7 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
     from vcfbench.procedures.keys import settable_keys  # noqa: PLC0415
 
     keys = tuple(settable_keys(chosen.settings))
-    own = {key.path: f"--{key.path.replace('_', '-')}" for key in keys if key.is_option}
+    own = {key.path: key.option for key in keys if key.option}
     texts = {key.path for key in keys if key.expected.startswith("a text")}  # a serial number may look like a number
 
     def run(context: typer.Context, **options: Any) -> None:
@@ -139,11 +139,11 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
         from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
 
         given = {key: value for key in own if (value := options.pop(key)) is not None}
-        given = {key: json.dumps(value) if key in texts else value for key, value in given.items()}
+        given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
         settings = asked_by_command(options.pop("settings") or (), given, own)
         conduct(chosen, settings, RunOptions(**options, settings=settings.values), context.find_object(EarlyAndLate))
 
-    _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.is_option})
+    _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.option})
     alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
     alone.command(name, cls=ProcedureCommand, help=chosen.title)(run)
     command: Any = typer.main.get_command(alone)
@@ -152,6 +152,8 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 
 
 def _option(name: str, key: SettableKey) -> Any:
+    if key.expected == "true or false":
+        return Annotated[bool | None, typer.Option(name, help=f"{key.meaning.capitalize()}.")]
     metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
     return Annotated[str | None, typer.Option(name, metavar=metavar, help=f"{key.meaning.capitalize()}.")]
 

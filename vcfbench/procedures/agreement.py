@@ -54,8 +54,8 @@ _STATIONARY_DEG_S = 1e-9
 
 
 def _driven(point: Point) -> bool:
-    """Tell whether the generator was on: in steps 2 and 4, where the table is at rest."""
-    return point.step in {2, 4}
+    """Tell whether the generator was on: in steps 2 and 4 and the zeros between, where the table is at rest."""
+    return point.step in {2, 4, 6, 7}
 
 
 def _setting(point: Point) -> tuple[bool, float]:

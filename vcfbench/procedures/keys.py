@@ -23,14 +23,14 @@ __all__ = ["SettableKey", "settable_keys"]
 class SettableKey:
     """One key: `path` as ``--set`` takes it, `default` in TOML (empty when it has none), and what is said of it.
 
-    `is_option` tells whether the command has an option of its own for it.
+    `option` is what the command's own option for it is called, empty when it has none.
     """
 
     path: str
     default: str
     expected: str
     meaning: str
-    is_option: bool
+    option: str
 
 
 def settable_keys(kind: type[ProcedureSettings]) -> Iterator[SettableKey]:
@@ -54,9 +54,16 @@ def _keys(field: inspect.Field, above: tuple[str, ...]) -> Iterator[SettableKey]
         for below in node.fields:
             yield from _keys(below, path)
         return
-    yield SettableKey(
-        dotted(path), _default(field), _expected(node), described.get("description", ""), bool(extra.get("option"))
-    )
+    name = dotted(path)
+    option = _option(name, extra.get("option"))
+    yield SettableKey(name, _default(field), _expected(node), described.get("description", ""), option)
+
+
+def _option(name: str, told: object) -> str:
+    """Return the option that a key has, named after it, or as it is told: a key may not be called like a procedure."""
+    if isinstance(told, str):
+        return told
+    return f"--{name.replace('_', '-')}" if told else ""
 
 
 def _expected(node: inspect.Type) -> str:

@@ -158,6 +158,7 @@ def _station(description: BenchDescription) -> Station:
         rails=description.wiring.rails,
         oscilloscope=None if description.oscilloscope is None else description.wiring.oscilloscope,
         mains_hz=description.site.mains_hz,
+        latitude_deg=description.site.latitude_deg,
         limits=description.limits,
         expected=description.expected,
         acceptance=description.acceptance,

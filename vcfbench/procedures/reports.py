@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from vcfbench.procedures.results import SweptTurntableResult, SweptVirtualCoriolisResult
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
+    from vcfbench.procedures.sweep_found import SweepFound
     from vcfbench.procedures.uncertainty import Statement
     from vcfbench.record.schema import Point
 
@@ -23,6 +25,7 @@ _RATE = Axis("Omega_z", "deg/s")
 
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
     """Report a turntable calibration: its column, its line, and what it leaves over."""
+    points = [point for point in points if point.step == 1]
     columns = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
     rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]
     lines = [("turntable", points, results)]
@@ -30,6 +33,7 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
         [
             Table(columns, rows),
             Text(_fit("turntable", results)),
+            *_sweeps(results),
             *_stated(results.uncertainty),
             _outputs("Output against the table's rate", lines),
             _residuals(lines),
@@ -47,12 +51,48 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
         [
             _table_1(table, virtual),
             Text(_comparison(results)),
+            *_sweeps(results),
             *_stated(results.uncertainty),
             _outputs("Output against rate, real and virtual", lines),
             _residuals(lines),
             _difference(table, virtual, results),
         ]
     )
+
+
+def _sweeps(results: TurntableResult | VirtualCoriolisResult) -> list[Text]:
+    """Say what order, zeros and repeats tell, where the rates were not visited as the paper does."""
+    found: list[tuple[str, SweepFound]] = []
+    if isinstance(results, SweptTurntableResult):
+        found = [("turntable", results.sweep)]
+    elif isinstance(results, SweptVirtualCoriolisResult):
+        found = [("turntable", results.turntable_sweep), ("virtual Coriolis", results.virtual_sweep)]
+    return [Text("\n".join([f"{name}: {_visited(sweep)}", *_told(sweep)])) for name, sweep in found]
+
+
+def _visited(sweep: SweepFound) -> str:
+    times = f", {sweep.repeat} times" if sweep.repeat > 1 else ""
+    return f"order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"
+
+
+def _told(sweep: SweepFound) -> Iterator[str]:
+    if sweep.zero_drift_v is not None:
+        yield f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is taken off"
+    if sweep.earth_rate_deg_s:
+        yield f"  the Earth's rate about the table's axis, {sweep.earth_rate_deg_s:+.6f} deg/s, is added to the rates"
+    yield from (f"  no whole turns at {each}" for each in sweep.no_whole_turns)
+    for each in sweep.repeatability:
+        known = (
+            f"s {each.sd:.2g} {each.unit} (u {each.u:.1g}, {each.dof} degrees of freedom; noise alone {each.noise:.2g})"
+        )
+        yield f"  repeatability of the {each.name.replace('_', ' ')} within this run: {known}"
+    if (loop := sweep.hysteresis) is not None:
+        verdict = "seen" if loop.seen else "not more than noise"
+        yield (
+            f"  hysteresis {loop.difference.value:+.2g} % of full scale at {loop.rate_deg_s:+g} deg/s, "
+            f"u {loop.difference.u:.1g}: {verdict} (noise alone stays below {loop.by_noise_percent:.2g} with 95 %)"
+        )
+        yield from (f"    not in it: {each}" for each in loop.holds_not)
 
 
 _LEAST_SHARE = 0.001

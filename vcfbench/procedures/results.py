@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.schedule import SweepSettings
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.specifications import AGILENT_33220A
 
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
-    from vcfbench.bench.settings import Match, ProcedureSettings
+    from vcfbench.bench.settings import Match
+    from vcfbench.procedures.sweep_found import SweepFound
     from vcfbench.procedures.uncertainty import Statement
     from vcfbench.record.schema import Point
 
@@ -26,6 +29,8 @@ __all__ = [
     "GENERATOR_OFFSET_V",
     "K_VC_UNIT",
     "LEVEL_RESOLUTION",
+    "SweptTurntableResult",
+    "SweptVirtualCoriolisResult",
     "TurntableResult",
     "VirtualCoriolisResult",
     "noise_std_v",
@@ -62,6 +67,13 @@ class TurntableResult(CalibrationColumn):
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys."""
         return _acceptance_u95(self.uncertainty)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptTurntableResult(TurntableResult):
+    """The same, of a run that did not visit the rates as the paper does."""
+
+    sweep: SweepFound
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,6 +126,14 @@ class VirtualCoriolisResult:
         return _acceptance_u95(self.uncertainty)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptVirtualCoriolisResult(VirtualCoriolisResult):
+    """The same, of a run that did not visit the rates as the paper does."""
+
+    turntable_sweep: SweepFound
+    virtual_sweep: SweepFound
+
+
 def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
     scale_factor, bias_v = column.scale_factor.value, column.bias.value
     return {
@@ -146,11 +166,27 @@ def turntable_results(
     points: Sequence[Point], meter_resolution_v: float, settings: ProcedureSettings | None = None
 ) -> TurntableResult:
     """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
-    from vcfbench.procedures.uncertainty import turntable_statement  # noqa: PLC0415  # numpy comes with it
+    if settings is None:
+        return TurntableResult(**_fields(_column(points, u_output_v(points, meter_resolution_v)).column()))
+    from vcfbench.procedures.sweep import sweep_of  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.uncertainty import turntable_statement  # noqa: PLC0415  # as above
 
-    column = _column(points, u_output_v(points, meter_resolution_v)).column()
-    statement = None if settings is None else turntable_statement(settings, points)
-    return TurntableResult(**{each.name: getattr(column, each.name) for each in fields(column)}, uncertainty=statement)
+    sweep = sweep_of(settings, points, 1)
+    values = _fields(_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
+    values["uncertainty"] = turntable_statement(settings, points)
+    if not _swept(settings):
+        return TurntableResult(**values)
+    from vcfbench.procedures.sweep_found import sweep_found  # noqa: PLC0415  # as above
+
+    return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    return {each.name: getattr(value, each.name) for each in fields(value)}
+
+
+def _swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:
+    return isinstance(settings, SweepSettings) and not settings.as_in_the_paper
 
 
 def virtual_coriolis_results(
@@ -162,6 +198,7 @@ def virtual_coriolis_results(
 ) -> VirtualCoriolisResult:
     """Return the results of a four-step calibration, with `settings` their uncertainties."""
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.sweep import sweep_of  # noqa: PLC0415  # as above
     from vcfbench.procedures.uncertainty import four_step_statement  # noqa: PLC0415  # as above
 
     measured = any(point.v_vc_measured_v is not None for point in points)
@@ -171,13 +208,14 @@ def virtual_coriolis_results(
     points = standing_for(points, 4, matching.k_vc)
     noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
-    driven = _of_step(points, 4)
-    turntable = _column(_of_step(points, 3), u_v)
-    virtual = _column(driven, [math.hypot(u_v, u_level * matching.slope * point.v_vc_v) for point in driven])
+    table, driven = (sweep_of(settings or ProcedureSettings(), points, step) for step in (3, 4))
+    turntable = _column(table.points, table.u_v(u_v))
+    levels = zip(driven.noise_gains, (u_level * matching.slope * point.v_vc_v for point in driven.points), strict=True)
+    virtual = _column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
-    return VirtualCoriolisResult(
+    result = VirtualCoriolisResult(
         k_vc=Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
         k_vc_u_generator=0.0 if measured else _u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
         v_vc10_v=matching.v_vc_equal_v,
@@ -194,6 +232,12 @@ def virtual_coriolis_results(
         meter_resolution_v=meter_resolution_v,
         uncertainty=None if settings is None else four_step_statement(settings, points, matching),
     )
+    if settings is None or not _swept(settings):
+        return result
+    from vcfbench.procedures.sweep_found import sweep_found  # noqa: PLC0415  # numpy comes with it
+
+    turntable_sweep, virtual_sweep = (sweep_found(settings, points, each) for each in (table, driven))
+    return SweptVirtualCoriolisResult(**_fields(result), turntable_sweep=turntable_sweep, virtual_sweep=virtual_sweep)
 
 
 def pooled_std_v(points: Sequence[Point]) -> float:
@@ -254,11 +298,7 @@ def _u_resolution_v(meter_resolution_v: float) -> float:
     return meter_resolution_v / math.sqrt(12.0)
 
 
-def _of_step(points: Sequence[Point], step: int) -> list[Point]:
-    return [point for point in points if point.step == step]
-
-
-def _column(points: Sequence[Point], u_v: float | list[float]) -> ScaleFactorResult:
+def _column(points: Sequence[Point], u_v: float | Sequence[float]) -> ScaleFactorResult:
     from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415  # numpy comes with it
 
     return characterise([point.rate_deg_s for point in points], [point.output_v for point in points], u_v)

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vcfbench.errors import MeasurementError
+from vcfbench.procedures.schedule import window_grid
 from vcfbench.procedures.steps import (
     Acquire,
     AwaitRate,
@@ -179,7 +180,9 @@ def take(
     settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
     """Average one window and return its point; `table_deg_s` is what the table must read back, None asks no table."""
-    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window_of(settings))
+    grid = window_grid(settings, table_deg_s or 0.0)
+    window = {**window_of(settings), "samples": grid.samples, "interval_s": grid.interval_s}
+    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
     return answer((yield acquire), Window).point
 
 

@@ -18,6 +18,8 @@ from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.bench.settings import V_VC_RANGE_V
+from vcfbench.procedures.schedule import earth_left_deg_s
+from vcfbench.procedures.sweep import sweep_of, window_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.budget import Budget, Model, Result
     from vcfbench.bench.settings import ProcedureSettings, Sources
     from vcfbench.procedures.matching import Matching
+    from vcfbench.procedures.sweep import Sweep
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -99,25 +102,26 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A least-squares line as sums over windows: their places among all windows of the run, their rates and outputs."""
+    """A least-squares line as sums over windows."""
 
-    places: tuple[int, ...]
     rate_deg_s: Floats
     scale_factor: float
     bias_v: float
     derivative: Floats
     """Slope of the curve through the outputs at each rate, V/(deg/s)."""
 
+    mixing: Floats
+    """What makes the outputs of the line of those of all windows: the windows' own, less a drift of zeros."""
+
     @classmethod
-    def of(cls, points: Sequence[Point], step: int) -> Line:
-        """Return the line of the windows of `step`."""
-        places = tuple(place for place, point in enumerate(points) if point.step == step)
-        rate = np.array([points[place].rate_deg_s for place in places])
-        output = np.array([points[place].output_v for place in places])
+    def of(cls, sweep: Sweep) -> Line:
+        """Return the line of the windows of a sweep."""
+        rate = np.array([point.rate_deg_s for point in sweep.points])
+        output = np.array([point.output_v for point in sweep.points])
         scale_factor, bias_v = np.polynomial.Polynomial.fit(rate, output, 1).convert().coef[::-1]
         order = 3 if np.unique(rate).size > 4 else 1
         derivative = np.polynomial.Polynomial.fit(rate, output, order).deriv()(rate)
-        return cls(places, rate, float(scale_factor), float(bias_v), np.asarray(derivative))
+        return cls(rate, float(scale_factor), float(bias_v), np.asarray(derivative), sweep.mixing)
 
     @property
     def slope_weights(self) -> Floats:
@@ -143,11 +147,11 @@ class _Sum:
 
 def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], step: int = 1) -> Statement:
     """Return the budget of a calibration on the table: scale factor and bias of its line."""
-    line = Line.of(points, step)
+    line = Line.of(sweep_of(settings, points, step))
     known = settings.station.sources
-    sums = _line_sums("table", line, len(points))
+    sums = _line_sums("table", line)
     sources, correlations = _noise(settings, points, sums, line.scale_factor)
-    sources += [*_meter(known), *_table(known)]
+    sources += [*_meter(known), *_table(known), *_earth(settings, line.scale_factor)]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return _table_values(line, q)
@@ -157,13 +161,13 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], st
 
 def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], matching: Matching) -> Statement:
     """Return the budget of a four-step calibration: K_Vc, both lines, and how they differ."""
-    table, virtual = Line.of(points, 3), Line.of(points, 4)
+    table, virtual = (Line.of(sweep_of(settings, points, step)) for step in (3, 4))
     known, k_vc = settings.station.sources, matching.k_vc
     match = _Sum("match", _match_weights(points, matching), "V")
-    sums = [*_line_sums("table", table, len(points)), *_line_sums("virtual", virtual, len(points)), match]
+    sums = [*_line_sums("table", table), *_line_sums("virtual", virtual), match]
     sources, correlations = _noise(settings, points, sums, table.scale_factor)
     levels = _Levels.of(virtual, k_vc, matching, _known_levels(points, matching, known))
-    sources += [*_meter(known), *_table(known), *levels.sources]
+    sources += [*_meter(known), *_table(known), *levels.sources, *_earth(settings, table.scale_factor)]
     span_v = matching.slope * matching.level_v
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -172,7 +176,7 @@ def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], ma
         matched = 1.0 + _noises("match", q) / span_v  # level that was found, over the one that gives the output
         level = levels.matched(q)
         slope = virtual.scale_factor - _noises("virtual slope", q) - levels.slope(q)
-        bias = virtual.bias_v - _noises("virtual bias", q) - q["meter offset"] - levels.bias(q)
+        bias = virtual.bias_v - _noises("virtual bias", q) - q["meter offset"] - levels.bias(q) - q.get(_TILT, 0.0)
         virtual_slope = slope / gain / rate * level * matched
         return {
             "k_vc": k_vc * rate / level / matched,
@@ -213,23 +217,27 @@ _OF = {
 def _table_values(line: Line, q: Mapping[str, Any]) -> dict[str, Any]:
     gain = 1.0 + q["meter gain"]
     slope = (line.scale_factor - _noises("table slope", q)) / gain / (1.0 + q["table rate"])
-    bias = (line.bias_v - _noises("table bias", q) - q["meter offset"]) / gain
+    bias = (line.bias_v - _noises("table bias", q) - q["meter offset"] - q.get(_TILT, 0.0)) / gain
     return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}
+
+
+_TILT = "Earth's rate by the axis' tilt"
+
+
+def _earth(settings: ProcedureSettings, scale_factor: float) -> list[Source]:
+    """Return what is left of the Earth's rate where it was added to the rates."""
+    left_deg_s = earth_left_deg_s(settings)
+    return [] if left_deg_s is None else [Source.within(_TILT, 0.0, abs(scale_factor) * left_deg_s, "V")]
 
 
 def _noises(name: str, q: Mapping[str, Any]) -> Any:
     return q[f"readings: {name}"] + q[f"flicker: {name}"]
 
 
-def _line_sums(name: str, line: Line, windows: int) -> list[_Sum]:
-    def over_all(weights: Floats) -> Floats:
-        spread = np.zeros(windows)
-        spread[list(line.places)] = weights
-        return spread
-
+def _line_sums(name: str, line: Line) -> list[_Sum]:
     return [
-        _Sum(f"{name} slope", over_all(line.slope_weights), "V/(deg/s)"),
-        _Sum(f"{name} bias", over_all(line.bias_weights), "V", steady=True),
+        _Sum(f"{name} slope", line.slope_weights @ line.mixing, "V/(deg/s)"),
+        _Sum(f"{name} bias", line.bias_weights @ line.mixing, "V", steady=True),
     ]
 
 
@@ -251,14 +259,30 @@ def _noise(
     settings: ProcedureSettings, points: Sequence[Point], sums: Sequence[_Sum], scale_factor: float
 ) -> tuple[list[Source], dict[tuple[str, str], float]]:
     """Return the sources that vary from window to window, and how the sums share them."""
-    weights = np.array([each.weights for each in sums])
-    degrees = sum(point.n - 1 for point in points)
-    pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees
-    white = pooled * (weights / np.array([point.n for point in points])) @ weights.T
-    sources, correlations = _jointly("readings", sums, white, float(degrees))
+    white, degrees = _white(points, np.array([each.weights for each in sums]))
+    sources, correlations = _jointly("readings", sums, white, degrees)
     flicker = _flicker(settings, points, sums, scale_factor)
     more, also = _jointly("flicker", sums, flicker, math.inf)
     return sources + more, correlations | also
+
+
+def noise_of_sums(
+    settings: ProcedureSettings, points: Sequence[Point], weights: Floats, scale_factor: float, *, steady: bool = False
+) -> tuple[Floats, Floats, float]:
+    """Return the covariances of sums of outputs by readings and by flicker, V^2, and degrees of freedom of the first.
+
+    Each row of `weights`, (m, n), is a sum over the windows; `steady` when it adds up to 1, not 0.
+    """
+    white, degrees = _white(points, weights)
+    sums = [_Sum("", each, "V", steady) for each in weights]
+    return white, _flicker(settings, points, sums, scale_factor), degrees
+
+
+def _white(points: Sequence[Point], weights: Floats) -> tuple[Floats, float]:
+    degrees = sum(point.n - 1 for point in points)
+    pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees
+    white = pooled * (weights / np.array([point.n for point in points])) @ weights.T
+    return np.asarray(white), float(degrees)
 
 
 def _jointly(
@@ -288,19 +312,6 @@ def _flicker(settings: ProcedureSettings, points: Sequence[Point], sums: Sequenc
     share = np.concatenate([share, -share], axis=1)
     lags = times[:, None] - times
     return np.asarray(share @ noise.covariance(lags.ravel()).reshape(lags.shape) @ share.T)
-
-
-def window_times(settings: ProcedureSettings, points: Sequence[Point]) -> tuple[Floats, Floats]:
-    """Return when each window began and ended, s from the first: ramps and waits as they are set."""
-    begin, end, now, rate = [], [], 0.0, points[0].rate_deg_s
-    for number, point in enumerate(points):
-        table = 0.0 if point.step in {2, 4} else point.rate_deg_s
-        now += (settings.settle_s + abs(table - rate) / settings.acceleration_deg_s2) if number else 0.0
-        begin.append(now)
-        now += settings.sample_interval_s * point.n
-        end.append(now)
-        rate = table
-    return np.array(begin), np.array(end)
 
 
 def _limited(name: str, limit: float | None, unit: str, sigmas: float | None = None) -> Source:
@@ -463,12 +474,18 @@ def _statement(
     levels_by: str = "",
 ) -> Statement:
     budget = evaluate(sources, model, correlations)
-    values = tuple(_stated(result, budget, *_OF[result.name]) for result in budget.results)
+    unit_and_meaning = {name: (unit, _meaning(settings, words)) for name, (unit, words) in _OF.items()}
+    values = tuple(_stated(result, budget, *unit_and_meaning[result.name]) for result in budget.results)
     ratio = None
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
     return Statement(values, correlation, ratio, tuple(_not_in_u(settings, levels_by)))
+
+
+def _meaning(settings: ProcedureSettings, words: str) -> str:
+    """Say which value it is: with the Earth's rate added to the table's, none of it is in the bias."""
+    return words if earth_left_deg_s(settings) is None else words.replace("Earth's rate in it", "without Earth's rate")
 
 
 def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
@@ -518,5 +535,6 @@ def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
     yield "lack of fit: how far the outputs are from a line is in the non-linearity"
     yield "temperature and warm-up: the values are those of the gyroscope as it was in the run"
     yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
-    yield "Earth's rate: it is in the bias"
+    if earth_left_deg_s(settings) is None:
+        yield "Earth's rate: it is in the bias"
     yield "what the phase of the carrier does to K_Vc, and any change of the gyroscope after the run"

@@ -14,12 +14,11 @@ from msgspec import Meta
 
 from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
 from vcfbench.bench.misfit import Misfit
-from vcfbench.bench.settings import V_VC_RANGE_V, Match, ProcedureSettings, rate_words
+from vcfbench.bench.settings import V_VC_RANGE_V, Match, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.agreement import (
     MATCH_DRIFT,
-    SWEEP_DRIFT,
     require_agreement,
     require_expected_column,
     require_expected_k_vc,
@@ -40,6 +39,7 @@ from vcfbench.procedures.routines import (
     take_zero_again,
     v_vc_on,
 )
+from vcfbench.procedures.schedule import ZERO_DRIVEN, SweepSettings, sweep_drift, sweep_words
 from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.v_vc_levels import ready_v_vc_meter, take_driven
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 __all__ = ["VIRTUAL_CORIOLIS", "VirtualCoriolisSettings", "virtual_coriolis"]
 
 
-class VirtualCoriolisSettings(ProcedureSettings, frozen=True, kw_only=True):
+class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
     """What the virtual Coriolis calibration is told beside what all procedures are."""
 
     match: Annotated[
@@ -105,7 +105,7 @@ def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
     yield from table_sweep(settings, 3, points)
     yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {matching.k_vc:.6g} (deg/s)/V")
     yield from _virtual_sweep(settings, matching.k_vc, driven)
-    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates")
+    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
 
 
 def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
@@ -195,18 +195,21 @@ def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[
     The points must agree with those of step 2, `driven`, and so must the zero when all is done.
     """
     points: list[Point] = []
+    zeros: list[Point] = []
     reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
     yield from v_vc_on()
-    for asked_deg_s in settings.rates_deg_s:
-        v_vc_v = yield from set_v_vc(settings, asked_deg_s / k_vc)
+    for visit in settings.visits_deg_s:
+        v_vc_v = yield from set_v_vc(settings, 0.0 if visit is None else visit / k_vc)
+        own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
         rate_deg_s = k_vc * v_vc_v
-        points.append((yield from take_driven(settings, 4, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
-        require_agreement([*driven, *points], settings, SWEEP_DRIFT)
+        own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
+        others = (each for each in (*points, *zeros) if each is not own[-1])
+        require_agreement([*driven, *others, own[-1]], settings, sweep_drift(settings))
         require_steady_slope(points[-2:], reference)
     require_steady_slope(points, reference)
     yield from set_v_vc(settings, 0.0)
     points.append((yield from take_zero_again(settings, 4)))
-    require_agreement([*driven, *points], settings, SWEEP_DRIFT)
+    require_agreement([*driven, *points], settings, sweep_drift(settings))
 
 
 def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
