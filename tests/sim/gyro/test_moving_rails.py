@@ -112,3 +112,17 @@ def test_nodes_are_dead_up_to_where_the_rising_rail_says_so() -> None:
     begins = TAU_S * math.log(10.0 / (10.0 - IDEAL.supply.dead_v))
     assert not capture.samples("output", np.linspace(0.0, begins - 1e-6, 100)).any()
     assert capture.samples("output", np.array([begins + 1e-6]))[0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_rails_that_move_together_by_any_distance_arrive() -> None:
+    """The amplitude follows in steps of 0.5 V; half a step and a rounding error that are left are no step more."""
+    loop = replace(IDEAL.drive_loop, amplitude_supply_coefficient_per_v=2e-4)
+    clock, world = powered(replace(IDEAL, drive_loop=loop))
+    for moved_v in (0.4, 0.3, 0.41, 0.7):
+        start = clock.now()
+        for sign, rail in ((1.0, "positive"), (-1.0, "negative")):
+            way = sign * moved_v / (1.0 + 1e-7 * sign)
+            world.move_rail(rail, Approach(sign * 10.0, start, ((way, 0.0847 + 1e-8 * sign),)))
+        clock.sleep_until(start + 2.0)
+        world.advance()
+        assert world.reached_s == start + 2.0

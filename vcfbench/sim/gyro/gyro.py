@@ -28,7 +28,7 @@ from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
-from vcfbench.sim.sources import Approach
+from vcfbench.sim.sources import NOTHING_V, Approach
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -390,7 +390,10 @@ class Gyro:
             return self._weaker_rail(), stop
         step_v = self._rail_step_v()
         travels = [(rail, rail.travel_v(now)) for _, rail in moving]
-        steps = [(rail, min(step_v, left_v - 0.5 * step_v)) for rail, left_v in travels if left_v > 0.5 * step_v]
+        # what is left is never more than half a step; by rounding alone it would be a step that takes no time
+        steps = [
+            (rail, min(step_v, left_v - 0.5 * step_v)) for rail, left_v in travels if left_v > 0.5 * step_v + NOTHING_V
+        ]
         if not steps:
             positive, negative = self._rails
             return max(min(positive.goal_v, -negative.goal_v), 0.0), stop
