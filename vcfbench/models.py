@@ -118,6 +118,7 @@ MODELS: Final = (
         driver="vcfbench.drivers.e3631a:E3631A",
         twin="vcfbench.sim.instruments.e3631a:E3631A",
         console="vcfbench.bench.guard.supply:supply_rules",
+        specifications="vcfbench.specifications:KEYSIGHT_E3631A",
         rs232=True,
         answers={"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"},
     ),

@@ -18,8 +18,10 @@ __all__ = [
     "HP_34401A",
     "KEYSIGHT_34461A",
     "KEYSIGHT_34465A",
+    "KEYSIGHT_E3631A",
     "Accuracy",
     "LevelSpecification",
+    "SupplySpecification",
     "VoltmeterSpecification",
 ]
 
@@ -118,6 +120,20 @@ class LevelSpecification:
         return min((each for each in self.ranges_v if each >= abs(level_v)), default=self.ranges_v[-1])
 
 
+@dataclass(frozen=True, slots=True)
+class SupplySpecification:
+    """What a supply promises of its read-backs, by output: a part of the reading, and volts or amperes beside it.
+
+    `limit_sigmas` is how many standard deviations of its specimens a limit is; None: any error within is as likely.
+    """
+
+    model: str
+    voltage: Mapping[str, tuple[float, float]]
+    current: Mapping[str, tuple[float, float]]
+    source: str
+    limit_sigmas: float | None = None
+
+
 def _listed(values: Mapping[float, object]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
@@ -199,4 +215,12 @@ AGILENT_33220A: Final = LevelSpecification(
     ranges_v=(0.32, 1.0, 3.2, 10.0),
     bits=14,
     ranges_source="14 bits by the data sheet; ranges 10 dB apart, each with its own errors: unverified",
+)
+
+KEYSIGHT_E3631A: Final = SupplySpecification(
+    model="E3631A",
+    voltage=MappingProxyType({"P6V": (1e-3, 5e-3), "P25V": (5e-4, 10e-3), "N25V": (5e-4, 10e-3)}),
+    current=MappingProxyType({"P6V": (2e-3, 10e-3), "P25V": (1.5e-3, 4e-3), "N25V": (1.5e-3, 4e-3)}),
+    source="User's Guide E3631-90002 p. 186, 12 months at 25 +- 5 degC",
+    limit_sigmas=4.0,  # inferred: the same maker's word for the limits of the 34401A, User's Guide p. 227
 )

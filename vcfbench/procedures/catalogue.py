@@ -51,6 +51,10 @@ BUILT_IN = {
         "vcfbench.procedures.bandwidth:BANDWIDTH",
         "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
     ),
+    "power": (
+        "vcfbench.procedures.power:POWER",
+        "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
+    ),
     "self-calibration": (
         "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",

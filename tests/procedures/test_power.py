@@ -1,0 +1,128 @@
+"""The supply: currents, valid output, and what the rails do are those that are simulated."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import vcfbench
+from vcfbench.bench.description import Limits
+from vcfbench.bench.settings import Station
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.dry_run import walk
+from vcfbench.procedures.power import POWER, By, PowerSettings, RailOnAndLog, SuppliedAndLogged
+from vcfbench.procedures.power_results import valid_output
+from vcfbench.procedures.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.step import Step
+
+ON_STATION = Limits(
+    max_rate_deg_s=300.0,
+    max_acceleration_deg_s2=200.0,
+    max_v_vc_v=10.0,
+    min_rail_v=9.5,
+    max_rail_v=10.5,
+    max_rail_current_a=0.2,
+)
+QUIESCENT_A, START_UP_A = 0.028, 0.012
+"""`sim show`: supply.quiescent_a, supply.start_up_a."""
+BY_AMPLITUDE_PPM_V = 2.0 * 2e-4 * 1e6
+"""`sim show`: drive_loop.amplitude_supply_coefficient_per_v; amplitude and reference (V_dac) both go by it."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    settings = {"warm_up_s": 900.0, "cycles": 1, "orders": ["together", "positive"]}
+    return vcfbench.run("power", "lab", seed=5, settings=settings, runs=tmp_path_factory.mktemp("runs"))
+
+
+def test_the_steady_currents_are_found(run: Any) -> None:
+    for rail in run.results.rails:
+        assert abs(rail.current.value - QUIESCENT_A) < 3.0 * rail.current.u < 4e-3
+        assert rail.inrush.value <= QUIESCENT_A + START_UP_A + 3.0 * rail.inrush.u
+        assert rail.inrush.value >= rail.current.value - 3e-4
+    power = run.results.power
+    assert abs(power.value - 20.0 * QUIESCENT_A) < 3.0 * power.u < 0.05
+
+
+def test_the_weaker_rail_alone_decides(run: Any) -> None:
+    """The drive amplitude goes by the weaker rail: lowered, one rail does all that both do; raised, nothing."""
+    assert [effect.rails for effect in run.results.effects] == ["positive", "negative", "both"]
+    truths = {"positive": (1.0, 0.0), "negative": (1.0, 0.0), "both": (1.0, 1.0)}
+    for effect in run.results.effects:
+        lowered, raised = (BY_AMPLITUDE_PPM_V * share for share in truths[effect.rails])
+        half = 0.5 * (lowered + raised)
+        found = (effect.scale_factor, effect.scale_factor_lowered, effect.scale_factor_raised)
+        for value, truth in zip(found, (half, lowered, raised), strict=True):
+            assert abs(value.value - truth) < 3.5 * value.u < 400.0
+        assert abs(effect.bias.value) < 4.0 * effect.bias.u < 0.05
+        assert effect.step_v == pytest.approx(0.2, abs=3e-3)
+
+
+def test_each_power_on_is_told(run: Any) -> None:
+    together, positive = run.results.power_on
+    assert (together.order, positive.order) == ("together", "positive")
+    for on in (together, positive):
+        assert on.valid_output is not None
+        assert 0.0 < on.valid_output.value < 1.0
+        assert set(on.current_a) == {"positive", "negative"}
+    assert min(positive.t_s) < -0.5
+
+
+def test_the_record_tells_the_same(run: Any) -> None:
+    again = vcfbench.load_run(run.directory)
+    assert again.results == run.results
+    said = vcfbench.text_of(again.report())
+    assert said == vcfbench.text_of(run.report())
+    assert "is not seen" in said
+    assert "scale factor by both rails" in said
+
+
+def test_valid_is_from_when_it_stays() -> None:
+    times = [0.1 * n for n in range(40)]
+    found = valid_output(times, [9.0, 0.0, 9.0, 3.0, *[0.1] * 36], 1.0)
+    assert found is not None
+    assert found.value == pytest.approx(0.35)
+    assert found.u == pytest.approx(0.1 / 12**0.5)
+    assert valid_output(times, [9.0] * 35 + [0.0] * 5, 1.0) is None
+
+
+def planned(**changes: Any) -> list[Step]:
+    settings = PowerSettings(station=Station(meter_resolution_v=1e-5, limits=ON_STATION), **changes)
+    return [each.step for each in walk(POWER.plan(settings), settings.expected_gyro())]
+
+
+def test_the_second_rail_waits_at_0_v_and_all_is_off_between_orders() -> None:
+    steps = planned(orders=("negative", "together"), cycles=1, rails_varied=("both",))
+    on = next(n for n, step in enumerate(steps) if isinstance(step, SuppliedAndLogged))
+    levels = {step.rail: step.voltage_v for step in steps[:on] if isinstance(step, ConfigureRail)}
+    assert levels == {"positive": 0.0, "negative": -10.0}
+    assert isinstance(steps[on + 1], RailOnAndLog)
+    assert isinstance(steps[on + 2], DisableSupply)
+    assert sum(isinstance(step, SuppliedAndLogged) for step in steps) == 2
+    assert isinstance(steps[-1], DisableSupply) or any(isinstance(step, DisableSupply) for step in steps[-4:])
+
+
+def test_the_rails_end_where_they_were_and_stay_within_the_step() -> None:
+    for by in By:
+        steps = planned(by=by, cycles=1)
+        rails = [step for step in steps if isinstance(step, ConfigureRail)]
+        assert [step.voltage_v for step in rails[-2:]] == [10.0, -10.0]
+        assert {abs(step.voltage_v) for step in rails} == {9.8, 10.0, 10.2}
+        turned = {step.rate_deg_s for step in steps if isinstance(step, SetRate)}
+        assert turned == ({0.0} if by is By.V_VC else {0.0, 200.0, -200.0})
+        assert any(isinstance(step, SetVvc) for step in steps) is (by is By.V_VC)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"rail_step_v": 0.6}, "rail_step_v: expected at most 0.5 V"),
+        ({"by": "table", "level_deg_s": 400.0}, "level_deg_s: expected at most 300 deg/s"),
+    ],
+)
+def test_what_the_limits_do_not_bear_is_refused(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        vcfbench.dry_run("power", "lab", settings=settings)
