@@ -45,9 +45,9 @@ _STEP_V, _STEP_A = 1.5e-3, 1e-4
 
 NOT_HELD = (
     "The largest current at power-on is the largest that was read: a supply reads some ten times a second, the first "
-    "time 0.2 s after the command, and what is over sooner is not seen. Its u and those of the steady currents hold the accuracy of the supply's own ammeter. The sensitivities "
-    "hold noise, flicker and the read-back of the step; a linear drift cancels. They do not hold the scale factor that "
-    "turns volts into deg/s."
+    "time 0.2 s after the command, and what is over sooner is not seen. Its u and those of the steady currents hold "
+    "the accuracy of the supply's own ammeter. The sensitivities hold noise, flicker and the read-back of the step; a "
+    "linear drift cancels. They do not hold the scale factor that turns volts into deg/s."
 )
 
 
