@@ -228,6 +228,17 @@ def test_noise_is_no_faster_than_the_samples_are() -> None:
     assert np.diff(volts).std() == pytest.approx(0.05 * math.sqrt(2) / 5, rel=0.15)
 
 
+def test_two_specimens_have_noise_of_their_own() -> None:
+    drawn = [ScopeErrors.drawn(np.random.default_rng(seed)).noise_seed for seed in (1, 1, 2)]
+    volts = []
+    for seed in drawn:
+        bench = Bench(errors_with(noise_div=0.1, noise_seed=seed))
+        bench.send(":CHAN3:RANG 4;:TRIG:SOUR CHAN3;:WAV:SOUR CHAN3;:WAV:FORM WORD;:DIG CHAN3")
+        volts.append(waveform(bench)[1])
+    assert volts[0].tolist() == volts[1].tolist()
+    assert abs(np.corrcoef(volts[0], volts[2])[0, 1]) < 0.2
+
+
 def test_codes_beyond_the_converter_are_1_and_255(bench: Bench) -> None:
     bench.send(":CHAN1:RANG 2;:DIG CHAN1")
     codes = np.frombuffer(bench.raw(":WAV:DATA?")[10:-1], "u1")

@@ -59,6 +59,8 @@ class ScopeErrors(Struct, frozen=True):
     """Bits over the full range: 8; 0 for as many as the waveform format carries."""
     exponent_digits: int = 3
     """Digits of the exponent in replies: three on the 6000 series (same code base), two on later ones."""
+    noise_seed: int = 0
+    """Which noise it is: two specimens never have the same."""
 
     @classmethod
     def none(cls) -> ScopeErrors:
@@ -74,7 +76,9 @@ class ScopeErrors(Struct, frozen=True):
             first, second, third, fourth = (float(each) for each in rng.uniform(-reach, reach, 4))
             return first, second, third, fourth
 
-        return cls(four(0.02), four(0.1), four(1e-10), float(rng.uniform(-25e-6, 25e-6)), 0.02, 8)
+        vertical = four(0.02), four(0.1)
+        skew_s, time_base_error = four(1e-10), float(rng.uniform(-25e-6, 25e-6))
+        return cls(*vertical, skew_s, time_base_error, 0.02, 8, noise_seed=int(rng.integers(1 << 31)))
 
 
 class Digitised(Struct, frozen=True):
@@ -198,7 +202,7 @@ class Record:
 
     def _noise(self, channel: int, points: int) -> Callable[[int, int], NDArray[np.float64]]:
         """Return what gives the noise of points from one on: a draw each, or what joins the draws of real samples."""
-        draws = np.random.default_rng((self.number, channel))
+        draws = np.random.default_rng((self.number, channel, self._errors.noise_seed))
         samples = self.screen.range_s * _SAMPLE_RATE_HZ
         if samples >= points:
             return lambda _, count: draws.standard_normal(count)
