@@ -55,6 +55,10 @@ BUILT_IN = {
         "vcfbench.procedures.power:POWER",
         "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
     ),
+    "phase": (
+        "vcfbench.procedures.phase:PHASE",
+        "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
+    ),
     "self-calibration": (
         "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",

@@ -92,7 +92,7 @@ def check_drive(settings: ProcedureSettings) -> Routine[DriveReading]:
     """
     drive = settings.drive
     channels = settings.station.channel_of("drive"), settings.station.channel_of("carrier")
-    ready = answer((yield ConfigureScope(_one_two_five(2.0 / sum(drive.frequency_hz)), channels[0])), ScopeReady)
+    ready = answer((yield ConfigureScope(one_two_five(2.0 / sum(drive.frequency_hz)), channels[0])), ScopeReady)
     found = yield from _find_drive(drive, channels)
     while True:
         reading = yield from _measure_drive(drive, channels, found)
@@ -143,7 +143,7 @@ def _middle(window: tuple[float, float]) -> float:
     return 0.5 * (window[0] + window[1])
 
 
-def _one_two_five(least: float) -> float:
+def one_two_five(least: float) -> float:
     """Return the smallest of 1, 2, 5 times a power of ten that is at least `least`."""
     decade = 10.0 ** math.floor(math.log10(least))
     return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= least * (1.0 - 1e-9))
@@ -167,6 +167,13 @@ def v_vc_on() -> Routine[None]:
     """Set 0 V and only then close the generator's relay."""
     yield SetVvc(0.0)
     yield EnableVvc()
+
+
+def v_vc_level_again() -> Routine[None]:
+    """Have V_Vc be a level of 0 V again after it was a sine."""
+    yield DisableVvc()
+    yield ConfigureGenerator(0.0)
+    yield from v_vc_on()
 
 
 def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:

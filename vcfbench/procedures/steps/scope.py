@@ -11,11 +11,19 @@ from vcfbench.procedures.step import Effect, Step, StepResult
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.clock import Clock
     from vcfbench.interfaces import Oscilloscope
     from vcfbench.procedures.step import Context
 
 _DIVISIONS = 3.0
 """Divisions of the oscilloscope's screen (eight high) that an amplitude shall fill."""
+_LEAST_V = 0.01
+"""A smaller amplitude is shown at this scale: no oscilloscope has much less than 2 mV a division."""
+
+
+def scale_v_per_div(amplitude_v: float) -> float:
+    """Return the vertical scale, V/div, that shows an amplitude with a third to spare."""
+    return max(amplitude_v, _LEAST_V) / _DIVISIONS
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +211,8 @@ class SineRecords(StepResult):
 class CaptureSines(Step):
     """Download `count` records of some channels and fit a sine of one frequency to each (IEEE 1057, four parameters).
 
-    `amplitudes_v` are what fills the screen; `expected` is what a dry run answers.
+    `amplitudes_v` are what fills the screen; `expected` is what a dry run answers. Records begin `spacing_s` apart at
+    least: of noise that is slower than a record, those close together have the same.
     """
 
     effect: ClassVar[Effect] = Effect.MEASURES
@@ -213,6 +222,7 @@ class CaptureSines(Step):
     amplitudes_v: tuple[float, ...]
     count: int
     expected: SineRecord
+    spacing_s: float = 0.0
 
     def describe(self) -> str:
         """Name channels and number."""
@@ -221,7 +231,7 @@ class CaptureSines(Step):
     @property
     def duration_s(self) -> float:
         """Estimate of the time the step takes, s."""
-        return 0.2 * self.count * len(self.channels)
+        return max(0.2 * len(self.channels), self.spacing_s) * self.count
 
     def perform(self, context: Context) -> SineRecords:
         """Take, download and fit them.
@@ -233,11 +243,12 @@ class CaptureSines(Step):
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, amplitude_v / _DIVISIONS)
-        return SineRecords(self.channels, tuple(self._record(scope) for _ in range(self.count)))
+        return SineRecords(self.channels, tuple(self._record(scope, context.bench.clock) for _ in range(self.count)))
 
-    def _record(self, scope: Oscilloscope) -> SineRecord:
+    def _record(self, scope: Oscilloscope, clock: Clock) -> SineRecord:
         from vcfbench.analysis.sine_fit import fit_sine, phase_difference  # noqa: PLC0415  # NumPy, needed here alone
 
+        next_s = clock.now() + self.spacing_s
         scope.acquire(*self.channels)
         taken = [scope.waveform(channel) for channel in self.channels]
         interval_s = float(taken[0].time_s[1] - taken[0].time_s[0])
@@ -245,6 +256,7 @@ class CaptureSines(Step):
         others = [
             phase_difference(taken[0].voltage_v, each.voltage_v, interval_s, first.frequency_hz) for each in taken[1:]
         ]
+        clock.sleep_until(next_s)
         return SineRecord(
             first.frequency_hz,
             (first.amplitude, *(each.gain * first.amplitude for each in others)),
@@ -255,3 +267,130 @@ class CaptureSines(Step):
         """Predict what is expected."""
         del gyro
         return SineRecords(self.channels, (self.expected,) * self.count)
+
+
+@dataclass(frozen=True, slots=True)
+class Amplitudes(StepResult):
+    """The largest voltages that channels showed, of either sign, V."""
+
+    channels: tuple[int, ...]
+    amplitudes_v: tuple[float, ...]
+
+    def describe(self) -> str:
+        """Name them."""
+        seen = zip(self.channels, self.amplitudes_v, strict=True)
+        return ", ".join(f"{channel}: {level:.4g} V" for channel, level in seen)
+
+
+@dataclass(frozen=True, slots=True)
+class FindAmplitudes(Step):
+    """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+    overhead_s: ClassVar[float] = 1.0
+
+    channels: tuple[int, ...]
+    largest_v: float
+    expected_v: float
+
+    def describe(self) -> str:
+        """Name channels and scale."""
+        return f"oscilloscope: find channels {', '.join(map(str, self.channels))}, up to {self.largest_v:g} V"
+
+    def perform(self, context: Context) -> Amplitudes:
+        """Look twice, so that an offset error of the first scale does not count.
+
+        Raises:
+            MeasurementError: a channel shows more than `largest_v` by a third.
+        """
+        scope = context.bench.oscilloscope
+        levels_v = [self.largest_v] * len(self.channels)
+        for _ in range(2):
+            for channel, level_v in zip(self.channels, levels_v, strict=True):
+                scope.configure_channel(channel, scale_v_per_div(level_v))
+            scope.acquire(*self.channels)
+            levels_v = [float(abs(scope.waveform(channel).voltage_v).max()) for channel in self.channels]
+        return Amplitudes(self.channels, tuple(levels_v))
+
+    def predict(self, gyro: LinearGyro) -> Amplitudes:
+        """Predict what is expected."""
+        del gyro
+        return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
+
+
+@dataclass(frozen=True, slots=True)
+class RotationRecord:
+    """One record of a sense signal that turns against the drive: see :class:`vcfbench.analysis.rotating.Rotation`."""
+
+    drive_hz: float
+    difference_hz: float
+    reference_deg: float
+    turning_v: float
+    output_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rotations(StepResult):
+    """Rotations in records taken one after the other."""
+
+    records: tuple[RotationRecord, ...]
+
+    def describe(self) -> str:
+        """Name difference and phase in the first record."""
+        first = self.records[0]
+        return f"{first.difference_hz:+.3f} Hz to the drive, output at {first.reference_deg:+.2f} deg"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureRotations(Step):
+    """Download `count` records of drive, sense and output while V_Vc moves the sense signal off the drive's frequency.
+
+    `difference_hz` is by how much, roughly. `amplitudes_v` are what fills the screen, in the order of `channels`.
+    `drive_hz` is what a dry run answers with.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+
+    channels: tuple[int, int, int]
+    amplitudes_v: tuple[float, float, float]
+    count: int
+    points: int
+    difference_hz: float
+    drive_hz: float
+
+    def describe(self) -> str:
+        """Name number and difference."""
+        return f"oscilloscope: {self.count} records of drive, sense, output, {self.difference_hz:+g} Hz to the drive"
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s: four turns a record, and its download."""
+        return self.count * (4.0 / abs(self.difference_hz) + 1.0)
+
+    def perform(self, context: Context) -> Rotations:
+        """Take, download and fit them.
+
+        Raises:
+            MeasurementError: a record is clipped.
+            ConfigError: nothing in it turns.
+        """
+        scope = context.bench.oscilloscope
+        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
+            scope.configure_channel(channel, scale_v_per_div(amplitude_v))
+        return Rotations(tuple(self._record(scope) for _ in range(self.count)))
+
+    def _record(self, scope: Oscilloscope) -> RotationRecord:
+        from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
+
+        scope.acquire(*self.channels)
+        drive, sense, output = (scope.waveform(channel, self.points) for channel in self.channels)
+        interval_s = float(drive.time_s[1] - drive.time_s[0])
+        found = fit_rotation(drive.voltage_v, sense.voltage_v, output.voltage_v, interval_s, self.difference_hz)
+        return RotationRecord(found.drive_hz, found.difference_hz, found.reference_deg, found.turning, found.output)
+
+    def predict(self, gyro: LinearGyro) -> Rotations:
+        """Predict a reference a quarter turn from the drive, and no delay."""
+        del gyro
+        return Rotations((RotationRecord(self.drive_hz, self.difference_hz, 90.0, 1.0, 1.0),) * self.count)

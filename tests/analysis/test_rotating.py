@@ -1,0 +1,75 @@
+"""A reference's phase from records of a sense signal that turns, against records made of cosines."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from vcfbench.analysis.rotating import Rotation, fit_rotation, reference_phase
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+DRIVE_HZ, INTERVAL_S, POINTS = 3488.9, 5e-5, 10_000
+DELAY_S = 4.16e-3
+
+
+def records(
+    difference_hz: float, reference_deg: float, *, gain: float = 1.7, noise_v: float = 0.0, seed: int = 0, thin: int = 1
+) -> tuple[NDArray[np.float64], ...]:
+    """Return drive, sense and output: the output is the sense phasor seen along the reference, late by the delay."""
+    random = np.random.default_rng(seed)
+    t = INTERVAL_S * thin * np.arange(POINTS // thin)
+    start, at_rest, turned = random.uniform(-math.pi, math.pi, 3)
+    drive_rad = 2.0 * math.pi * DRIVE_HZ * t + start
+    turn_rad = 2.0 * math.pi * difference_hz * t + turned
+    sense = 0.4 * np.cos(drive_rad + at_rest) + 1.1 * np.cos(drive_rad + turn_rad)
+    late_rad = turn_rad - 2.0 * math.pi * difference_hz * DELAY_S
+    output = -0.04 + gain * np.cos(late_rad - math.radians(reference_deg)) + 0.003 * np.cos(2.0 * late_rad)
+    return tuple(each + noise_v * random.standard_normal(t.size) for each in (np.cos(drive_rad), sense, output))
+
+
+@pytest.mark.parametrize("gain", [1.7, -1.7])
+@pytest.mark.parametrize("reference_deg", [-90.5, -89.0, 12.0, 178.0])
+def test_the_reference_comes_back_apart_from_half_turns(reference_deg: float, gain: float) -> None:
+    found = [
+        fit_rotation(*records(offset_hz, reference_deg, gain=gain, seed=n), INTERVAL_S, math.copysign(8.0, offset_hz))
+        for n, offset_hz in enumerate((7.87, -8.13, 8.11, -7.9))
+    ]
+    phase = reference_phase(found)
+    assert math.remainder(phase.phase_deg - reference_deg, 180.0) == pytest.approx(0.0, abs=1e-6)
+    assert -90.0 <= phase.phase_deg <= 90.0
+    assert phase.delay_s == pytest.approx(DELAY_S, rel=1e-6)
+    assert found[1].difference_hz == pytest.approx(-8.13, abs=1e-9)
+    assert found[0].drive_hz == pytest.approx(DRIVE_HZ)
+    assert (found[0].turning, found[0].output) == pytest.approx((1.1, 1.7))
+
+
+def test_the_uncertainty_is_the_scatter() -> None:
+    z = []
+    for trial in range(12):
+        found = [
+            fit_rotation(
+                *records(offset_hz, 89.5, noise_v=0.03, seed=10 * trial + n, thin=2), 2 * INTERVAL_S, offset_hz
+            )
+            for n, offset_hz in enumerate((8.0, -8.0) * 4)
+        ]
+        phase = reference_phase(found)
+        z.append(math.remainder(phase.phase_deg - 89.5, 180.0) / phase.u_phase_deg)
+    assert 0.5 < np.std(z) < 1.8
+    assert 0.005 < phase.u_phase_deg < 0.1
+
+
+def test_what_cannot_be_told_is_said() -> None:
+    drive, sense, output = records(8.0, 90.0)
+    with pytest.raises(ConfigError, match="two turns"):
+        fit_rotation(drive, sense, output, INTERVAL_S, 2.0)
+    with pytest.raises(ConfigError, match="as long as each other"):
+        fit_rotation(drive, sense[:-1], output, INTERVAL_S, 8.0)
+    one = Rotation(DRIVE_HZ, 8.0, 90.0, 1.0, 1.0)
+    with pytest.raises(ConfigError, match="either direction"):
+        reference_phase([one, one, one])

@@ -1,0 +1,153 @@
+"""The phase of a demodulator's reference from records of what goes in and what comes out.
+
+A force at f_d + delta makes the phasor of the sense signal turn against the drive once in 1/delta; the demodulated
+output is its projection on the reference, a sine of |delta|. So the reference lies where the phasor is when the output
+peaks, apart from half a turn and from the delay of the filter behind the demodulator, which changes its sign with
+delta.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.sine_fit import fit_sine
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Rotation", "fit_rotation", "reference_phase"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_ROUNDS = 30
+_SETTLED = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """One record in which the sense signal has a part that turns against the drive.
+
+    `difference_hz` is the frequency of that part less that of the drive. `reference_deg`, -180 to 180, is the phase of
+    the reference against the drive signal plus what the filter delays at `difference_hz` (odd in it), apart from half
+    a turn. `turning` and `output` are the amplitudes of the turning part and of the output's sine, in their units.
+    """
+
+    drive_hz: float
+    difference_hz: float
+    reference_deg: float
+    turning: float
+    output: float
+
+
+def fit_rotation(
+    drive: ArrayLike, sense: ArrayLike, output: ArrayLike, interval_s: float, difference_hz: float
+) -> Rotation:
+    """Fit the drive, both parts of the sense signal and the output; `difference_hz` is where to look, with its sign.
+
+    Raises:
+        ConfigError: records of different lengths, without a sine, or less than two turns of the difference long.
+    """
+    channels = [np.asarray(each, dtype=np.float64) for each in (drive, sense, output)]
+    count = channels[0].size
+    if any(each.shape != (count,) for each in channels):
+        raise ConfigError(f"records must be as long as each other, got {[each.shape for each in channels]}")
+    if abs(difference_hz) * count * interval_s < 2.0:
+        raise ConfigError(f"a record of {count * interval_s:g} s does not hold two turns of {difference_hz:g} Hz")
+    driven = fit_sine(channels[0], interval_s)
+    times: Floats = np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s, dtype=np.float64)
+    turning_hz, turning = _turning(channels[1], times, driven.frequency_hz, driven.frequency_hz + difference_hz)
+    difference = turning_hz - driven.frequency_hz
+    slow = _amplitudes(channels[2], times, [abs(difference), 2.0 * abs(difference)])[0]
+    middle_s = (count - 1) / 2.0 * interval_s
+    drive_rad = driven.phase_rad + 2.0 * math.pi * driven.frequency_hz * middle_s
+    against_rad = float(np.angle(turning)) - drive_rad
+    swing_rad = math.copysign(1.0, difference) * float(np.angle(slow))
+    return Rotation(
+        driven.frequency_hz,
+        difference,
+        math.degrees(math.remainder(against_rad - swing_rad, 2.0 * math.pi)),
+        float(abs(turning)),
+        float(abs(slow)),
+    )
+
+
+def _amplitudes(samples: Floats, times: Floats, frequencies_hz: Sequence[float]) -> NDArray[np.complex128]:
+    """Return the phasors of cosines of these frequencies, fitted beside a straight line."""
+    found = _solved(_basis(times, frequencies_hz), samples)
+    count = len(frequencies_hz)
+    return np.asarray(found[2 : 2 + count] - 1j * found[2 + count :])
+
+
+def _solved(rows: Floats, samples: Floats) -> Floats:
+    """Return the least-squares solution by normal equations: whole turns are in a record, so it is well conditioned."""
+    return np.asarray(np.linalg.solve(rows.T @ rows, rows.T @ samples))
+
+
+def _basis(times: Floats, frequencies_hz: Sequence[float]) -> Floats:
+    angle = 2.0 * math.pi * np.outer(times, frequencies_hz)
+    return np.column_stack([np.ones_like(times), times / times[-1], np.cos(angle), np.sin(angle)])
+
+
+def _turning(samples: Floats, times: Floats, drive_hz: float, start_hz: float) -> tuple[float, complex]:
+    """Return frequency and phasor of the part that is not at the drive's frequency, by Gauss and Newton."""
+    frequency, length_s = start_hz, float(times[-1] - times[0])
+    for _ in range(_ROUNDS):
+        basis = _basis(times, [drive_hz, frequency])
+        found = _solved(basis, samples)
+        phasor = complex(found[3], -found[5])
+        swing = np.exp(2j * math.pi * frequency * times)
+        by_frequency = (2j * math.pi * times * phasor * swing).real
+        left = samples - basis @ found
+        change = _solved(np.column_stack([by_frequency, basis]), left)
+        step = max(-0.5 / length_s, min(0.5 / length_s, float(change[0])))
+        frequency += step
+        if abs(step) * length_s < _SETTLED:
+            return frequency, complex(_amplitudes(samples, times, [drive_hz, frequency])[1])
+    raise ConfigError(f"no part of the sense signal turns against the drive near {start_hz:g} Hz")
+
+
+def reference_phase(rotations: Sequence[Rotation]) -> ReferencePhase:
+    """Return the phase of the reference without the filter's delay, from rotations in both directions.
+
+    Raises:
+        ConfigError: fewer than two in either direction.
+    """
+    difference = np.array([each.difference_hz for each in rotations])
+    if min(int((difference > 0.0).sum()), int((difference < 0.0).sum())) < 2:
+        raise ConfigError("the phase of the reference needs two records at least of either direction")
+    doubled = np.array([2.0 * math.radians(each.reference_deg) for each in rotations])
+    middle = float(np.angle(np.mean(np.exp(1j * doubled))))
+    phase_deg = np.degrees(0.5 * (middle + np.angle(np.exp(1j * (doubled - middle)))))
+    design = np.column_stack([np.ones_like(difference), difference])
+    found, *_ = np.linalg.lstsq(design, phase_deg, rcond=None)
+    dof = difference.size - 2
+    left = phase_deg - design @ found
+    covariance = np.linalg.inv(design.T @ design) * float(left @ left) / dof
+    return ReferencePhase(
+        math.remainder(float(found[0]), 180.0),
+        math.sqrt(covariance[0, 0]),
+        float(found[1]) / 360.0,
+        math.sqrt(covariance[1, 1]) / 360.0,
+        dof,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ReferencePhase:
+    """Phase of a demodulator's reference against the drive signal, deg, -90 to 90: half turns are not seen.
+
+    `delay_s` is that of the filter behind the demodulator. The uncertainties are the scatter of the records.
+    """
+
+    phase_deg: float
+    u_phase_deg: float
+    delay_s: float
+    u_delay_s: float
+    dof: int
