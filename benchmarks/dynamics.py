@@ -1,6 +1,8 @@
-"""Split, Q and the band of random gyroscopes by `run bandwidth`, against their parameters: sd of z, 1 is true.
+"""Bands, phases and resonances of random gyroscopes against their parameters: sd of z, 1 is true of many records.
 
-    python benchmarks/dynamics.py [GYROS [FIRST_SEED]]
+    python benchmarks/dynamics.py [GYROS [FIRST_SEED [bandwidth|phase|resonance]]]
+
+Of few records z is Student's, wider than 1; whether U95 holds the truth counts then.
 
 Each gyroscope is another: frequencies, quality factors, pick-offs, phases; each instrument is drawn from its data
 sheet. The truth is the closed form of docs/theory.md with P and R, which the procedure does not use.
@@ -8,10 +10,11 @@ sheet. The truth is the closed form of docs/theory.md with P and R, which the pr
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -19,7 +22,9 @@ from scipy.optimize import brentq, minimize_scalar
 import vcfbench
 from vcfbench.testing import simulated
 
-QUANTITIES = ("split_hz", "q", "plus_3_db_hz", "peak_hz", "peak_gain", "minus_3_db_hz")
+if TYPE_CHECKING:
+    from vcfbench.procedures.budgets import Measurand
+
 WARM_K = 0.3
 """The paper's gyroscope heats itself by so much, in bands of 0.02 K."""
 
@@ -35,23 +40,55 @@ def gyroscope(seed: int) -> dict[str, Any]:
     for mode in modes.values():
         mode["pick_off_v_per_m"] = 2e5 * draw(0.9, 1.1)
     return {
-        "drive_mode": {"frequency_hz": drive_hz},
         **modes,
         "sense_path": {"demodulator_phase_rad": np.pi + draw(-0.03, 0.03)},
         "virtual_path": {"carrier_phase_rad": np.pi + draw(-0.03, 0.03)},
+        "drive_mode": {"frequency_hz": drive_hz, "quality": draw(1000.0, 2000.0)},
     }
 
 
-def truth(parameters: Any) -> dict[str, float]:
-    """Return what a warm gyroscope of these parameters has; frequencies in Hz."""
+def warm_hz(mode: Any) -> float:
+    return float(mode.frequency_hz * (1.0 + WARM_K * mode.frequency_coefficient_per_k))
+
+
+def warm_q(mode: Any) -> float:
+    return float(mode.quality * (1.0 + WARM_K * mode.quality_coefficient_per_k))
+
+
+def combs(mode: Any, path: Any) -> float:
+    """Return the force of V_Vc on a mode."""
+    return float(
+        mode.left_participation * path.left_comb_n_per_v2 + mode.right_participation * path.right_comb_n_per_v2
+    )
+
+
+def phases(parameters: Any) -> dict[str, float]:
+    """Return the phases of a warm gyroscope against its drive signal -A cos, deg, by the force's complex response."""
+    path, driven = parameters.virtual_path, warm_hz(parameters.drive_mode)
+    by_rate = by_v_vc = 0j
+    for mode in (parameters.sense_in_phase, parameters.sense_anti_phase):
+        own = warm_hz(mode)
+        passed = mode.pick_off_v_per_m / complex(own**2 - driven**2, own * driven / warm_q(mode))
+        by_rate += passed * (mode.left_participation + mode.right_participation)
+        by_v_vc += passed * combs(mode, path)
+    coriolis = np.degrees(np.angle(by_rate)) - 90.0
+    virtual = np.degrees(np.angle(by_v_vc) + path.carrier_phase_rad) - 270.0
+    demodulator = np.degrees(parameters.sense_path.demodulator_phase_rad) - 270.0
+    seen, aside = (np.cos(np.radians(each - demodulator)) for each in (virtual, coriolis))
+    return {
+        "carrier_deg": np.degrees(path.carrier_phase_rad) - 270.0,
+        "coriolis_deg": coriolis,
+        "virtual_deg": virtual,
+        "demodulator_deg": demodulator,
+        "virtual_from_coriolis_deg": virtual - coriolis,
+        "demodulator_from_coriolis_deg": demodulator - coriolis,
+        "k_vc_error_ppm": 1e6 * (seen / aside - 1.0),
+    }
+
+
+def band(parameters: Any) -> dict[str, float]:
+    """Return the band of a warm gyroscope; frequencies in Hz."""
     drive, sense, path = parameters.drive_mode, parameters.sense_anti_phase, parameters.virtual_path
-
-    def warm_hz(mode: Any) -> float:
-        return float(mode.frequency_hz * (1.0 + WARM_K * mode.frequency_coefficient_per_k))
-
-    def warm_q(mode: Any) -> float:
-        return float(mode.quality * (1.0 + WARM_K * mode.quality_coefficient_per_k))
-
     phase = path.carrier_phase_rad - parameters.sense_path.demodulator_phase_rad
     driven = 2.0 * np.pi * warm_hz(drive)
 
@@ -60,11 +97,8 @@ def truth(parameters: Any) -> dict[str, float]:
         total = 0j
         for mode in (parameters.sense_in_phase, sense):
             w, q = 2.0 * np.pi * warm_hz(mode), warm_q(mode)
-            force = (
-                mode.left_participation * path.left_comb_n_per_v2 + mode.right_participation * path.right_comb_n_per_v2
-            )
             p, r = s**2 + w / q * s + w**2 - driven**2, 2.0 * s * driven + w * driven / q
-            total += mode.pick_off_v_per_m * force * (p * np.cos(phase) + r * np.sin(phase)) / (p**2 + r**2)
+            total += mode.pick_off_v_per_m * combs(mode, path) * (p * np.cos(phase) + r * np.sin(phase)) / (p**2 + r**2)
         return float(abs(total))
 
     split, static = warm_hz(drive) - warm_hz(sense), response(0.0)
@@ -83,16 +117,46 @@ def truth(parameters: Any) -> dict[str, float]:
     }
 
 
-def z_scores(seed: int) -> list[float]:
-    """Return (measured - true) / u of every quantity of one gyroscope."""
+def resonances(parameters: Any) -> dict[str, float]:
+    """Return the modes of a warm gyroscope; frequencies in Hz."""
+    drive, anti_phase, in_phase = parameters.drive_mode, parameters.sense_anti_phase, parameters.sense_in_phase
+    split = warm_hz(drive) - warm_hz(anti_phase)
+    return {
+        "drive_hz": warm_hz(drive),
+        "drive_ring_down_hz": warm_hz(drive),
+        "drive_q": warm_q(drive),
+        "sense_hz": warm_hz(anti_phase),
+        "sense_q_ring_down": warm_q(anti_phase),
+        "sense_q_sweep": warm_q(anti_phase),
+        "split_ring_down_hz": split,
+        "split_sweep_hz": split,
+        "in_phase_hz": warm_hz(in_phase),
+        "in_phase_q": warm_q(in_phase),
+    }
+
+
+TRUTHS = {"bandwidth": band, "phase": phases, "resonance": resonances}
+
+
+def scores(procedure: str, seed: int) -> dict[str, tuple[float, bool]]:
+    """Return (measured - true) / u of every quantity of one gyroscope, and whether U95 holds the truth."""
     bench = simulated("paper", errors="drawn", overrides=gyroscope(seed))
     with tempfile.TemporaryDirectory() as runs:
-        run = vcfbench.run("bandwidth", bench, seed=seed, runs=runs)
+        run = vcfbench.run(procedure, bench, seed=seed, runs=runs)
     if run.results is None:
         raise RuntimeError(f"seed {seed}: {run.error or run.no_results}")
-    true = truth(_parameters(bench))
-    found = [(getattr(run.results, name), true[name]) for name in QUANTITIES]
-    return [(each.value - value) / each.u for each, value in found]
+    found = {}
+    for name, true in TRUTHS[procedure](_parameters(bench)).items():
+        each = getattr(run.results, name)
+        off = _off(each, true)
+        found[name] = (off / each.u, abs(off) < each.expanded_u)
+    return found
+
+
+def _off(found: Measurand, true: float) -> float:
+    """Return measured less true; angles apart from half turns."""
+    off = found.value - true
+    return math.remainder(off, 180.0) if found.unit == "deg" else off
 
 
 def _parameters(bench: vcfbench.BenchDescription) -> Any:
@@ -104,13 +168,14 @@ def _parameters(bench: vcfbench.BenchDescription) -> Any:
     return overridden(paper_bench(), bench.simulation.override)
 
 
-def main(count: int = 50, first: int = 0) -> None:
+def main(count: int = 50, first: int = 0, procedure: str = "bandwidth") -> None:
     with ProcessPoolExecutor(2) as pool:
-        z = np.array(list(pool.map(z_scores, range(first, first + count))))
-    for name, column in zip(QUANTITIES, z.T, strict=True):
-        within = int((np.abs(column) < 1.96).sum())
-        print(f"{name:14} mean z {column.mean():+.2f}, sd {column.std(ddof=1):.2f}, {within} of {count} within 1.96 u")
+        found = list(pool.map(scores, [procedure] * count, range(first, first + count)))
+    for name in found[0]:
+        z = np.array([each[name][0] for each in found])
+        within = sum(each[name][1] for each in found)
+        print(f"{name:30} mean z {z.mean():+.2f}, sd {z.std(ddof=1):.2f}, {within} of {count} within U95")
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*map(int, sys.argv[1:3]), *sys.argv[3:])

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.step import Routine
 
-__all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings"]
+__all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "at_rest", "results", "sweep"]
 
 _NPLC = 0.2
 _FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
@@ -67,7 +67,7 @@ Hertz = Annotated[float, Meta(ge=0.05, le=_HIGHEST_HZ)]
 Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
 
 
-class BandwidthSettings(ProcedureSettings, frozen=True):
+class BandwidthSettings(ProcedureSettings, frozen=True, kw_only=True):
     """Keys of `bandwidth`; the gyroscope is warm first, since its split moves by 3.5 mHz/K."""
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
@@ -130,18 +130,18 @@ NOT_HELD = (
 
 def plan(settings: BandwidthSettings) -> Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
-    return (yield from energised(settings, _at_rest(settings)))
+    return (yield from energised(settings, at_rest(settings, sweep(settings))))
 
 
-def _at_rest(settings: BandwidthSettings) -> Routine[Outcome]:
-    """Look at the drive, and hold the table still under servo where there is one."""
+def at_rest(settings: BandwidthSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Look at the drive, and do `work` with the table held still under servo where there is one."""
     yield from look_at_drive(settings)
-    sweep = _sweep(settings)
     has_table = settings.station.limits.max_rate_deg_s is not None
-    return (yield from under_servo(settings, sweep) if has_table else sweep)
+    return (yield from under_servo(settings, work) if has_table else work)
 
 
-def _sweep(settings: BandwidthSettings) -> Routine[Outcome]:
+def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
+    """Measure the drive frequency, then the response at all frequencies; V_Vc is left a sine."""
     yield from _drive_frequency(settings)
     yield ConfigureMeter(float(settings.meter_range_v), _NPLC)
     yield from v_vc_on()

@@ -55,6 +55,10 @@ BUILT_IN = {
         "vcfbench.procedures.power:POWER",
         "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
     ),
+    "resonance": (
+        "vcfbench.procedures.resonance:RESONANCE",
+        "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
+    ),
     "phase": (
         "vcfbench.procedures.phase:PHASE",
         "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",

@@ -1,0 +1,68 @@
+"""Decays at carrier level, against records made of decaying cosines."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from vcfbench.analysis.decays import fit_decays, fit_release
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CARRIER_HZ = 3488.9
+
+
+def ringing(t: NDArray[np.float64], hz: float, q: float, size: float) -> NDArray[np.float64]:
+    """Return a free decay of a mode by its natural frequency and quality factor."""
+    damped = 2.0 * math.pi * hz * math.sqrt(1.0 - 1.0 / (4.0 * q * q))
+    return np.asarray(size * np.exp(-math.pi * hz / q * t) * np.cos(damped * t + 0.4))
+
+
+def test_two_modes_beside_a_carrier_come_back() -> None:
+    t = 2.5e-5 * np.arange(20_000)
+    noise = 2e-3 * np.random.default_rng(1).standard_normal(t.size)
+    steady = 0.3 * np.cos(2.0 * math.pi * CARRIER_HZ * t + 1.0)
+    sense = steady + ringing(t, 3464.1, 1224.0, 1.0) + ringing(t, 3342.0, 900.0, 0.2)
+    anti_phase, in_phase = fit_decays(sense + noise, 2.5e-5, CARRIER_HZ)
+    assert anti_phase.frequency_hz == pytest.approx(3464.1, abs=1e-3)
+    assert anti_phase.q == pytest.approx(1224.0, rel=1e-3)
+    assert anti_phase.amplitude == pytest.approx(1.0, rel=0.01)
+    assert in_phase.frequency_hz == pytest.approx(3342.0, abs=5e-3)
+    assert in_phase.q == pytest.approx(900.0, rel=5e-3)
+
+
+def test_a_single_mode_above_the_carrier_is_one() -> None:
+    t = 2.5e-5 * np.arange(20_000)
+    noise = 2e-3 * np.random.default_rng(2).standard_normal(t.size)
+    (mode,) = fit_decays(ringing(t, 3510.0, 1500.0, 1.0) + noise, 2.5e-5, CARRIER_HZ)
+    assert mode.frequency_hz == pytest.approx(3510.0, abs=2e-3)
+    assert mode.q == pytest.approx(1500.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("let_go_s", [0.0, 0.061])
+def test_a_drive_that_is_let_go_and_vanishes(let_go_s: float) -> None:
+    t = 4e-6 * np.arange(50_000)
+    after = np.maximum(t - let_go_s, 0.0)
+    level = np.exp(-math.pi * CARRIER_HZ / 1395.0 * after) * (t < let_go_s + 0.027)
+    noise = 7e-3 * np.random.default_rng(3).standard_normal(t.size)
+    found = fit_release(level * np.cos(2.0 * math.pi * CARRIER_HZ * t + 0.3) + noise, 4e-6, CARRIER_HZ + 0.2)
+    assert found.q == pytest.approx(1395.0, rel=0.01)
+    assert found.frequency_hz == pytest.approx(CARRIER_HZ, abs=0.02)
+
+
+def test_what_does_not_decay_is_said() -> None:
+    t = 2.5e-5 * np.arange(20_000)
+    steady = np.cos(2.0 * math.pi * CARRIER_HZ * t) + 1e-3 * np.random.default_rng(4).standard_normal(t.size)
+    with pytest.raises(ConfigError, match="nothing decays"):
+        fit_decays(steady, 2.5e-5, CARRIER_HZ)
+    with pytest.raises(ConfigError, match="decays beside a carrier need"):
+        fit_decays(steady[:1000], 2.5e-5, CARRIER_HZ)
+    with pytest.raises(ConfigError, match="not seen to decay freely"):
+        fit_release(np.where(t < 0.02, steady, 0.0), 2.5e-5, CARRIER_HZ)
+    with pytest.raises(ConfigError, match="too far apart"):
+        fit_release(steady[::10], 2.5e-4, CARRIER_HZ)

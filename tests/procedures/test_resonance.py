@@ -1,0 +1,142 @@
+"""Resonances of a simulated gyroscope, by ring-down and by sweep, against its parameters."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+import vcfbench
+from vcfbench.errors import LimitError
+from vcfbench.interfaces import Waveform
+from vcfbench.procedures.resonance import DriveDecay, ReleaseDrive, RingingMode, SenseDecay, combined
+from vcfbench.testing import simulated
+
+OVERRIDES = {
+    "thermal": {"self_heating_k": 0.0},
+    "drive_mode": {"frequency_hz": 3485.0, "quality": 1500.0},
+    "sense_anti_phase": {"frequency_hz": 3463.0, "quality": 1100.0},
+    "sense_in_phase": {"frequency_hz": 3340.0, "quality": 1300.0},
+}
+QUICK = {
+    "warm_up_s": 0.0,
+    "frequencies_hz": [2.0, 12.0, 18.0, 30.0, 40.0],
+    "around_split": [0.75, 0.97, 1.0, 1.03, 1.2, 1.5],
+    "record_samples": 256,
+    "sense_ring_downs": 4,
+    "drive_ring_downs": 3,
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> vcfbench.Run:
+    bench = simulated("paper", errors="drawn", overrides=OVERRIDES)
+    return vcfbench.run("resonance", bench, seed=6, settings=QUICK, runs=tmp_path_factory.mktemp("resonance"))
+
+
+@pytest.mark.parametrize(
+    ("name", "true", "largest_u"),
+    [
+        ("drive_hz", 3485.0, 0.06),
+        ("drive_ring_down_hz", 3485.0, 0.06),
+        ("drive_q", 1500.0, 5.0),
+        ("sense_hz", 3463.0, 0.06),
+        ("sense_q_ring_down", 1100.0, 5.0),
+        ("sense_q_sweep", 1100.0, 2.0),
+        ("split_ring_down_hz", 22.0, 0.01),
+        ("split_sweep_hz", 22.0, 0.01),
+        ("in_phase_hz", 3340.0, 0.08),
+        ("in_phase_q", 1300.0, 40.0),
+    ],
+)
+def test_a_resonance_is_that_of_the_parameters(run: vcfbench.Run, name: str, true: float, largest_u: float) -> None:
+    assert run.error is None
+    found = getattr(run.results, name)
+    assert abs(found.value - true) < 2.0 * found.expanded_u
+    assert 0.0 < found.u < largest_u
+
+
+def test_both_ways_agree(run: vcfbench.Run) -> None:
+    found = run.results
+    assert max(found.e_n_drive_hz, found.e_n_sense_q, found.e_n_split) < 1.5
+    assert found.sweep.split_hz == found.split_sweep_hz
+    assert found.why_no_drive == ""
+
+
+def test_the_time_base_that_both_drive_frequencies_share_does_not_make_them_agree(run: vcfbench.Run) -> None:
+    found = run.results
+    off_hz = abs(found.drive_hz.value - found.drive_ring_down_hz.value)
+    assert found.e_n_drive_hz > 3.0 * off_hz / (found.drive_hz.expanded_u + found.drive_ring_down_hz.expanded_u)
+
+
+def test_a_record_shows_what_the_run_showed(run: vcfbench.Run) -> None:
+    assert run.directory is not None
+    assert vcfbench.load_run(run.directory).results == run.results
+
+
+def test_a_drive_that_is_not_seen_to_ring_down_has_no_q(run: vcfbench.Run) -> None:
+    decays = [
+        SenseDecay(3485.0 + shift, (RingingMode(3463.0 - shift, 1100.0 + 100.0 * shift, 1.0),))
+        for shift in (-0.01, 0.0, 0.01)
+    ]
+    released = [DriveDecay(3485.0, 1500.0), DriveDecay(0.0, 0.0, "gone at once"), DriveDecay(3485.0, 1501.0)]
+    found = combined(run.results.sweep, decays, released)
+    assert (found.drive_ring_down_hz, found.drive_q, found.e_n_drive_hz) == (None, None, None)
+    assert (found.in_phase_hz, found.in_phase_q) == (None, None)
+    assert found.why_no_drive == "gone at once"
+    assert found.split_ring_down_hz.value == pytest.approx(22.0)
+    assert found.split_ring_down_hz.parts[0].u == pytest.approx(0.02 / 3**0.5)
+    assert found.sense_q_ring_down.u == pytest.approx(1.0 / 3**0.5)
+
+
+def test_a_board_that_is_dead_at_once_is_an_answer() -> None:
+    """Supply off, and the drive is steady until it is gone: nothing rings down."""
+
+    class Scope:
+        def configure_channel(self, channel: int, scale_v_per_div: float) -> None:
+            assert (channel, scale_v_per_div) == (1, pytest.approx(0.4))
+
+        def acquire(self, channel: int) -> None:
+            assert channel == 1
+            assert not power.on
+
+        def waveform(self, channel: int, points: int) -> Waveform:
+            assert channel == 1
+            time_s = 4e-6 * np.arange(points)
+            noise_v = 7e-3 * np.random.default_rng(1).standard_normal(points)
+            return Waveform(time_s, np.where(time_s < 0.05, np.cos(2.0 * np.pi * 3488.9 * time_s), 0.0) + noise_v)
+
+    class Power:
+        on = True
+
+        def disable_outputs(self) -> None:
+            self.on = False
+
+    power = Power()
+    context: Any = SimpleNamespace(bench=SimpleNamespace(oscilloscope=Scope(), power=power))
+    found = ReleaseDrive(1, 1.2, 50_000, 3488.9).perform(context)
+    assert "not seen to decay freely" in found.trouble
+    assert found.describe() == found.trouble
+
+
+def test_the_rails_are_on_again_before_the_next_ring_down_and_off_after_the_last() -> None:
+    words = [each.step for each in vcfbench.dry_run("resonance").steps]
+    places = [place for place, step in enumerate(words) if isinstance(step, ReleaseDrive)]
+    assert len(places) == 6
+    between = [step.describe() for step in words[places[0] : places[1]]]
+    assert "supply outputs on" in between
+    assert any("read back the rails" in each for each in between)
+    after = [step.describe() for step in words[places[-1] + 1 :]]
+    assert "supply outputs on" not in after
+    assert "supply outputs off" in after
+
+
+def test_v_vc_of_a_ring_down_is_held_against_its_limit() -> None:
+    paper = vcfbench.load_bench()
+    assert paper.limits is not None
+    tight = structs.replace(paper, limits=structs.replace(paper.limits, max_v_vc_v=0.5))
+    with pytest.raises(LimitError, match=r"0\.7 V"):
+        vcfbench.dry_run("resonance", tight)

@@ -1,0 +1,381 @@
+"""Resonances by ring-down and by sweep: drive, split, both sense modes, with their quality factors.
+
+The sense modes ring down when V_Vc is switched off, the drive when its loop stops as the rails fall: both are read from
+records of the oscilloscope. The sweep is that of :mod:`vcfbench.procedures.bandwidth`. The drive has none: its loop
+holds it at resonance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from msgspec import Meta
+
+from vcfbench.errors import ConfigError
+from vcfbench.interfaces import (
+    FunctionGenerator,
+    MeasuresWaveforms,
+    PowersRails,
+    Rotates,
+    SamplesVoltage,
+)
+from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, sweep
+from vcfbench.procedures.bandwidth import results as band_of
+from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import answer, energised, rails_of, v_vc_level_again
+from vcfbench.procedures.step import Effect, Step, StepResult
+from vcfbench.procedures.steps import (
+    Amplitudes,
+    CheckRails,
+    ConfigureScope,
+    DisableVvc,
+    EnableSupply,
+    FindAmplitudes,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+    SetVvc,
+)
+from vcfbench.procedures.steps.scope import scale_v_per_div
+from vcfbench.report.document import Column, Report, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.procedures.measured import Measured
+    from vcfbench.procedures.step import Context, Routine
+
+__all__ = ["RESONANCE", "CaptureDecay", "ReleaseDrive", "ResonanceSettings", "Resonances", "combined"]
+
+_SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
+"""Time base (s/div) and points of the records: half a second and a fifth."""
+_TIME_BASE = 25e-6
+"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
+_LARGEST_V = 10.0
+"""What no node of the PCB exceeds: its rails."""
+
+
+class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
+    """Keys of `resonance`: those of the sweep, and those of the ring-downs."""
+
+    ring_down_v_vc_v: Annotated[
+        float, Meta(ge=0.01, le=10.0, description="V_Vc that is switched off for a ring-down of the sense modes")
+    ] = 0.7
+    sense_ring_downs: Annotated[int, Meta(ge=3, le=1000, description="ring-downs of the sense modes")] = 8
+    drive_ring_downs: Annotated[int, Meta(ge=3, le=1000, description="ring-downs of the drive, rails off and on")] = 6
+
+
+@dataclass(frozen=True, slots=True)
+class RingingMode:
+    """A mode that rings down: natural frequency, quality factor, amplitude as the record begins."""
+
+    frequency_hz: float
+    q: float
+    amplitude_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class SenseDecay(StepResult):
+    """The drive frequency in one record, and the modes that rang down in it, the strongest first."""
+
+    drive_hz: float
+    modes: tuple[RingingMode, ...]
+
+    def describe(self) -> str:
+        """Name the modes."""
+        return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureDecay(Step):
+    """Take a record of drive and sense signal that begins at once, and fit the modes that ring down in it."""
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+    overhead_s: ClassVar[float] = 2.0
+
+    channels: tuple[int, int]
+    amplitudes_v: tuple[float, float]
+    points: int
+    expected: SenseDecay
+
+    def describe(self) -> str:
+        """Name what is captured."""
+        return "oscilloscope: the sense modes ring down"
+
+    def perform(self, context: Context) -> SenseDecay:
+        """Capture, download and fit.
+
+        Raises:
+            MeasurementError: a record is clipped.
+            ConfigError: nothing rings down.
+        """
+        from vcfbench.analysis.decays import fit_decays  # noqa: PLC0415  # NumPy, needed here alone
+        from vcfbench.analysis.sine_fit import fit_sine  # noqa: PLC0415  # as above
+
+        scope = context.bench.oscilloscope
+        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
+            scope.configure_channel(channel, scale_v_per_div(amplitude_v))
+        scope.acquire(*self.channels)
+        drive, sense = (scope.waveform(channel, self.points) for channel in self.channels)
+        interval_s = float(drive.time_s[1] - drive.time_s[0])
+        drive_hz = fit_sine(drive.voltage_v, interval_s).frequency_hz
+        modes = fit_decays(sense.voltage_v, interval_s, drive_hz)
+        return SenseDecay(drive_hz, tuple(RingingMode(each.frequency_hz, each.q, each.amplitude) for each in modes))
+
+    def predict(self, gyro: LinearGyro) -> SenseDecay:
+        """Predict what is expected."""
+        del gyro
+        return self.expected
+
+
+@dataclass(frozen=True, slots=True)
+class DriveDecay(StepResult):
+    """The drive as it rang down; `trouble` says why it was not seen to, empty when it was."""
+
+    frequency_hz: float
+    q: float
+    trouble: str = ""
+
+    def describe(self) -> str:
+        """Name the mode, or the trouble."""
+        return self.trouble or f"{self.frequency_hz:.3f} Hz with Q {self.q:.5g}"
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseDrive(Step):
+    """Switch the supply off and record the drive signal meanwhile.
+
+    Its loop stops below a voltage at which the board still shows the drive, which rings down until the board is dead.
+    `drive_hz` is where it is, roughly.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "drive signal"
+    overhead_s: ClassVar[float] = 1.0
+
+    channel: int
+    amplitude_v: float
+    points: int
+    drive_hz: float
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return "supply outputs off; oscilloscope: the drive rings down"
+
+    def perform(self, context: Context) -> DriveDecay:
+        """Switch off, capture at once, download and fit; a drive that is not seen to ring down is an answer too."""
+        from vcfbench.analysis.decays import fit_release  # noqa: PLC0415  # NumPy, needed here alone
+
+        scope = context.bench.oscilloscope
+        scope.configure_channel(self.channel, scale_v_per_div(self.amplitude_v))
+        context.bench.power.disable_outputs()
+        scope.acquire(self.channel)
+        drive = scope.waveform(self.channel, self.points)
+        try:
+            found = fit_release(drive.voltage_v, float(drive.time_s[1] - drive.time_s[0]), self.drive_hz)
+        except ConfigError as error:
+            return DriveDecay(0.0, 0.0, error.what)
+        return DriveDecay(found.frequency_hz, found.q)
+
+    def predict(self, gyro: LinearGyro) -> DriveDecay:
+        """Predict a drive that rings down."""
+        del gyro
+        return DriveDecay(self.drive_hz, 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Resonances:
+    """What `resonance` finds, by ring-down and by sweep; a quantity that was not seen is null.
+
+    `drive_hz` is that of the loop, locked; `drive_ring_down_hz` and `drive_q` those of the drive once it is let go;
+    `why_no_drive` says why they are null. `sense_...` is the anti-phase mode. The splits are drive less sense
+    frequency: of the sweep without its sign. `in_phase_...` is the other sense mode. `e_n_...` compares both ways;
+    above 1 they disagree. `sweep` is what `bandwidth` finds.
+    """
+
+    drive_hz: Measurand
+    drive_ring_down_hz: Measurand | None
+    drive_q: Measurand | None
+    why_no_drive: str
+    sense_hz: Measurand
+    sense_q_ring_down: Measurand
+    sense_q_sweep: Measurand
+    split_ring_down_hz: Measurand
+    split_sweep_hz: Measurand
+    in_phase_hz: Measurand | None
+    in_phase_q: Measurand | None
+    e_n_drive_hz: float | None
+    e_n_sense_q: float
+    e_n_split: float
+    sweep: Bandwidth
+
+
+NOT_HELD = (
+    "The uncertainties of the ring-downs hold the scatter of the records and the oscilloscope's time base; those of "
+    "the sweep what `bandwidth` says. They do not hold a change of temperature between the two ways nor, of the "
+    "drive, a change of its pick-off while the rails fall. The drive has no sweep: its loop holds it at resonance, and "
+    "no generator reaches its force."
+)
+
+
+def plan(settings: ResonanceSettings) -> Plan:
+    """Sweep, then let the sense modes ring down, then the drive."""
+    return (yield from energised(settings, at_rest(settings, _both_ways(settings))))
+
+
+def _both_ways(settings: ResonanceSettings) -> Routine[Outcome]:
+    swept = yield from sweep(settings)
+    drive_hz = yield from _sense_ring_downs(settings)
+    yield from _drive_ring_downs(settings, drive_hz)
+    rung = f"{settings.sense_ring_downs} ring-downs of the sense modes, {settings.drive_ring_downs} of the drive"
+    return Outcome(f"{swept.summary}; {rung}")
+
+
+def _sense_ring_downs(settings: ResonanceSettings) -> Routine[float]:
+    """Switch V_Vc off again and again; return the drive frequency, Hz."""
+    yield Note("The sense modes ring down as V_Vc is switched off")
+    yield from v_vc_level_again()
+    channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
+    seconds_a_division, points = _SENSE_RECORD
+    yield ConfigureScope(seconds_a_division, channels[0])
+    expected, drives_hz = _expected(settings), list[float]()
+    shown_v = (0.0, 0.0)
+    for number in range(settings.sense_ring_downs):
+        yield SetVvc(settings.ring_down_v_vc_v)
+        yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        if number == 0:
+            found = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes)
+            shown_v = found.amplitudes_v[0], found.amplitudes_v[1]
+        yield SetVvc(0.0)
+        decay = answer((yield CaptureDecay(channels, shown_v, points, expected)), SenseDecay)
+        drives_hz.append(decay.drive_hz)
+    return fmean(drives_hz)
+
+
+def _expected(settings: ResonanceSettings) -> SenseDecay:
+    drive_hz = fmean(settings.drive.frequency_hz)
+    offsets_hz = settings.split_guess_hz, settings.in_phase_split_hz
+    return SenseDecay(drive_hz, tuple(RingingMode(drive_hz - each, 1000.0, 1.0) for each in offsets_hz))
+
+
+def _drive_ring_downs(settings: ResonanceSettings, drive_hz: float) -> Routine[None]:
+    """Switch the rails off again and again, and on between."""
+    yield Note("The drive rings down as the rails are switched off")
+    channel = settings.station.channel_of("drive")
+    seconds_a_division, points = _DRIVE_RECORD
+    yield DisableVvc()
+    yield ConfigureScope(seconds_a_division, channel)
+    found = answer((yield FindAmplitudes((channel,), _LARGEST_V, 1.0)), Amplitudes)
+    rails = rails_of(settings)
+    for number in range(settings.drive_ring_downs):
+        if number:
+            yield EnableSupply()
+            yield Settle(settings.drive.start_up_s, "rails up, drive loop starts")
+            yield CheckRails(rails, settings.rail_tolerance_v)
+        yield ReleaseDrive(channel, found.amplitudes_v[0], points, drive_hz)
+
+
+def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
+    """Combine the records of each way, and compare the ways."""
+    decays = [found for _, found in measured.found(SenseDecay)]
+    released = [found for _, found in measured.found(DriveDecay)]
+    return combined(band_of(settings, measured), decays, released)
+
+
+def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[DriveDecay]) -> Resonances:
+    """Return the resonances by either way; what was not seen every time is not reported."""
+    seen = [found for found in released if not found.trouble]
+    drive_hz = _frequency([found.drive_hz for found in decays])
+    anti_phase = [found.modes[0] for found in decays]
+    in_phase = [found.modes[1] for found in decays if len(found.modes) > 1]
+    split = _frequency([found.drive_hz - found.modes[0].frequency_hz for found in decays])
+    quality = _mean([mode.q for mode in anti_phase], "")
+    whole, both = len(seen) == len(released), len(in_phase) == len(decays)
+    drive_ring_down_hz = _frequency([found.frequency_hz for found in seen]) if whole else None
+    return Resonances(
+        drive_hz=drive_hz,
+        drive_ring_down_hz=drive_ring_down_hz,
+        drive_q=_mean([found.q for found in seen], "") if whole else None,
+        why_no_drive=next((found.trouble for found in released if found.trouble), ""),
+        sense_hz=_frequency([mode.frequency_hz for mode in anti_phase]),
+        sense_q_ring_down=quality,
+        sense_q_sweep=swept.q,
+        split_ring_down_hz=split,
+        split_sweep_hz=swept.split_hz,
+        in_phase_hz=_frequency([mode.frequency_hz for mode in in_phase]) if both else None,
+        in_phase_q=_mean([mode.q for mode in in_phase], "") if both else None,
+        e_n_drive_hz=None if drive_ring_down_hz is None else _e_n(drive_hz, drive_ring_down_hz),
+        e_n_sense_q=_e_n(quality, swept.q),
+        e_n_split=_e_n(split, swept.split_hz),
+        sweep=swept,
+    )
+
+
+def _mean(values: Sequence[float], unit: str, *others: Part) -> Measurand:
+    """Return the mean of records with their scatter."""
+    scatter = Part("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
+    return measurand(fmean(values), unit, [scatter, *others])
+
+
+def _frequency(values_hz: Sequence[float]) -> Measurand:
+    time_base = Part("time base", _TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope")
+    return _mean(values_hz, "Hz", time_base)
+
+
+def _e_n(first: Measurand, second: Measurand) -> float:
+    """Return the difference of two sizes over its expanded uncertainty; an instrument that both share cancels."""
+    owners = {part.of for part in first.parts} & {part.of for part in second.parts}
+    own = [part for part in (*first.parts, *second.parts) if part.of is None or part.of not in owners]
+    difference = measurand(abs(first.value) - abs(second.value), first.unit, own)
+    return abs(difference.value) / difference.expanded_u
+
+
+def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances) -> Report:
+    """Report every quantity by either way, and how the ways agree."""
+    named = (
+        ("drive frequency", "loop, locked", found.drive_hz, None),
+        ("drive frequency", "ring-down", found.drive_ring_down_hz, found.e_n_drive_hz),
+        ("Q of the drive", "ring-down", found.drive_q, None),
+        ("sense frequency, anti-phase", "ring-down", found.sense_hz, None),
+        ("Q of the anti-phase mode", "ring-down", found.sense_q_ring_down, None),
+        ("Q of the anti-phase mode", "sweep", found.sense_q_sweep, found.e_n_sense_q),
+        ("mode split", "ring-down", found.split_ring_down_hz, None),
+        ("mode split", "sweep", found.split_sweep_hz, found.e_n_split),
+        ("sense frequency, in phase", "ring-down", found.in_phase_hz, None),
+        ("Q of the in-phase mode", "ring-down", found.in_phase_q, None),
+    )
+    columns = (
+        *(Column("quantity", align="left"), Column("by", align="left")),
+        *(Column("value", format=".8g"), Column("u", format=".2g"), Column("U95", format=".2g")),
+        *(Column("unit", align="left"), Column("E_n", format=".2f")),
+    )
+    rows = [(name, way, each.value, each.u, each.expanded_u, each.unit, e_n) for name, way, each, e_n in named if each]
+    missing = [f"{name} by {way}: not seen" for name, way, each, _ in named if each is None]
+    said = [*missing, *([found.why_no_drive] if found.why_no_drive else []), NOT_HELD]
+    return Report([Table(columns, rows), Text("\n".join(said))])
+
+
+RESONANCE = Procedure(
+    name="resonance",
+    title=BUILT_IN["resonance"][1],
+    settings=ResonanceSettings,
+    plan=plan,
+    results=results,
+    report=report,
+    needs={
+        "power": PowersRails,
+        "rate_source": FunctionGenerator,
+        "multimeter": SamplesVoltage,
+        "oscilloscope": MeasuresWaveforms,
+    },
+    uses={"rate_table": Rotates},
+)
+"""Resonances of drive and sense modes."""
