@@ -125,7 +125,8 @@ def defined(node: ast.stmt) -> list[str]:
 
 def a_class(node: ast.ClassDef, text: str) -> Iterator[str]:
     """Yield a class: how it is made, its docstring, its fields, properties and methods."""
-    bases = ", ".join(filter(None, (ast.get_source_segment(text, base) for base in node.bases)))
+    names = (ast.get_source_segment(text, base) or "" for base in node.bases)
+    bases = ", ".join(name for name in names if name and name != "Struct")  # how its fields are kept is nothing to know
     methods = [each for each in node.body if isinstance(each, Function)]
     constructor = next((each for each in methods if each.name == "__init__"), None)
     if constructor is not None:

@@ -10,9 +10,10 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -160,8 +161,7 @@ class ScaledClock:
             time.sleep(remaining)
 
 
-@dataclass(frozen=True, slots=True)
-class Deadline:
+class Deadline(Struct, frozen=True):
     """An instant by which something must be done, handed down instead of a time-out."""
 
     clock: Clock

@@ -12,12 +12,14 @@ comes with the project and what comes with another package are treated alike: di
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 
@@ -37,8 +39,7 @@ HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 _Row = TypeVar("_Row", "Model", "TableLanguage")
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(Struct, frozen=True):
     """An instrument model.
 
     Args:
@@ -83,8 +84,7 @@ class Model:
         return replace(self, name=name)
 
 
-@dataclass(frozen=True, slots=True)
-class TableLanguage:
+class TableLanguage(Struct, frozen=True):
     """The language of a rate table.
 
     Args:

@@ -6,9 +6,10 @@ What no source at hand confirms says so in its `source`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,8 +27,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Accuracy:
+class Accuracy(Struct, frozen=True):
     """The largest error that is promised: a part of the reading and a part of the range."""
 
     reading: float
@@ -38,8 +38,7 @@ class Accuracy:
         return self.reading * abs(reading_v) + self.range * range_v
 
 
-@dataclass(frozen=True, slots=True)
-class VoltmeterSpecification:
+class VoltmeterSpecification(Struct, frozen=True):
     """What a voltmeter promises of direct voltages.
 
     Args:
@@ -95,8 +94,7 @@ class VoltmeterSpecification:
         return self.resolution[nplc] * range_v
 
 
-@dataclass(frozen=True, slots=True)
-class LevelSpecification:
+class LevelSpecification(Struct, frozen=True):
     """What a generator promises of a direct voltage into an open circuit: a part of the setting, and volts.
 
     Any error within the limits is as likely as any other. `ranges_v` are the largest levels of its ranges, V, within
@@ -120,8 +118,7 @@ class LevelSpecification:
         return min((each for each in self.ranges_v if each >= abs(level_v)), default=self.ranges_v[-1])
 
 
-@dataclass(frozen=True, slots=True)
-class SupplySpecification:
+class SupplySpecification(Struct, frozen=True):
     """What a supply promises of its read-backs, by output: a part of the reading, and volts or amperes beside it.
 
     `limit_sigmas` is how many standard deviations of its specimens a limit is; None: any error within is as likely.

@@ -5,9 +5,11 @@ The instruments of a simulated bench are wrapped: replies are counted, and one o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
+
+from msgspec.structs import replace
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import embedded_text, parse_bench

@@ -6,6 +6,7 @@ import dataclasses
 import json
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 
 from tests.procedures.fakes import FakeBench, FakeMeter, FakeVvcMeter, MemoryJournal
@@ -86,7 +87,7 @@ def test_both_columns_are_read_on_one_grid_and_at_the_same_time() -> None:
 
 def test_the_output_is_read_as_without_a_second_meter() -> None:
     both, alone = bench_at(0.5), bench_at(0.5)
-    shared = {f.name: getattr(window(), f.name) for f in dataclasses.fields(Acquire)}
+    shared = {name: getattr(window(), name) for name in Acquire.__struct_fields__}
     measured = window().perform(Context(both, lambda _: None))
     plain = Acquire(**shared).perform(Context(alone, lambda _: None))
     assert [(r.t_s, r.voltage_v) for r in measured.readings] == [(r.t_s, r.voltage_v) for r in plain.readings]
@@ -122,7 +123,7 @@ def test_it_is_written_and_read_back_whatever_its_length(samples: int) -> None:
     bench, journal = bench_at(0.5), MemoryJournal()
     done = Executor(bench, journal).execute(plan_of(window(samples), MeasureVvc(0.5, 3, 1.0, 0.01)))
     assert done.error is None
-    lines = json.loads(json.dumps(journal.lines, default=dataclasses.asdict))
+    lines = json.loads(json.dumps(journal.lines, default=msgspec.to_builtins))
     assert first_damage([{"type": "header"}, *lines]) is None
     [first, alone] = [line for line in lines if line["type"] == "step"]
     assert step_of(first) == window(samples)
@@ -130,9 +131,7 @@ def test_it_is_written_and_read_back_whatever_its_length(samples: int) -> None:
     assert isinstance(back, VvcWindow)
     assert back.point == done.points[0] == Point.from_json(first["point"])
     assert back.point.v_vc_measured_v == pytest.approx(0.5005)
-    assert result_of(alone) == VvcMeasured(
-        *(getattr(result_of(alone), f.name) for f in dataclasses.fields(VvcMeasured))
-    )
+    assert result_of(alone) == VvcMeasured(*(getattr(result_of(alone), name) for name in VvcMeasured.__struct_fields__))
     chunks = [reading for line in lines if line["type"] == "readings" for reading in line["readings"]]
     assert len(chunks) + len(back.readings) == samples
     assert all("v_vc_v" in reading for reading in chunks)
@@ -141,7 +140,7 @@ def test_it_is_written_and_read_back_whatever_its_length(samples: int) -> None:
 def test_a_record_whose_mean_was_changed_is_damaged() -> None:
     journal = MemoryJournal()
     Executor(bench_at(0.5), journal).execute(plan_of(window()))
-    lines = [{"type": "header"}, *json.loads(json.dumps(journal.lines, default=dataclasses.asdict))]
+    lines = [{"type": "header"}, *json.loads(json.dumps(journal.lines, default=msgspec.to_builtins))]
     for name in ("output_v", "v_vc_measured_v"):
         changed = json.loads(json.dumps(lines))
         changed[1]["point"][name] += 1e-3

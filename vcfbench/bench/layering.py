@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from msgspec import convert, structs
+from msgspec import Struct, convert, structs
 
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.bench.strict import converted, refusal, unknown_key
@@ -26,8 +25,7 @@ S = TypeVar("S", bound=ProcedureSettings)
 convert({}, ProcedureSettings)  # msgspec works a type out when first used; two threads at once would break that
 
 
-@dataclass(frozen=True, slots=True)
-class Layer:
+class Layer(Struct, frozen=True):
     """Settings that one place gives, nested as in a bench file, and how errors name a key of it."""
 
     values: Mapping[str, Any]

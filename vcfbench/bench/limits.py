@@ -6,8 +6,9 @@ Each instrument wraps a driver and is one itself; what is not limited goes strai
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.errors import LimitError
 
@@ -32,8 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["LimitChecks", "LimitedChamber", "LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
 
 
-@dataclass(frozen=True, slots=True)
-class LimitChecks:
+class LimitChecks(Struct, frozen=True):
     """The limits of a bench as questions: each raises LimitError for a value that leaves one, or is not a number.
 
     The errors say nothing of where: whoever asks knows the instrument, or the step of a plan.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 
-@dataclass(slots=True)
-class LinearGyro:
+class LinearGyro(Struct):
     """Answers every step as a bench would whose gyro is a straight line and whose K_Vc is as expected.
 
     `k_vc` is in (deg/s)/V, `scale_factor` in V/(deg/s), `bias_v` in V. `v_vc_v` and `v_vc_on` are what the plan has set

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from msgspec import Struct, structs
@@ -15,8 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["Misfit", "lost_digits", "turned_windows"]
 
 
-@dataclass(frozen=True, slots=True)
-class Misfit:
+class Misfit(Struct, frozen=True):
     """A value that cannot be, or that contradicts another: its key path, what was expected there and what came."""
 
     path: str

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.bench.safety import SafeAction, Stage
 from vcfbench.errors import ConfigError, InterlockError
@@ -20,8 +21,7 @@ STILL_DEG_S = 0.05
 """A read-back below this is a table at rest: above the flutter of any read-back, below any rate worth the name."""
 
 
-@dataclass(frozen=True, slots=True)
-class Role:
+class Role(Struct, frozen=True):
     """A place on the bench: its name in the bench file, when it is made safe, and what shows that it is not."""
 
     name: str

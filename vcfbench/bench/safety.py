@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, within
 from vcfbench.errors import NotSafe
@@ -51,8 +53,7 @@ class LeaveNow(BaseException):
     """Raised into the unwinding by a third signal: stop making safe, say what is not."""
 
 
-@dataclass(frozen=True, slots=True)
-class SafeAction:
+class SafeAction(Struct, frozen=True):
     """How one instrument is made safe: within `deadline_s` of bench time; `verify` returns what is wrong, or None."""
 
     stage: Stage

@@ -9,11 +9,10 @@ the same run on a bench simulated in this process, to the last digit.
 from __future__ import annotations
 
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from msgspec import structs
+from msgspec import Struct, structs
 
 from vcfbench.bench.description import Served
 from vcfbench.errors import ConfigError, ConnectFailed, LinkLost
@@ -59,8 +58,7 @@ class LedClock:
             raise LinkLost(str(error), instrument=_CONTROL, resource=self._address) from error
 
 
-@dataclass(frozen=True, slots=True)
-class Led:
+class Led(Struct, frozen=True):
     """A served bench whose time this program leads."""
 
     clock: LedClock

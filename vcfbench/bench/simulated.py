@@ -9,10 +9,10 @@ from __future__ import annotations
 import inspect
 import math
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, cast
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.bench.overrides import overridden
@@ -149,8 +149,7 @@ def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any
     }
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatedBench:
+class SimulatedBench(Struct, frozen=True):
     """World and instruments of a simulated bench; `devices` by role."""
 
     description: BenchDescription
@@ -263,7 +262,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
 
 
 def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the World as the instruments see it that have leads, or an input of their own."""
+    """Return the World as the instruments see it that have leads, or are not wired to it."""
     from vcfbench.sim.leads import Leads, LoadingLeads  # noqa: PLC0415
 
     wiring, caught = description.wiring, world.mains
@@ -271,7 +270,7 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
     seen: dict[str, Any] = {
         "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
         "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
-        "vibration_source": _VibrationInput(world),
+        "vibration_source": _NotWired(world),
     }
     if description.v_vc_meter is not None:
         seen["v_vc_meter"] = LoadingLeads(
@@ -284,9 +283,8 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
     return seen
 
 
-@dataclass(frozen=True, slots=True)
-class _VibrationInput:
-    """The World as seen by the second generator, whose voltage is added to that of the first on V_Vc."""
+class _NotWired(Struct, frozen=True):
+    """The World as seen by a generator that drives nothing of it: the gyro model has no vibration input yet."""
 
     world: World
 
@@ -295,7 +293,7 @@ class _VibrationInput:
         return self.world.clock
 
     def drive_v_vc(self, source: Drive | Played | None) -> None:
-        self.world.drive_vibration(source)
+        del source
 
 
 def _header(asked: str) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
+
+from msgspec import Struct
 
 from vcfbench.bench.lock import instrument_locks
 from vcfbench.bench.roles import filled_roles
@@ -36,8 +37,7 @@ class Builder(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Station:
+class Station(Struct, frozen=True):
     """A bench before its instruments are opened.
 
     `rate_table` is the port of the table, None on a bench that has none. `patience` is how many seconds of wall time a

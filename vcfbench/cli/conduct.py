@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
+from msgspec import Struct, structs
 
 from vcfbench.cli.answer import given, print_json
 from vcfbench.errors import BenchError
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["RunOptions", "conduct"]
 
 
-@dataclass(frozen=True, slots=True)
-class RunOptions:
+class RunOptions(Struct, frozen=True):
     """What the command line asked for."""
 
     bench: Path | None
@@ -80,7 +79,7 @@ def _conducted(procedure: AnyProcedure, settings: Layer, options: RunOptions, si
         speed=options.speed,
         display=lambda estimate_s: _progress(options, estimate_s),
         person=at_the_terminal(signals, yes=options.yes),
-        options=asdict(options),
+        options=structs.asdict(options),
     )
     try:
         return conducted(asked, signals)

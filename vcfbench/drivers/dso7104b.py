@@ -6,8 +6,9 @@ is unverified is marked.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Self
+
+from msgspec import Struct
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
@@ -39,8 +40,7 @@ _AUTO_TRIGGER_S = 1.0
 """Allowance for the automatic sweep to trigger by itself (unverified; tens of milliseconds at fast time bases)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Preamble:
+class Preamble(Struct, frozen=True):
     """How codes become seconds and volts: t = (i - x_reference) x_step_s + x_origin_s, and likewise the voltage."""
 
     points: int

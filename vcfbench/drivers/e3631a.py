@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Final
+
+from msgspec import Struct
 
 from vcfbench.clock import sleep
 from vcfbench.drivers import replies
@@ -22,8 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["E3631A", "OUTPUTS", "Output"]
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(Struct, frozen=True):
     """One of the three outputs: its number and what can be programmed, V and A (guide p. 91)."""
 
     number: int

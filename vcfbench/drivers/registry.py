@@ -5,8 +5,9 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from msgspec import Struct
 
 from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
 from vcfbench.drivers.rate_table.dialects import open_serial, spoken
@@ -34,8 +35,7 @@ __all__ = [
 _S = TypeVar("_S")
 
 
-@dataclass(frozen=True, slots=True)
-class TableSettings:
+class TableSettings(Struct, frozen=True):
     """What a rate table may be told besides its port; without limits here its own stay as they are."""
 
     max_rate_deg_s: float = math.inf
@@ -57,8 +57,7 @@ Opener = Callable[[str, str, str, "Clock", Mapping[str, Any]], "Instrument"]
 """Called with role, resource, VISA library, clock and settings."""
 
 
-@dataclass(frozen=True, slots=True)
-class Driver:
+class Driver(Struct, frozen=True):
     """A registered driver: the model's or dialect's name, its class and how it is opened."""
 
     model: str

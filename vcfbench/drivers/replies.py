@@ -6,8 +6,9 @@ Each raises :class:`~vcfbench.errors.FramingError` for anything that is not of i
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.errors import FramingError, MeasurementError
 
@@ -45,8 +46,7 @@ _NEWLINE, _BLOCK = b"\n#"
 _SHOWN = 60
 
 
-@dataclass(frozen=True, slots=True)
-class NumberForm:
+class NumberForm(Struct, frozen=True):
     """The form in which a model writes numbers: in words for messages, and the pattern that a reply must match whole.
 
     A reply that lost or gained a character is still a number more often than not; in a fixed form it is none.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
@@ -26,8 +27,7 @@ _RETURN_S = 3.0
 _BETWEEN_S = 0.2
 
 
-@dataclass(frozen=True, slots=True)
-class VisaSettings:
+class VisaSettings(Struct, frozen=True):
     """What an instrument on VISA may be told besides its resource."""
 
     timeout_s: float = 5.0

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
+
+from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
 from vcfbench.drivers import replies
@@ -58,8 +59,7 @@ _STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "exe
 """-410, -420, -430, -440: what an interrupted exchange leaves in the queue; the session has dealt with it."""
 
 
-@dataclass(frozen=True, slots=True)
-class SerialLine:
+class SerialLine(Struct, frozen=True):
     """The line of an instrument on a serial port; the E3631A's as shipped (guide p. 66)."""
 
     baud_rate: int = 9600

@@ -6,10 +6,10 @@ another version, comes back as it was written: :class:`Recorded`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
+from msgspec import Struct
 
 import vcfbench.procedures.steps  # noqa: F401  # its kinds make themselves known
 from vcfbench.procedures.step import Step, StepResult
@@ -22,8 +22,7 @@ __all__ = ["Recorded", "result_of", "step_of"]
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
+class Recorded(Struct, frozen=True):
     """A step or a result of a kind that is not known here, with its fields as they stand in the journal."""
 
     kind: str

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.errors import LimitError, PlanError
 from vcfbench.procedures.step import Step, abandon
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Plan
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedStep:
+class PlannedStep(Struct, frozen=True):
     """A step of a plan that was walked: its number from 1, its beginning (s from that of the plan) and the step."""
 
     number: int

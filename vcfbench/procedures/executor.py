@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
-from msgspec import to_builtins
+from msgspec import Struct, to_builtins
 
 from vcfbench.errors import Aborted, BenchError
 from vcfbench.procedures.step import Context, abandon, nobody
@@ -37,8 +37,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class StepStarted:
+class StepStarted(Struct, frozen=True):
     """Step `number` begins at bench time `t_s` (s since the run began)."""
 
     number: int
@@ -46,16 +45,14 @@ class StepStarted:
     step: Step
 
 
-@dataclass(frozen=True, slots=True)
-class ReadingTaken:
+class ReadingTaken(Struct, frozen=True):
     """The multimeter gave a reading."""
 
     t_s: float
     reading: Reading
 
 
-@dataclass(frozen=True, slots=True)
-class StepFinished:
+class StepFinished(Struct, frozen=True):
     """Step `number` is done and on the disk."""
 
     number: int
@@ -64,8 +61,7 @@ class StepFinished:
     result: StepResult
 
 
-@dataclass(frozen=True, slots=True)
-class StepFailed:
+class StepFailed(Struct, frozen=True):
     """Step `number` failed; the plan now brings the bench to rest."""
 
     number: int
@@ -101,8 +97,7 @@ class StepJournal(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Execution:
+class Execution(Struct, frozen=True):
     """How a plan went: status, the points kept, the first error, and times in bench seconds.
 
     `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time

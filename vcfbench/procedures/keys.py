@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from msgspec import NODEFAULT, inspect, to_builtins
+from msgspec import NODEFAULT, Struct, inspect, to_builtins
 
 from vcfbench.bench.strict import expectation
 from vcfbench.bench.writing import value_text
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["SettableKey", "settable_keys"]
 
 
-@dataclass(frozen=True, slots=True)
-class SettableKey:
+class SettableKey(Struct, frozen=True):
     """One key: `path` as ``--set`` takes it, `default` in TOML (empty when it has none), and what is said of it.
 
     `option` is what the command's own option for it is called, empty when it has none.

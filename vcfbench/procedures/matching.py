@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
@@ -24,8 +25,7 @@ _USABLE = 1e-2
 """Residual over span beyond which step 2 has failed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Mean:
+class Mean(Struct, frozen=True):
     """The mean output (V) of `n` readings at one setting of V_Vc (V), and their sample standard deviation (V)."""
 
     v_vc_v: float
@@ -48,8 +48,7 @@ class Mean:
         return cls(windows[0].v_vc_v, output_v, math.sqrt(variance), count)
 
 
-@dataclass(frozen=True, slots=True)
-class Matching:
+class Matching(Struct, frozen=True):
     """What is known so far about the equality of the two outputs.
 
     `zero_table` and `turning` are the outputs on the table at rest and at `rate_deg_s`, generator off; `zero_virtual`

@@ -99,8 +99,7 @@ class PhaseSettings(ProcedureSettings, frozen=True, kw_only=True):
                     yield Misfit("station.oscilloscope", f"a channel that sees {node!r} (bench file, wiring)", None)
 
 
-@dataclass(frozen=True, slots=True)
-class CaptureSense(CaptureSines):
+class CaptureSense(CaptureSines, frozen=True):
     """Sines of drive, carrier and sense signal while the table has a rate (deg/s) and V_Vc a level (V)."""
 
     rate_deg_s: float = 0.0

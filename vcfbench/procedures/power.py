@@ -7,7 +7,7 @@ against drift, with bias and scale factor taken each time (by V_Vc of both signs
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -120,8 +120,7 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
             yield Misfit("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
 
 
-@dataclass(frozen=True, slots=True)
-class SuppliedAndLogged(EnableSupply):
+class SuppliedAndLogged(EnableSupply, frozen=True):
     """Switch the supply on; from then on currents and output are read as fast as they come, for `seconds`."""
 
     rails: tuple[ConfigureRail, ...]
@@ -147,8 +146,7 @@ class SuppliedAndLogged(EnableSupply):
         return _predicted(self.rails, self.seconds, gyro)
 
 
-@dataclass(frozen=True, slots=True)
-class RailOnAndLog(ConfigureRail):
+class RailOnAndLog(ConfigureRail, frozen=True):
     """Set a rail to its level while the outputs are on, and log as :class:`SuppliedAndLogged` does."""
 
     rails: tuple[ConfigureRail, ...]
@@ -267,7 +265,7 @@ def _powered_on(settings: PowerSettings, order: Order) -> Routine[None]:
     rails = rails_of(settings)
     second = [rail for rail in rails if order not in {"together", rail.rail}]
     for rail in rails:
-        yield replace(rail, voltage_v=0.0) if rail in second else rail
+        yield structs.replace(rail, voltage_v=0.0) if rail in second else rail
     yield SuppliedAndLogged(rails, settings.order_delay_s if second else settings.log_s)
     for rail in second:
         yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)

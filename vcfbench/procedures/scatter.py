@@ -12,8 +12,9 @@ hours nothing drifts along a straight line, over a minute it does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 from vcfbench.analysis.tails import f_tail, t_tail
 
@@ -41,8 +42,7 @@ _COUNTS = 5.0
 """Readings that are off by no more than so many steps of the meter's last digit are not looked at."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scatter:
+class Scatter(Struct, frozen=True):
     """The scatter of one window about its straight line: sum of squares (V^2) with its degrees of freedom, its extreme.
 
     `farthest` is the number of the reading that stands farthest, from 1; `distance_v` how far it stands from the line
@@ -82,8 +82,7 @@ class Scatter:
         return cls(n, squares, n - 2, far + 1, residuals[far], leverages[far])
 
 
-@dataclass(slots=True)
-class NoiseSeen:
+class NoiseSeen(Struct):
     """The scatter of the windows of a run so far; `resolution_v` is the step of the meter's last digit, V."""
 
     resolution_v: float

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
-from msgspec import to_builtins
+from msgspec import Struct, field, to_builtins
 
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
@@ -70,11 +69,6 @@ class OpenBench(Protocol):
         ...
 
     @property
-    def vibration_source(self) -> FunctionGenerator:
-        """The second generator, added to V_Vc."""
-        ...
-
-    @property
     def multimeter(self) -> Multimeter:
         """The voltmeter of the output."""
         ...
@@ -100,8 +94,7 @@ class OpenBench(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(Struct, frozen=True):
     """What a person is asked to do with his hands.
 
     `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
@@ -125,8 +118,7 @@ def nobody(request: Request) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(Struct, frozen=True):
     """One reading of the multimeter: bench time at which it was asked for (s) and voltage (V)."""
 
     t_s: float
@@ -137,8 +129,7 @@ def _nowhere(readings: Sequence[Reading]) -> None:
     """Keep readings nowhere: nobody writes a journal."""
 
 
-@dataclass(slots=True)
-class Context:
+class Context(Struct):
     """What a step works with while it is performed: the bench, and where readings and doubts are written down.
 
     `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
@@ -208,15 +199,16 @@ def problem(instrument: Instrument, what: str) -> MeasurementError:
     return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
 
 
-@dataclass(frozen=True, slots=True)
 class StepResult:
-    """What came of a step. A subclass of one's own is known to records by its name."""
+    """What came of a step. A subclass of one's own, a frozen dataclass or struct, is known to records by its name."""
+
+    __slots__ = ()
 
     kinds: ClassVar[dict[str, type[StepResult]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the kind known, so that a record can be read into values again."""
-        super(StepResult, cls).__init_subclass__(**options)
+        super().__init_subclass__(**options)
         StepResult.kinds[cls.__name__] = cls
 
     @property
@@ -233,13 +225,14 @@ class StepResult:
         return ""
 
 
-@dataclass(frozen=True, slots=True)
 class Step:
-    """What all steps have in common.
+    """What all steps have in common; each is a frozen dataclass or msgspec struct of its own.
 
     `subject` names what is set, waited for or measured, ``"table rate"``: the last step that sets a subject is what a
     run that is taken up again has to do once more.
     """
+
+    __slots__ = ()
 
     kinds: ClassVar[dict[str, type[Step]]] = {}
     effect: ClassVar[Effect] = Effect.NOTHING
@@ -249,7 +242,7 @@ class Step:
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the kind known, so that a record can be read into values again."""
-        super(Step, cls).__init_subclass__(**options)
+        super().__init_subclass__(**options)
         Step.kinds[cls.__name__] = cls
 
     def describe(self) -> str:
@@ -296,8 +289,7 @@ class Step:
         return self.physical_s + self.overhead_s
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(Struct, frozen=True):
     """A plan came to its end. What it measured is in the points; this says in one line that it is all there."""
 
     summary: str

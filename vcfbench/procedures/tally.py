@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -12,8 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["Tally"]
 
 
-@dataclass(slots=True)
-class Tally:
+class Tally(Struct):
     """Sums over chunks of readings: those within a chunk exact, chunks joined without a difference of large numbers.
 
     `squares_v2` is the sum of squares about the mean of all readings (V^2), `within_v2` that about the mean of each

@@ -96,8 +96,7 @@ class SwitchedOn(StepResult):
         return f"{len(self.log)} readings from power-on"
 
 
-@dataclass(frozen=True, slots=True)
-class SwitchOnAndLog(EnableSupply):
+class SwitchOnAndLog(EnableSupply, frozen=True):
     """Switch the supply on and read the output from the first instant, one reading every `interval_s`."""
 
     subject: ClassVar[str] = "supply outputs"

@@ -7,12 +7,11 @@ So there are three modes: the record as it stands, the same corrected for its de
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 from vcfbench.bench.misfit import Misfit
 from vcfbench.bench.settings import ProcedureSettings
@@ -155,8 +154,7 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
             yield Misfit("burst_readings", expected, self.burst_readings)
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleFactorRead(StepResult):
+class ScaleFactorRead(StepResult, Struct, frozen=True):
     """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and whence it is."""
 
     value: float
@@ -168,8 +166,7 @@ class ScaleFactorRead(StepResult):
         return f"{self.value:.6g} V/(deg/s), {self.source}"
 
 
-@dataclass(frozen=True, slots=True)
-class ReadScaleFactor(Step):
+class ReadScaleFactor(Step, Struct, frozen=True):
     """Take the scale factor from the record of a calibration, once, so that this run's record holds it too."""
 
     record: str

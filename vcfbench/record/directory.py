@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import secrets
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
@@ -26,8 +27,7 @@ _CLOCKS_DIFFER = timedelta(minutes=1)
 _TRIAL_BYTES = 65_536
 
 
-@dataclass(frozen=True, slots=True)
-class RunDirectory:
+class RunDirectory(Struct, frozen=True):
     """The directory of one run: `20260821T142530Z-turntable-0a1b2c`."""
 
     path: Path

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, replace
 from typing import IO, TYPE_CHECKING, Any
 
 import msgspec
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
@@ -91,8 +92,7 @@ def _stamp() -> str:
     return utc_now().isoformat(timespec="microseconds")
 
 
-@dataclass(frozen=True, slots=True)
-class JournalRecord:
+class JournalRecord(Struct, frozen=True):
     """What a journal holds.
 
     `torn` tells that it ends in the middle of a line, as that of a run that was cut does; `damage` says in words what a

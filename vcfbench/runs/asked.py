@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import shown
@@ -42,8 +44,7 @@ def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
     return nullcontext(_Nothing())
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
+class Asked(Struct, frozen=True):
     """What was asked for; `settings` with the words for errors, `options` are the words of it that the record keeps.
 
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
@@ -62,8 +63,7 @@ class Asked:
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(slots=True)
-class Checked:
+class Checked(Struct):
     """What was asked, as far as it has been checked: bench and seed are told also where the rest cannot be.
 
     `name` is that of the procedure; until that is found, what was asked for.
@@ -74,8 +74,7 @@ class Checked:
     seed: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
+class Prepared(Struct, frozen=True):
     """All that a run needs to begin: the bench, the procedure, its settings."""
 
     description: BenchDescription

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import Struct, field
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
@@ -107,8 +109,7 @@ def conduct(asked: Asked, signals: StopSignals) -> Run:
     return done
 
 
-@dataclass(slots=True)
-class _Course:
+class _Course(Struct):
     """All that is known of a run under way, filled in as it comes to be known; what is not, stays empty."""
 
     asked: Asked
@@ -231,8 +232,7 @@ def _as_bench_error(error: BaseException) -> BenchError:
     return BenchError(f"the program has a mistake: {type(error).__name__}: {error}")
 
 
-@dataclass(slots=True)
-class _Record:
+class _Record(Struct):
     """The record of one run: journal while it goes, results and points when it is over."""
 
     course: _Course

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 
-@dataclass(frozen=True, slots=True)
-class CameTo:
+class CameTo(Struct, frozen=True):
     """What the points of a run came to; `results` None where they came to nothing."""
 
     results: Any

@@ -11,11 +11,12 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from msgspec import structs
+from msgspec.structs import replace
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.consistency import misfits

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 import re
 import struct
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import on_grid
@@ -98,8 +99,7 @@ def take_counted(line: TableLine, deadline: Deadline) -> bytes | None:
     return line.take(_FORMATS[header].unpack(start)[1], deadline)
 
 
-@dataclass(slots=True)
-class AclDialect:
+class AclDialect(Struct):
     """One axis of an ACL controller; the header is learnt at the first reply when it is ``auto``."""
 
     axis: int = 1

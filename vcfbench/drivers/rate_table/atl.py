@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct, field
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
@@ -33,8 +34,7 @@ _SPAN_S = 0.3
 """Over how long the angle is watched where the table does not tell its rate."""
 
 
-@dataclass(slots=True)
-class AtlDialect:
+class AtlDialect(Struct):
     """The one axis of such a table. Servo state and identity cannot be asked for: the servo is what was last sent."""
 
     rate_quantum_deg_s: ClassVar[float] = 1e-4

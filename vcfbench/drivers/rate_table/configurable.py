@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 import re
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table import templates
@@ -50,8 +51,7 @@ _READINGS = 8
 """Rates that are read in one making safe, beside those that it waits for rest with."""
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(Struct, frozen=True):
     """A reply: bytes, or the text of a line and the groups of the pattern that it matched."""
 
     data: bytes

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
@@ -16,8 +17,7 @@ Header = Literal["none", "u32le2", "u32be2", "auto"]
 """What precedes a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
 
 
-@dataclass(frozen=True, slots=True)
-class AxisSettings:
+class AxisSettings(Struct, frozen=True):
     """What the bench file says of the axis; a dialect takes what its language asks for.
 
     `header` is what precedes replies, `steps_per_deg` the stage's microsteps per degree.
@@ -28,8 +28,7 @@ class AxisSettings:
     steps_per_deg: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class TableLimits:
+class TableLimits(Struct, frozen=True):
     """What the table may be asked for, deg/s and deg/s2, magnitudes; infinite leaves the table's own limit."""
 
     max_rate_deg_s: float

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
+
+from msgspec import Struct
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
@@ -27,8 +28,7 @@ SHIPPED: Final = tuple(row.name for row in LANGUAGES if row.dialect is None)
 """Those of them that a profile tells."""
 
 
-@dataclass(frozen=True, slots=True)
-class Spoken:
+class Spoken(Struct, frozen=True):
     """A dialect for one axis, and the line that it is spoken on."""
 
     dialect: TableDialect

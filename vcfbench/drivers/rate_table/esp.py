@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct, field
 
 from vcfbench.clock import sleep
 from vcfbench.drivers import replies
@@ -40,8 +41,7 @@ _FAULTS: Mapping[int, str] = MappingProxyType(
 """Last two digits of an axis' errors that shut it down; the hundreds are the axis."""
 
 
-@dataclass(slots=True)
-class EspDialect:
+class EspDialect(Struct):
     """One axis of an ESP controller."""
 
     axis: int = 1

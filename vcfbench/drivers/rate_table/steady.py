@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.clock import sleep
 from vcfbench.errors import InterlockError
@@ -21,8 +22,7 @@ _QUIET_S = 0.2
 """How long nothing must come before a line counts as drained."""
 
 
-@dataclass(slots=True)
-class SteadyRate:
+class SteadyRate(Struct):
     """Stands in for an at-rate flag: so many readings in a row within a tolerance of the demand."""
 
     tolerance_deg_s: float = 0.02

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct, field
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
@@ -72,8 +73,7 @@ _NUMBER = replies.NumberForm("a plain decimal number", re.compile(r"-?[0-9]+(?:\
 """Data have no sign but minus, and no exponent."""
 
 
-@dataclass(frozen=True, slots=True)
-class ZaberReply:
+class ZaberReply(Struct, frozen=True):
     """A reply, taken apart: message number (None when it has none), verdict, state, warning flag, data."""
 
     number: int | None
@@ -105,8 +105,7 @@ def parse_reply(text: str) -> ZaberReply:
     return ZaberReply(number, found["verdict"] == "OK", found["state"] == "BUSY", found["warning"], found["data"])
 
 
-@dataclass(slots=True)
-class ZaberDialect:
+class ZaberDialect(Struct):
     """One axis of a Zaber device; every request is numbered, so that a late reply is known as one.
 
     Settings that it writes (``accel``, ``maxspeed``) stay in the device.

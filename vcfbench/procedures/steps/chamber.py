@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.clock import sleep
 from vcfbench.procedures.step import Effect, Step, StepResult, problem
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 _POLL_S = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class TemperatureReading(StepResult):
+class TemperatureReading(StepResult, Struct, frozen=True):
     """The temperatures when it was reached: of the air and, where a sensor is wired, at the device; bench time, s."""
 
     air_c: float
@@ -32,8 +32,7 @@ class TemperatureReading(StepResult):
         return f"air {self.air_c:.1f} degC{device}"
 
 
-@dataclass(frozen=True, slots=True)
-class SetTemperature(Step):
+class SetTemperature(Step, Struct, frozen=True):
     """Go to a temperature with at most `ramp_k_min`, air on; reached is `soak_s` within `window_k` of it."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -68,8 +67,7 @@ class SetTemperature(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class AwaitTemperature(Step):
+class AwaitTemperature(Step, Struct, frozen=True):
     """Wait until the temperature is reached and has been held.
 
     `ramp_s` is what the way takes, `soak_s` how long it is held: what a plan knows of the time. `deadline_s` is the
@@ -118,8 +116,7 @@ class AwaitTemperature(Step):
         return TemperatureReading(self.temperature_c, None, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class StopFlow(Step):
+class StopFlow(Step, Struct, frozen=True):
     """Stop the air; the device comes to the room's temperature by itself."""
 
     effect: ClassVar[Effect] = Effect.SETS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.interfaces import SamplesVoltage
@@ -19,8 +18,7 @@ _BETWEEN_S = 2.0
 """Estimate of what lies between two bursts: both transfers, autozero, setting up."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AcquireGapless(Acquire):
+class AcquireGapless(Acquire, frozen=True, kw_only=True):
     """Take `samples` readings without time between them, in bursts of `burst`, which the meter's memory must hold.
 
     `interval_s` is one integration time. Between bursts the readings are fetched and a zero is taken, which is the

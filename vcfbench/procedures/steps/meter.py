@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.procedures.scatter import NoiseSeen
 from vcfbench.procedures.step import Effect, Reading, Step, StepResult, problem
@@ -20,8 +21,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Context
 
 
-@dataclass(frozen=True, slots=True)
-class Window(StepResult):
+class Window(StepResult, Struct, frozen=True):
     """One averaging window: its readings, and the state of the bench read back at its end.
 
     `readings` are all of a window that fits one chunk; those of a longer one are in the journal only, and it has none.
@@ -61,8 +61,7 @@ class Window(StepResult):
         return f"{self.mean_v:+.5f} V, s {self.std_v:.1e} V"
 
 
-@dataclass(frozen=True, slots=True)
-class ZeroWindow(Window):
+class ZeroWindow(Window, frozen=True):
     """A window at zero that is compared with earlier ones, and is no point of the run."""
 
     @property
@@ -71,8 +70,7 @@ class ZeroWindow(Window):
         return
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigureMeter(Step):
+class ConfigureMeter(Step, Struct, frozen=True):
     """Select the multimeter's fixed DC range and integration time."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -97,8 +95,7 @@ class ConfigureMeter(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class Acquire(Step):
+class Acquire(Step, Struct, frozen=True):
     """Take `samples` readings on a grid of `interval_s`; the window counts `samples * interval_s` seconds.
 
     `step` is the number of the paper's step. `rate_deg_s` is the rate that the point stands for: the table's rate, in
@@ -251,8 +248,7 @@ def _volts(readings: Sequence[Reading]) -> list[float]:
     return [reading.voltage_v for reading in readings]
 
 
-@dataclass(frozen=True, slots=True)
-class VerifyZero(Acquire):
+class VerifyZero(Acquire, frozen=True):
     """Take the zero once more when everything has been measured: a window that is compared, and is no point."""
 
     def describe(self) -> str:

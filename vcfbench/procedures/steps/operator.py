@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.procedures.step import Effect, Request, Step, StepResult
 
@@ -14,8 +15,7 @@ if TYPE_CHECKING:
 _NAMES = {"output": "output", "v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
 
 
-@dataclass(frozen=True, slots=True)
-class OperatorAnswer(StepResult):
+class OperatorAnswer(StepResult, Struct, frozen=True):
     """What was answered when it was done."""
 
     answer: str
@@ -25,8 +25,7 @@ class OperatorAnswer(StepResult):
         return self.answer or "done"
 
 
-@dataclass(frozen=True, slots=True)
-class AskOperator(Step):
+class AskOperator(Step, Struct, frozen=True):
     """Ask a person to do something, in words that follow "please": ``move the leads ...``; wait until it is done.
 
     `takes_s` is the estimate of how long that takes. `adjustments` are names and values that come to the same on a

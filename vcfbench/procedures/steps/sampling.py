@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
+
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import SamplesVoltage
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Context
 
 
-@dataclass(frozen=True, slots=True)
-class SineResponse(StepResult):
+class SineResponse(StepResult, Struct, frozen=True):
     """What the multimeter sampled while V_Vc was a sine: voltages (V) in the order in which they were taken.
 
     `interval_s` is the spacing that was asked for; what the meter needs beside it makes the true one a little longer.
@@ -36,8 +36,7 @@ class SineResponse(StepResult):
         return f"{math.sqrt(2.0 * square):.4g} V"
 
 
-@dataclass(frozen=True, slots=True)
-class SampleSine(Step):
+class SampleSine(Step, Struct, frozen=True):
     """Sample the output while V_Vc is a sine: `samples` readings, one every `interval_s`, taken by the meter itself.
 
     The frequency (Hz) and amplitude (V) of V_Vc stand here for the record. `split_hz` is what a dry run answers with:
@@ -92,17 +91,14 @@ def _takes_none(role: str) -> ConfigError:
     return ConfigError(f"the {role} takes no readings by itself, as sampling a sine asks for")
 
 
-@dataclass(frozen=True, slots=True)
-class ModulatedRecord(StepResult):
-    """Readings of the output, of V_Vc, or of both at the same time.
+class ModulatedRecord(StepResult, Struct, frozen=True):
+    """Readings without gaps, of the output, of V_Vc, or of both at the same time.
 
     `output_v` and `v_vc_v` (V) stand in the order in which they were taken, none of what was not sampled; each
-    integrates over `aperture_s`. `interval_s` is the spacing that was asked for. `output_t_s` and `v_vc_t_s` are the
-    bench times at which the first began, s. `table_rate_deg_s` is the read-back of the table at the end, None where
-    none was asked.
+    integrates over `aperture_s`. `output_t_s` and `v_vc_t_s` are the bench times at which the first began, s.
+    `table_rate_deg_s` is the read-back of the table at the end, None where none was asked.
     """
 
-    interval_s: float
     aperture_s: float
     output_t_s: float
     output_v: tuple[float, ...]
@@ -116,11 +112,8 @@ class ModulatedRecord(StepResult):
         return ", V_Vc ".join(means)
 
 
-@dataclass(frozen=True, slots=True)
-class SampleModulated(Step):
-    """Sample while V_Vc is a sine, or rests: `samples` readings, one every `interval_s`, by the meters themselves.
-
-    An interval of one integration time leaves no gap between the readings.
+class SampleModulated(Step, Struct, frozen=True):
+    """Sample without gaps while V_Vc is a sine, or rests: `samples` readings of `aperture_s`, by the meters themselves.
 
     `of` is what is sampled: the output by the multimeter, V_Vc by it (its leads were moved there), or both at once,
     V_Vc by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; 0 V is rest.
@@ -134,7 +127,7 @@ class SampleModulated(Step):
     frequency_hz: float
     amplitude_v: float
     samples: int
-    interval_s: float
+    aperture_s: float
     of: Literal["output", "v_vc", "both"]
     table_deg_s: float | None
     tolerance_deg_s: float
@@ -142,12 +135,12 @@ class SampleModulated(Step):
     def describe(self) -> str:
         """Name the record."""
         what = {"output": "the output", "v_vc": "V_Vc", "both": "output and V_Vc at once"}[self.of]
-        return f"sample {what}: {self.samples} readings, one every {1e3 * self.interval_s:g} ms"
+        return f"sample {what}: {self.samples} readings of {self.aperture_s:g} s without gaps"
 
     @property
     def physical_s(self) -> float:
         """The record, s."""
-        return self.samples * self.interval_s
+        return self.samples * self.aperture_s
 
     def perform(self, context: Context) -> ModulatedRecord:
         """Let the meters take them, and fetch them.
@@ -165,31 +158,26 @@ class SampleModulated(Step):
         table = None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
         aperture_s = own.meter.aperture_s
         if self.of == "v_vc":
-            return ModulatedRecord(self.interval_s, aperture_s, 0.0, (), own.began_s, output_v, table)
-        return ModulatedRecord(
-            self.interval_s, aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table
-        )
+            return ModulatedRecord(aperture_s, 0.0, (), own.began_s, output_v, table)
+        return ModulatedRecord(aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table)
 
     def _begun(self, context: Context, meter: Multimeter, role: str) -> _Begun:
         if not isinstance(meter, SamplesVoltage):
             raise _takes_none(role)
-        gaps = self.interval_s > 1.001 * meter.aperture_s
-        lasts_s = meter.start_sampling(self.samples, self.interval_s)
+        lasts_s = meter.start_sampling(self.samples, self.aperture_s)
         began_s = context.bench.clock.now()
-        # what the meter needs between two readings is not known below a millisecond
-        return _Begun(meter, began_s, began_s + lasts_s + (1e-3 * self.samples if gaps else 0.0))
+        return _Begun(meter, began_s, began_s + lasts_s)
 
     def predict(self, gyro: LinearGyro) -> ModulatedRecord:
         """Predict a sine without noise, the modes following at once."""
-        step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
+        step_rad = 2.0 * math.pi * self.frequency_hz * self.aperture_s
         rate_deg_s = self.table_deg_s or 0.0
         swing_v = gyro.scale_factor * gyro.k_vc
         v_vc_v = tuple(self.amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
         output_v = tuple(gyro.bias_v + gyro.scale_factor * rate_deg_s + swing_v * each for each in v_vc_v)
         sampled = self.of
         return ModulatedRecord(
-            self.interval_s,
-            self.interval_s,
+            self.aperture_s,
             0.0,
             output_v if sampled != "v_vc" else (),
             0.0,
@@ -198,8 +186,7 @@ class SampleModulated(Step):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _Begun:
+class _Begun(Struct, frozen=True):
     """A meter that samples by itself, when it began and when it is done, bench time."""
 
     meter: SamplesVoltage

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.step import Effect, Step, StepResult
@@ -26,15 +27,13 @@ def scale_v_per_div(amplitude_v: float) -> float:
     return max(amplitude_v, _LEAST_V) / _DIVISIONS
 
 
-@dataclass(frozen=True, slots=True)
-class ScopeReady(StepResult):
+class ScopeReady(StepResult, Struct, frozen=True):
     """Time base and trigger are set; bench time, s."""
 
     t_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class DriveAmplitudes(StepResult):
+class DriveAmplitudes(StepResult, Struct, frozen=True):
     """Amplitudes of drive and carrier at a coarse scale, V; 0 where there is no signal yet."""
 
     drive_v: float
@@ -45,8 +44,7 @@ class DriveAmplitudes(StepResult):
         return f"drive {self.drive_v:.3g} V, carrier {self.carrier_v:.3g} V"
 
 
-@dataclass(frozen=True, slots=True)
-class DriveReading(StepResult):
+class DriveReading(StepResult, Struct, frozen=True):
     """The drive signal on the oscilloscope: frequency (Hz), amplitude (V), phase of the drive to the carrier (deg).
 
     `t_s` is the bench time, s. `trouble` says why the record could not be measured; empty when it could.
@@ -65,8 +63,7 @@ class DriveReading(StepResult):
         return f"{self.frequency_hz:.2f} Hz, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigureScope(Step):
+class ConfigureScope(Step, Struct, frozen=True):
     """Set time base and trigger for the drive signal."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -94,8 +91,7 @@ class ConfigureScope(Step):
         return ScopeReady(0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class FindDrive(Step):
+class FindDrive(Step, Struct, frozen=True):
     """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure roughly how large they are.
 
     `expected_v` is what a dry run answers.
@@ -137,8 +133,7 @@ def _amplitude_or_none(scope: Oscilloscope, channel: int) -> float:
         return 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class MeasureDrive(Step):
+class MeasureDrive(Step, Struct, frozen=True):
     """Take one record of drive and carrier at fitting scales and measure frequency, amplitude and phase.
 
     `drive_v` and `carrier_v` are the amplitudes that fill the screen. `expected` is what a dry run answers: Hz, V, deg.
@@ -180,8 +175,7 @@ class MeasureDrive(Step):
         return DriveReading(*self.expected, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class SineRecord:
+class SineRecord(Struct, frozen=True):
     """A sine fitted to one record of some channels, one frequency for all.
 
     Amplitudes are in V, phases in deg against the first channel, whose own is 0.
@@ -192,8 +186,7 @@ class SineRecord:
     phases_deg: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class SineRecords(StepResult):
+class SineRecords(StepResult, Struct, frozen=True):
     """Sines fitted to records of the same channels, taken one after the other."""
 
     channels: tuple[int, ...]
@@ -207,8 +200,7 @@ class SineRecords(StepResult):
         return f"{fmean(each.frequency_hz for each in self.records):.3f} Hz; {', '.join(parts)}"
 
 
-@dataclass(frozen=True, slots=True)
-class CaptureSines(Step):
+class CaptureSines(Step, Struct, frozen=True):
     """Download `count` records of some channels and fit a sine of one frequency to each (IEEE 1057, four parameters).
 
     `amplitudes_v` are what fills the screen; `expected` is what a dry run answers. Records begin `spacing_s` apart at
@@ -269,8 +261,7 @@ class CaptureSines(Step):
         return SineRecords(self.channels, (self.expected,) * self.count)
 
 
-@dataclass(frozen=True, slots=True)
-class Amplitudes(StepResult):
+class Amplitudes(StepResult, Struct, frozen=True):
     """The largest voltages that channels showed, of either sign, V."""
 
     channels: tuple[int, ...]
@@ -282,8 +273,7 @@ class Amplitudes(StepResult):
         return ", ".join(f"{channel}: {level:.4g} V" for channel, level in seen)
 
 
-@dataclass(frozen=True, slots=True)
-class FindAmplitudes(Step):
+class FindAmplitudes(Step, Struct, frozen=True):
     """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
 
     effect: ClassVar[Effect] = Effect.MEASURES
@@ -319,8 +309,7 @@ class FindAmplitudes(Step):
         return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
 
 
-@dataclass(frozen=True, slots=True)
-class RotationRecord:
+class RotationRecord(Struct, frozen=True):
     """One record of a sense signal that turns against the drive: see :class:`vcfbench.analysis.rotating.Rotation`."""
 
     drive_hz: float
@@ -330,8 +319,7 @@ class RotationRecord:
     output_v: float
 
 
-@dataclass(frozen=True, slots=True)
-class Rotations(StepResult):
+class Rotations(StepResult, Struct, frozen=True):
     """Rotations in records taken one after the other."""
 
     records: tuple[RotationRecord, ...]
@@ -342,8 +330,7 @@ class Rotations(StepResult):
         return f"{first.difference_hz:+.3f} Hz to the drive, output at {first.reference_deg:+.2f} deg"
 
 
-@dataclass(frozen=True, slots=True)
-class CaptureRotations(Step):
+class CaptureRotations(Step, Struct, frozen=True):
     """Download `count` records of drive, sense and output while V_Vc moves the sense signal off the drive's frequency.
 
     `difference_hz` is by how much, roughly. `amplitudes_v` are what fills the screen, in the order of `channels`.

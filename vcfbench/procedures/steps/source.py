@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.procedures.step import Effect, Step, StepResult, problem
 from vcfbench.procedures.steps.wait import Done
@@ -14,8 +15,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Context
 
 
-@dataclass(frozen=True, slots=True)
-class VvcSetting(StepResult):
+class VvcSetting(StepResult, Struct, frozen=True):
     """The DC level that the generator says it has set, V."""
 
     v_vc_v: float
@@ -25,8 +25,7 @@ class VvcSetting(StepResult):
         return f"reads {self.v_vc_v:+.6g} V"
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigureGenerator(Step):
+class ConfigureGenerator(Step, Struct, frozen=True):
     """Select DC at `v_vc_v` into the high impedance of the PCB; the output stays off."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -54,8 +53,7 @@ class ConfigureGenerator(Step):
         return VvcSetting(self.v_vc_v)
 
 
-@dataclass(frozen=True, slots=True)
-class SetVvc(Step):
+class SetVvc(Step, Struct, frozen=True):
     """Set V_Vc; the result is the level read back."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -83,8 +81,7 @@ class SetVvc(Step):
         return VvcSetting(self.v_vc_v)
 
 
-@dataclass(frozen=True, slots=True)
-class SetSine(Step):
+class SetSine(Step, Struct, frozen=True):
     """Let V_Vc be a sine about 0 V; the output switch stays as it is. `amplitude_v` is its peak."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -113,8 +110,7 @@ class SetSine(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class EnableVvc(Step):
+class EnableVvc(Step, Struct, frozen=True):
     """Switch the generator's output on."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -139,8 +135,7 @@ class EnableVvc(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class DisableVvc(Step):
+class DisableVvc(Step, Struct, frozen=True):
     """Switch the generator's output off: the PCB pulls the V_Vc node to 0 V."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -162,77 +157,4 @@ class DisableVvc(Step):
     def predict(self, gyro: LinearGyro) -> Done:
         """Predict that V_Vc acts no more."""
         gyro.v_vc_on = False
-        return Done()
-
-
-@dataclass(frozen=True, slots=True)
-class SetVibration(SetSine):
-    """Let the second generator, which is added to V_Vc, put out a sine about 0 V; its output switch stays as it is."""
-
-    subject: ClassVar[str] = "virtual vibration"
-
-    def describe(self) -> str:
-        """Name frequency and amplitude."""
-        return f"virtual vibration = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
-
-    def perform(self, context: Context) -> Done:
-        """Select it; the generator reads it back."""
-        context.bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc stays in the mean."""
-        del gyro
-        return Done()
-
-
-@dataclass(frozen=True, slots=True)
-class EnableVibration(Step):
-    """Switch the second generator's output on."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "vibration output"
-    overhead_s: ClassVar[float] = 0.05
-
-    def describe(self) -> str:
-        """Name the output."""
-        return "output of the vibration generator on"
-
-    def perform(self, context: Context) -> Done:
-        """Switch on; MeasurementError when it reads back off."""
-        source = context.bench.vibration_source
-        source.enable_output()
-        if not source.output_enabled():
-            raise problem(source, "the output was switched on but reads back off")
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc stays in the mean."""
-        del gyro
-        return Done()
-
-
-@dataclass(frozen=True, slots=True)
-class DisableVibration(Step):
-    """Switch the second generator's output off."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "vibration output"
-    overhead_s: ClassVar[float] = 0.05
-
-    def describe(self) -> str:
-        """Name the output."""
-        return "output of the vibration generator off"
-
-    def perform(self, context: Context) -> Done:
-        """Switch off; MeasurementError when it reads back on."""
-        source = context.bench.vibration_source
-        source.disable_output()
-        if source.output_enabled():
-            raise problem(source, "the output was switched off but reads back on")
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc stays in the mean."""
-        del gyro
         return Done()

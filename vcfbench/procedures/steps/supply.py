@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.step import Effect, Step, StepResult, problem
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Context
 
 
-@dataclass(frozen=True, slots=True)
-class RailReading:
+class RailReading(Struct, frozen=True):
     """What the supply says of one rail: voltage at the terminals (V), current (A) and regulation."""
 
     rail: str
@@ -26,8 +26,7 @@ class RailReading:
     regulation: Regulation
 
 
-@dataclass(frozen=True, slots=True)
-class RailsReading(StepResult):
+class RailsReading(StepResult, Struct, frozen=True):
     """What the supply says of all rails."""
 
     rails: tuple[RailReading, ...]
@@ -37,8 +36,7 @@ class RailsReading(StepResult):
         return ", ".join(f"{rail.rail} {rail.voltage_v:+.3f} V {rail.current_a:.4f} A" for rail in self.rails)
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigureRail(Step):
+class ConfigureRail(Step, Struct, frozen=True):
     """Set level and current limit of one supply output, outputs off."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -70,8 +68,7 @@ class ConfigureRail(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class EnableSupply(Step):
+class EnableSupply(Step, Struct, frozen=True):
     """Switch the supply outputs on."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -93,8 +90,7 @@ class EnableSupply(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class DisableSupply(Step):
+class DisableSupply(Step, Struct, frozen=True):
     """Switch the supply outputs off."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -116,8 +112,7 @@ class DisableSupply(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class CheckRails(Step):
+class CheckRails(Step, Struct, frozen=True):
     """Read back rails and currents; each must be regulated in voltage and within `tolerance_v` of its level."""
 
     effect: ClassVar[Effect] = Effect.MEASURES

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.errors import InterlockError
@@ -20,8 +21,7 @@ _POLL_S = 0.05
 """How often the table is asked whether it is at its rate, s."""
 
 
-@dataclass(frozen=True, slots=True)
-class RateReading(StepResult):
+class RateReading(StepResult, Struct, frozen=True):
     """The table has reached its rate: read-back (deg/s) and bench time (s)."""
 
     rate_deg_s: float
@@ -32,8 +32,7 @@ class RateReading(StepResult):
         return f"reads {self.rate_deg_s:+.4f} deg/s"
 
 
-@dataclass(frozen=True, slots=True)
-class EnableTable(Step):
+class EnableTable(Step, Struct, frozen=True):
     """Close the table's servo at zero demand."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -55,8 +54,7 @@ class EnableTable(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class DisableTable(Step):
+class DisableTable(Step, Struct, frozen=True):
     """Open the table's servo; the table is at rest."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -78,8 +76,7 @@ class DisableTable(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class SetRate(Step):
+class SetRate(Step, Struct, frozen=True):
     """Start the table's ramp from `previous_deg_s` to `rate_deg_s`; :class:`AwaitRate` sees it through."""
 
     effect: ClassVar[Effect] = Effect.SETS
@@ -115,8 +112,7 @@ class SetRate(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class AwaitRate(Step):
+class AwaitRate(Step, Struct, frozen=True):
     """Wait for the ramp, then until the table says at-rate *and* its read-back is within `tolerance_deg_s`."""
 
     effect: ClassVar[Effect] = Effect.WAITS

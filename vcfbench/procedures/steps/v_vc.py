@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from msgspec import Struct, field
 
 from vcfbench.interfaces import BeginsReadings
 from vcfbench.procedures.step import Effect, Reading, Step, StepResult, problem
@@ -21,8 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.steps.supply import RailReading
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigureVvcMeter(ConfigureMeter):
+class ConfigureVvcMeter(ConfigureMeter, frozen=True):
     """Select the fixed DC range and integration time of the meter on V_Vc."""
 
     subject: ClassVar[str] = "V_Vc meter"
@@ -37,15 +37,13 @@ class ConfigureVvcMeter(ConfigureMeter):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class PairedReading(Reading):
+class PairedReading(Reading, frozen=True):
     """One reading of the output, and what the meter on V_Vc read at the same time, V."""
 
     v_vc_v: float
 
 
-@dataclass(frozen=True, slots=True)
-class VvcWindow(Window):
+class VvcWindow(Window, frozen=True):
     """An averaging window in which V_Vc was measured as well; its point holds mean and scatter of both."""
 
     readings: tuple[PairedReading, ...]
@@ -55,15 +53,13 @@ class VvcWindow(Window):
         return f"{Window.describe(self)}, V_Vc measured {self.point.v_vc_measured_v:+.6g} V"
 
 
-@dataclass(slots=True)
 class _PairedTally(Tally):
     """The sums of both columns of a window."""
 
     v_vc: Tally = field(default_factory=Tally)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AcquireWithVvc(Acquire):
+class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
     """Take a window of the output, and with each reading one of the meter on V_Vc, on the same grid.
 
     V_Vc is begun first, where its meter can be left alone with a reading, so that both integrate at the same time. The
@@ -140,8 +136,7 @@ def v_vc_of(tally: Tally) -> Tally:
     return tally.v_vc
 
 
-@dataclass(frozen=True, slots=True)
-class VvcMeasured(StepResult):
+class VvcMeasured(StepResult, Struct, frozen=True):
     """V_Vc as a meter read it: each reading, their mean and sample standard deviation (n - 1), V."""
 
     v_vc: tuple[Reading, ...]
@@ -153,8 +148,7 @@ class VvcMeasured(StepResult):
         return f"V_Vc {self.mean_v:+.6g} V, s {self.std_v:.1e} V"
 
 
-@dataclass(frozen=True, slots=True)
-class MeasureVvc(Step):
+class MeasureVvc(Step, Struct, frozen=True):
     """Measure V_Vc alone: `samples` readings on a grid of `interval_s`, and nothing of the output.
 
     `meter` is the one whose leads are on V_Vc: a bench with one meter has them moved there before, and back after.

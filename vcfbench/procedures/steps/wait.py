@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
 
 from vcfbench.clock import sleep
 from vcfbench.procedures.step import Effect, Step, StepResult
@@ -13,13 +14,11 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Context
 
 
-@dataclass(frozen=True, slots=True)
-class Done(StepResult):
+class Done(StepResult, Struct, frozen=True):
     """A step was performed and gave nothing to look at."""
 
 
-@dataclass(frozen=True, slots=True)
-class Note(Step):
+class Note(Step, Struct, frozen=True):
     """A heading of the work instruction; nothing is done."""
 
     text: str
@@ -39,8 +38,7 @@ class Note(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class NotChecked(Step):
+class NotChecked(Step, Struct, frozen=True):
     """Stands in a plan in place of a check that this bench does not allow; nothing is done, and the answer says so."""
 
     what: str
@@ -66,8 +64,7 @@ class NotChecked(Step):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class Settle(Step):
+class Settle(Step, Struct, frozen=True):
     """Wait for the bench to come to rest."""
 
     effect: ClassVar[Effect] = Effect.WAITS
