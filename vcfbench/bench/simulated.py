@@ -262,7 +262,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
 
 
 def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the World as the instruments see it that have leads, or are not wired to it."""
+    """Return the World as the instruments see it that have leads, or an input of their own."""
     from vcfbench.sim.leads import Leads, LoadingLeads  # noqa: PLC0415
 
     wiring, caught = description.wiring, world.mains
@@ -270,7 +270,7 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
     seen: dict[str, Any] = {
         "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
         "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
-        "vibration_source": _NotWired(world),
+        "vibration_source": _VibrationInput(world),
     }
     if description.v_vc_meter is not None:
         seen["v_vc_meter"] = LoadingLeads(
@@ -283,8 +283,8 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
     return seen
 
 
-class _NotWired(Struct, frozen=True):
-    """The World as seen by a generator that drives nothing of it: the gyro model has no vibration input yet."""
+class _VibrationInput(Struct, frozen=True):
+    """The World as seen by the second generator, whose voltage is added to that of the first on V_Vc."""
 
     world: World
 
@@ -293,7 +293,7 @@ class _NotWired(Struct, frozen=True):
         return self.world.clock
 
     def drive_v_vc(self, source: Drive | Played | None) -> None:
-        del source
+        self.world.drive_vibration(source)
 
 
 def _header(asked: str) -> str:

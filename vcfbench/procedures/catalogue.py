@@ -71,6 +71,10 @@ BUILT_IN = {
         "vcfbench.procedures.polarity:POLARITY",
         "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
     ),
+    "vibration": (
+        "vcfbench.procedures.vibration:VIBRATION",
+        "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
+    ),
     "online": (
         "vcfbench.procedures.online:ONLINE",
         "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",

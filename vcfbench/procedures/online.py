@@ -81,7 +81,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     ] = 147.0
     in_phase_share: Annotated[
         float, Meta(ge=0.0, le=0.9, description="of the in-phase mode in the response at rest, as `bandwidth` finds it")
-    ] = 0.144
+    ] = 0.147
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:

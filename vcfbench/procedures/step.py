@@ -69,6 +69,11 @@ class OpenBench(Protocol):
         ...
 
     @property
+    def vibration_source(self) -> FunctionGenerator:
+        """The second generator, added to V_Vc."""
+        ...
+
+    @property
     def multimeter(self) -> Multimeter:
         """The voltmeter of the output."""
         ...

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from msgspec.structs import replace
 
+from vcfbench.sim.adding import added
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.mains import Mains
@@ -181,6 +182,7 @@ class World:
         self._rails = dict.fromkeys(RAILS, Approach(0.0))
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._node_loads = NodeLoads(parameters.source)
+        self._generators: dict[str, Drive | Played | None] = {"rate": None, "vibration": None}
         self._v_vc_source: Drive | Played | None = None
         self._imagined: Gyro | None = None
         self._on_load: list[Callable[[], None]] = []
@@ -335,8 +337,17 @@ class World:
         None is a generator whose relay is open: the pull-down holds the node at 0 V and the carrier switch opens, so
         that the modulator's leakage does not reach the combs.
         """
+        self._connect("rate", source)
+
+    def drive_vibration(self, source: Drive | Played | None) -> None:
+        """Connect a second generator from now on, or None: its voltage is added to what the first puts on V_Vc."""
+        self._connect("vibration", source)
+
+    def _connect(self, generator: str, source: Drive | Played | None) -> None:
         self.advance()
-        self._v_vc_source = self.mains.through_v_vc_lead(source)
+        self._generators[generator] = source
+        both = added(self._generators["rate"], self._generators["vibration"])
+        self._v_vc_source = self.mains.through_v_vc_lead(both)
         self._gyro.connect_v_vc(self._node_loads.behind(self._v_vc_source))
 
     def window(self, node: str, start_s: float, stop_s: float) -> Window:

@@ -28,7 +28,17 @@ from vcfbench.procedures.steps.scope import (
     SineRecord,
     SineRecords,
 )
-from vcfbench.procedures.steps.source import ConfigureGenerator, DisableVvc, EnableVvc, SetSine, SetVvc, VvcSetting
+from vcfbench.procedures.steps.source import (
+    ConfigureGenerator,
+    DisableVibration,
+    DisableVvc,
+    EnableVibration,
+    EnableVvc,
+    SetSine,
+    SetVibration,
+    SetVvc,
+    VvcSetting,
+)
 from vcfbench.procedures.steps.supply import (
     CheckRails,
     ConfigureRail,
@@ -66,6 +76,7 @@ __all__ = [
     "ConfigureVvcMeter",
     "DisableSupply",
     "DisableTable",
+    "DisableVibration",
     "DisableVvc",
     "Done",
     "DriveAmplitudes",
@@ -73,6 +84,7 @@ __all__ = [
     "Effect",
     "EnableSupply",
     "EnableTable",
+    "EnableVibration",
     "EnableVvc",
     "FindAmplitudes",
     "FindDrive",
@@ -97,6 +109,7 @@ __all__ = [
     "SetRate",
     "SetSine",
     "SetTemperature",
+    "SetVibration",
     "SetVvc",
     "Settle",
     "SineRecord",

@@ -92,13 +92,15 @@ def _takes_none(role: str) -> ConfigError:
 
 
 class ModulatedRecord(StepResult, Struct, frozen=True):
-    """Readings without gaps, of the output, of V_Vc, or of both at the same time.
+    """Readings of the output, of V_Vc, or of both at the same time.
 
     `output_v` and `v_vc_v` (V) stand in the order in which they were taken, none of what was not sampled; each
-    integrates over `aperture_s`. `output_t_s` and `v_vc_t_s` are the bench times at which the first began, s.
-    `table_rate_deg_s` is the read-back of the table at the end, None where none was asked.
+    integrates over `aperture_s`. `interval_s` is the spacing that was asked for. `output_t_s` and `v_vc_t_s` are the
+    bench times at which the first began, s. `table_rate_deg_s` is the read-back of the table at the end, None where
+    none was asked.
     """
 
+    interval_s: float
     aperture_s: float
     output_t_s: float
     output_v: tuple[float, ...]
@@ -113,7 +115,9 @@ class ModulatedRecord(StepResult, Struct, frozen=True):
 
 
 class SampleModulated(Step, Struct, frozen=True):
-    """Sample without gaps while V_Vc is a sine, or rests: `samples` readings of `aperture_s`, by the meters themselves.
+    """Sample while V_Vc is a sine, or rests: `samples` readings, one every `interval_s`, by the meters themselves.
+
+    An interval of one integration time leaves no gap between the readings.
 
     `of` is what is sampled: the output by the multimeter, V_Vc by it (its leads were moved there), or both at once,
     V_Vc by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; 0 V is rest.
@@ -127,7 +131,7 @@ class SampleModulated(Step, Struct, frozen=True):
     frequency_hz: float
     amplitude_v: float
     samples: int
-    aperture_s: float
+    interval_s: float
     of: Literal["output", "v_vc", "both"]
     table_deg_s: float | None
     tolerance_deg_s: float
@@ -135,12 +139,12 @@ class SampleModulated(Step, Struct, frozen=True):
     def describe(self) -> str:
         """Name the record."""
         what = {"output": "the output", "v_vc": "V_Vc", "both": "output and V_Vc at once"}[self.of]
-        return f"sample {what}: {self.samples} readings of {self.aperture_s:g} s without gaps"
+        return f"sample {what}: {self.samples} readings, one every {1e3 * self.interval_s:g} ms"
 
     @property
     def physical_s(self) -> float:
         """The record, s."""
-        return self.samples * self.aperture_s
+        return self.samples * self.interval_s
 
     def perform(self, context: Context) -> ModulatedRecord:
         """Let the meters take them, and fetch them.
@@ -158,26 +162,31 @@ class SampleModulated(Step, Struct, frozen=True):
         table = None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
         aperture_s = own.meter.aperture_s
         if self.of == "v_vc":
-            return ModulatedRecord(aperture_s, 0.0, (), own.began_s, output_v, table)
-        return ModulatedRecord(aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table)
+            return ModulatedRecord(self.interval_s, aperture_s, 0.0, (), own.began_s, output_v, table)
+        return ModulatedRecord(
+            self.interval_s, aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table
+        )
 
     def _begun(self, context: Context, meter: Multimeter, role: str) -> _Begun:
         if not isinstance(meter, SamplesVoltage):
             raise _takes_none(role)
-        lasts_s = meter.start_sampling(self.samples, self.aperture_s)
+        gaps = self.interval_s > 1.001 * meter.aperture_s
+        lasts_s = meter.start_sampling(self.samples, self.interval_s)
         began_s = context.bench.clock.now()
-        return _Begun(meter, began_s, began_s + lasts_s)
+        # what the meter needs between two readings is not known below a millisecond
+        return _Begun(meter, began_s, began_s + lasts_s + (1e-3 * self.samples if gaps else 0.0))
 
     def predict(self, gyro: LinearGyro) -> ModulatedRecord:
         """Predict a sine without noise, the modes following at once."""
-        step_rad = 2.0 * math.pi * self.frequency_hz * self.aperture_s
+        step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
         rate_deg_s = self.table_deg_s or 0.0
         swing_v = gyro.scale_factor * gyro.k_vc
         v_vc_v = tuple(self.amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
         output_v = tuple(gyro.bias_v + gyro.scale_factor * rate_deg_s + swing_v * each for each in v_vc_v)
         sampled = self.of
         return ModulatedRecord(
-            self.aperture_s,
+            self.interval_s,
+            self.interval_s,
             0.0,
             output_v if sampled != "v_vc" else (),
             0.0,

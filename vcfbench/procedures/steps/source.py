@@ -158,3 +158,73 @@ class DisableVvc(Step, Struct, frozen=True):
         """Predict that V_Vc acts no more."""
         gyro.v_vc_on = False
         return Done()
+
+
+class SetVibration(SetSine, frozen=True):
+    """Let the second generator, which is added to V_Vc, put out a sine about 0 V; its output switch stays as it is."""
+
+    subject: ClassVar[str] = "virtual vibration"
+
+    def describe(self) -> str:
+        """Name frequency and amplitude."""
+        return f"virtual vibration = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
+
+    def perform(self, context: Context) -> Done:
+        """Select it; the generator reads it back."""
+        context.bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc stays in the mean."""
+        del gyro
+        return Done()
+
+
+class EnableVibration(Step, Struct, frozen=True):
+    """Switch the second generator's output on."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "vibration output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output."""
+        return "output of the vibration generator on"
+
+    def perform(self, context: Context) -> Done:
+        """Switch on; MeasurementError when it reads back off."""
+        source = context.bench.vibration_source
+        source.enable_output()
+        if not source.output_enabled():
+            raise problem(source, "the output was switched on but reads back off")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc stays in the mean."""
+        del gyro
+        return Done()
+
+
+class DisableVibration(Step, Struct, frozen=True):
+    """Switch the second generator's output off."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "vibration output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output."""
+        return "output of the vibration generator off"
+
+    def perform(self, context: Context) -> Done:
+        """Switch off; MeasurementError when it reads back on."""
+        source = context.bench.vibration_source
+        source.disable_output()
+        if source.output_enabled():
+            raise problem(source, "the output was switched off but reads back on")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc stays in the mean."""
+        del gyro
+        return Done()

@@ -1,0 +1,394 @@
+"""The virtual vibration: a rate that vibrates, by the second generator, and what the output makes of it.
+
+The paper's bench has a second generator for a virtual vibration rate; here its sine is added to V_Vc, on which the
+first generator stands at 0 V. What the output should make of it follows from its response to a direct V_Vc, taken in
+the same run, and from the closed form of the modes; both are compared at each frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import fmean, pstdev
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
+
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
+from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import (
+    answer,
+    energised,
+    look_at_drive,
+    set_v_vc,
+    take,
+    under_servo,
+    v_vc_on,
+    window_of,
+)
+from vcfbench.procedures.steps import (
+    AcquireWithVvc,
+    ConfigureMeter,
+    ConfigureVvcMeter,
+    DisableVibration,
+    EnableVibration,
+    ModulatedRecord,
+    Note,
+    Outcome,
+    Plan,
+    SampleModulated,
+    Settle,
+    SetVibration,
+    SetVvc,
+    Window,
+)
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.specifications import AGILENT_33220A
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.analysis.rate_band import Tone
+    from vcfbench.procedures.measured import Measured
+    from vcfbench.procedures.step import Routine
+
+__all__ = ["VIBRATION", "VibrationResponse", "VibrationResult", "VibrationSettings", "vibration"]
+
+_NPLC = 0.2
+_FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
+"""Spacing of the samples, as of `bandwidth`: no tone up to 75 Hz is folded, and the mains beside none below 4 Hz."""
+_HIGHEST_HZ = 75.0
+_STATIC = 1
+"""The step of its points: V_Vc direct."""
+_ABBA = (1.0, -1.0, -1.0, 1.0)
+_STEP = 1e-3
+"""Part of a parameter by which it is changed for a derivative."""
+
+Hertz = Annotated[float, Meta(ge=0.3, le=_HIGHEST_HZ)]
+
+
+class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What the vibration is told; split and Q as `bandwidth` finds them, with their standard uncertainties."""
+
+    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
+    vibration_hz: Annotated[
+        tuple[Hertz, ...], Meta(min_length=1, max_length=100, description="frequencies of the virtual vibration")
+    ] = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
+    vibration_amplitude_v: Annotated[
+        float, Meta(ge=1e-3, le=10.0, description="its peak on V_Vc; 1 V is k_vc_guess_deg_s_per_v")
+    ] = 0.04
+    static_v_vc_v: Annotated[
+        float, Meta(ge=1e-3, le=10.0, description="direct V_Vc of both signs, for the response at rest")
+    ] = 0.05
+    record_samples: Annotated[int, Meta(ge=128, le=512, description="readings a frequency")] = 512
+    split_hz: Annotated[float, Meta(ge=5.0, le=1000.0, description="drive less anti-phase sense frequency")] = 24.8
+    u_split_hz: Annotated[float, Meta(ge=0.0, le=100.0, description="its standard uncertainty")] = 0.02
+    q: Annotated[float, Meta(ge=1.0, le=1e6, description="quality factor of the anti-phase sense mode")] = 1224.0
+    u_q: Annotated[float, Meta(ge=0.0, le=1e5, description="its standard uncertainty")] = 10.0
+    in_phase_split_hz: Annotated[
+        float, Meta(ge=10.0, le=2000.0, description="drive less in-phase sense frequency, roughly")
+    ] = 147.0
+    in_phase_share: Annotated[
+        float, Meta(ge=0.0, le=0.9, description="of the in-phase mode in the response at rest")
+    ] = 0.147
+    u_in_phase_share: Annotated[float, Meta(ge=0.0, le=0.5, description="its standard uncertainty")] = 0.01
+    low_pass_hz: Annotated[float, Meta(ge=10.0, le=1e5, description="filter behind the demodulator")] = 100.0
+    low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
+
+    @property
+    def v_vc_is_measured(self) -> bool:
+        """Whether the bench has a meter on V_Vc."""
+        return "v_vc_meter" in self.station.instruments
+
+    @property
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Those asked for that a record tells from the mains, rising."""
+        apart_hz = 2.5 / (self.record_samples * _FAST_S)
+        return tuple(sorted(each for each in self.vibration_hz if abs(each - self.station.mains_hz) > apart_hz))
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationResponse:
+    """What the output made of one vibration.
+
+    `response` is that of the output to V_Vc over that at rest, as measured; `expected` that of the closed form.
+    `virtual_rate_deg_s` is the amplitude by the K_Vc that the bench expects, for orientation.
+    """
+
+    frequency_hz: float
+    v_vc_amplitude_v: float
+    virtual_rate_deg_s: float
+    output_amplitude_v: float
+    response: Measurand
+    expected: Measurand
+    e_n: float
+    """Difference of the two over its expanded uncertainty: above 1 they disagree."""
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationResult:
+    """The response at rest, V per V, and at each frequency."""
+
+    static_v_per_v: Measurand
+    responses: tuple[VibrationResponse, ...]
+    largest_e_n: float
+    v_vc_is_measured: bool
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys."""
+        return {"e_n": self.largest_e_n}
+
+
+NOT_HELD = (
+    "The uncertainties hold the noise about each frequency and of the windows at rest, split, Q and share of the modes "
+    "as told and, where no meter is on V_Vc, the accuracy of both generators. They do not hold: the corner of the "
+    "filter, curvature (4 ppm at 5 deg/s), a change of temperature during the run."
+)
+
+
+def vibration(settings: VibrationSettings) -> Plan:
+    """Take the response at rest, then the vibrations."""
+    yield DisableVibration()
+    return (yield from energised(settings, _held(settings)))
+
+
+def _held(settings: VibrationSettings) -> Routine[Outcome]:
+    """Look at the drive, and hold the table still under servo where there is one."""
+    yield from look_at_drive(settings)
+    work = _both(settings)
+    return (yield from work if settings.station.limits.max_rate_deg_s is None else under_servo(settings, work))
+
+
+def _both(settings: VibrationSettings) -> Routine[Outcome]:
+    yield from _static(settings)
+    yield Note("The virtual vibration")
+    yield from _meters(settings, _NPLC)
+    try:
+        yield SetVibration(settings.frequencies_hz[0], settings.vibration_amplitude_v)
+        yield EnableVibration()
+        for frequency_hz in settings.frequencies_hz:
+            yield from _vibrate(settings, frequency_hz)
+    finally:
+        yield DisableVibration()
+    yield from _meters(settings, float(settings.nplc))
+    return Outcome(f"{len(settings.frequencies_hz)} vibrations")
+
+
+def _meters(settings: VibrationSettings, nplc: float) -> Routine[None]:
+    """Set both meters up alike, so that what the averaging over a reading takes off cancels."""
+    yield ConfigureMeter(float(settings.meter_range_v), nplc)
+    if settings.v_vc_is_measured:
+        yield ConfigureVvcMeter(float(settings.meter_range_v), nplc)
+
+
+def _static(settings: VibrationSettings) -> Routine[None]:
+    yield Note(f"V_Vc direct, {settings.static_v_vc_v:g} V both ways")
+    yield from _meters(settings, float(settings.nplc))
+    yield from v_vc_on()
+    asked_v = level_v = 0.0
+    tolerance_v = 1.25 * AGILENT_33220A.limit_v(settings.static_v_vc_v)
+    for sign in _ABBA:
+        if asked_v != sign * settings.static_v_vc_v:
+            asked_v = sign * settings.static_v_vc_v
+            level_v = yield from set_v_vc(settings, asked_v)
+        if settings.v_vc_is_measured:
+            window = AcquireWithVvc(_STATIC, 0.0, level_v, None, v_vc_tolerance_v=tolerance_v, **window_of(settings))
+            answer((yield window), Window)
+        else:
+            yield from take(settings, _STATIC, rate_deg_s=0.0, v_vc_v=level_v)
+    yield SetVvc(0.0)
+
+
+def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
+    yield SetVibration(frequency_hz, settings.vibration_amplitude_v)
+    yield Settle(settings.settle_s, "gyro settles after the change of frequency")
+    interval_s = _SLOW_S if frequency_hz < _SLOW_BELOW_HZ else _FAST_S
+    yield SampleModulated(
+        frequency_hz,
+        settings.vibration_amplitude_v,
+        settings.record_samples,
+        interval_s,
+        "both" if settings.v_vc_is_measured else "output",
+        None,
+        settings.rate_tolerance_deg_s,
+    )
+
+
+def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
+    """Compare each response with the closed form."""
+    static = _static_gain(settings, measured)
+    found = measured.found(ModulatedRecord)
+    records = [(step.frequency_hz, each) for step, each in found if isinstance(step, SampleModulated)]
+    mains_hz = float(settings.station.mains_hz)
+    outputs = _tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
+    inputs = _tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
+    responses = tuple(
+        _response(settings, static, output, inputs[place] if inputs else None) for place, output in enumerate(outputs)
+    )
+    return VibrationResult(static, responses, max(each.e_n for each in responses), settings.v_vc_is_measured)
+
+
+def _static_gain(settings: VibrationSettings, measured: Measured) -> Measurand:
+    points = [point for point in measured if point.step == _STATIC]
+    levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in points]
+    signs = [math.copysign(1.0, point.v_vc_v) for point in points]
+    swing_v = math.fsum(sign * level for sign, level in zip(signs, levels, strict=True))
+    gain = math.fsum(sign * point.output_v for sign, point in zip(signs, points, strict=True)) / swing_v
+    of_output = math.sqrt(math.fsum(point.std_v**2 / point.n for point in points)) / abs(swing_v)
+    of_level = math.sqrt(math.fsum((point.v_vc_std_v or 0.0) ** 2 / point.n for point in points)) / abs(swing_v)
+    dof = float(sum(point.n - 1 for point in points))
+    parts = [
+        Part("readings at rest", of_output, dof),
+        Part("readings of V_Vc at rest", abs(gain) * of_level, dof),
+        *_believed(settings, "V_Vc direct", abs(gain)),
+    ]
+    return measurand(gain, "V/V", parts)
+
+
+def _believed(settings: VibrationSettings, what: str, size: float) -> list[Part]:
+    """Return what a level adds that nobody measured: the generator's accuracy, rectangular."""
+    if settings.v_vc_is_measured:
+        return []
+    return [Part(f"generator's accuracy, {what}", size * AGILENT_33220A.setting / math.sqrt(3.0))]
+
+
+def _tones(records: Sequence[tuple[float, ModulatedRecord, Sequence[float]]], mains_hz: float) -> list[Tone]:
+    """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
+    from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # NumPy, needed here alone
+
+    spacing_s = {}
+    for interval_s in {record.interval_s for _, record, _ in records}:
+        of = [(hz, volts) for hz, record, volts in records if record.interval_s == interval_s]
+        hz, strongest = max(of, key=lambda each: each[0] * pstdev(each[1]))
+        spacing_s[interval_s] = true_spacing_s(strongest, interval_s, hz)
+    return [
+        fit_tone(volts, spacing_s[record.interval_s], record.aperture_s, hz, mains_hz=mains_hz)
+        for hz, record, volts in records
+    ]
+
+
+def _response(settings: VibrationSettings, static: Measurand, output: Tone, v_vc: Tone | None) -> VibrationResponse:
+    from vcfbench.analysis.conformity import e_n  # noqa: PLC0415  # as above
+
+    amplitude_v = settings.vibration_amplitude_v if v_vc is None else v_vc.amplitude
+    size = abs(static.value)
+    value = output.amplitude / amplitude_v / size
+    of_v_vc = [] if v_vc is None else [Part("noise of V_Vc", value * v_vc.u_amplitude / amplitude_v, v_vc.noise_dof)]
+    parts = [
+        Part("noise of the output", value * output.u_amplitude / output.amplitude, output.noise_dof),
+        *of_v_vc,
+        *_believed(settings, "the vibration", value),
+        *(Part(part.source, value * part.u / size, part.dof) for part in static.parts),
+    ]
+    response, expected = measurand(value, "", parts), _expected(settings, output.frequency_hz)
+    return VibrationResponse(
+        output.frequency_hz,
+        amplitude_v,
+        abs(settings.expected_gyro().k_vc) * amplitude_v,
+        output.amplitude,
+        response,
+        expected,
+        e_n(response.value, response.expanded_u, expected.value, expected.expanded_u),
+    )
+
+
+def _expected(settings: VibrationSettings, frequency_hz: float) -> Measurand:
+    """Return the closed form with what its parameters leave open."""
+    told = (
+        ("mode split", settings.split_hz, settings.u_split_hz),
+        ("Q", settings.q, settings.u_q),
+        ("share of the in-phase mode", settings.in_phase_share, settings.u_in_phase_share),
+    )
+    values = tuple(each[1] for each in told)
+    parts = []
+    for place, (name, value, u) in enumerate(told):
+        step = _STEP * max(value, 0.01)
+        up, down = (
+            _closed_form(
+                settings, frequency_hz, *(v + (sign * step if n == place else 0.0) for n, v in enumerate(values))
+            )
+            for sign in (1.0, -1.0)
+        )
+        parts.append(Part(name, abs(up - down) / (2.0 * step) * u))
+    return measurand(_closed_form(settings, frequency_hz, *values), "", parts)
+
+
+def _closed_form(
+    settings: VibrationSettings, frequency_hz: float, split_hz: float, q: float, in_phase_share: float
+) -> float:
+    """Return the response over that at rest: both side bands through both modes, and the filter."""
+    import numpy as np  # noqa: PLC0415  # as above
+
+    from vcfbench.analysis.rate_band import split_response  # noqa: PLC0415  # as above
+
+    drive_hz = fmean(settings.drive.frequency_hz)
+    own, far = (1.0 / ((drive_hz - each) ** 2 - drive_hz**2) for each in (split_hz, settings.in_phase_split_hz))
+    pick_off = in_phase_share / (1.0 - in_phase_share) * own / far
+    parameters = np.array([split_hz, q, pick_off, settings.in_phase_split_hz, 0.0])
+    filtered = 1.0 / math.sqrt(1.0 + (frequency_hz / settings.low_pass_hz) ** (2 * settings.low_pass_order))
+    return filtered * float(split_response(frequency_hz, drive_hz, parameters)[0])
+
+
+def report(_settings: VibrationSettings, _measured: Measured, found: VibrationResult) -> Report:
+    """Report the responses beside the closed form."""
+    columns = (
+        *(Column("frequency", "Hz", "g"), Column("virtual rate", "deg/s", ".4g"), Column("output", "V", ".5g")),
+        *(Column("response", "", ".5f"), Column("U95", "", ".1g"), Column("expected", "", ".5f")),
+        *(Column("U95", "", ".1g"), Column("difference", "%", "+.3f"), Column("E_n", "", ".2f")),
+        Column("u is made of", align="left"),
+    )
+    rows = [
+        (
+            *(each.frequency_hz, each.virtual_rate_deg_s, each.output_amplitude_v),
+            *(each.response.value, each.response.expanded_u, each.expected.value, each.expected.expanded_u),
+            *(100.0 * (each.response.value / each.expected.value - 1.0), each.e_n, _made_of(each.response)),
+        )
+        for each in found.responses
+    ]
+    static = found.static_v_per_v
+    by = "measured by its meter" if found.v_vc_is_measured else "as it was set"
+    words = f"response at rest {static.value:.6g} V/V, u {static.u:.1g}; V_Vc {by}; largest E_n {found.largest_e_n:.2f}"
+    at_hz = [each.frequency_hz for each in found.responses]
+    measured = Series(
+        "measured",
+        at_hz,
+        [each.response.value for each in found.responses],
+        [each.response.u for each in found.responses],
+    )
+    expected = Series("closed form", at_hz, [each.expected.value for each in found.responses], kind="line")
+    axes = Axis("frequency", "Hz", "log"), Axis("response over that at rest", scale="log")
+    return Report(
+        [
+            Table(columns, rows),
+            Text(f"{words}\n{NOT_HELD}"),
+            Figure("Response to the virtual vibration", *axes, [measured, expected]),
+        ]
+    )
+
+
+def _made_of(quantity: Measurand) -> str:
+    return ", ".join(f"{each.source} {each.u:.1g}" for each in quantity.parts)
+
+
+VIBRATION = Procedure(
+    name="vibration",
+    title=BUILT_IN["vibration"][1],
+    settings=VibrationSettings,
+    plan=vibration,
+    results=results,
+    report=report,
+    needs=MappingProxyType(
+        {
+            "power": PowersRails,
+            "rate_source": SetsVoltage,
+            "vibration_source": FunctionGenerator,
+            "multimeter": SamplesVoltage,
+        }
+    ),
+    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates}),
+)
+"""The virtual vibration."""
