@@ -10,9 +10,12 @@ import pytest
 
 import vcfbench
 from tests.cells import few
+from tests.procedures.test_k_vc import warm
+from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.bench.description import Limits
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Station
+from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.dry_run import walk
 from vcfbench.procedures.static_noise import ScaleFactor
@@ -42,9 +45,25 @@ quality_coefficient_per_k = 0.0
 """The bias alone depends on the temperature: then its exponential is that of the temperature."""
 
 
-def bench(heating_k: float, tau_s: float) -> BenchDescription:
+def bench(heating_k: float, tau_s: float, others: str = NOTHING_ELSE) -> BenchDescription:
     thermal = f"[simulation.override.thermal]\nself_heating_k = {heating_k}\ntime_constant_s = {tau_s}\n"
-    return parse_bench(f"{embedded_text('paper')}{NOTHING_ELSE}{thermal}", "warm")
+    return parse_bench(f"{embedded_text('paper')}{others}{thermal}", "warm")
+
+
+def true_amplitude_deg_s(description: BenchDescription) -> float:
+    """Return cold less warm output as a rate, by the closed forms: bias, and quadrature through the sense mode's phase.
+
+    With all coefficients on the second adds a fifth: Q falls by 0.2 % a kelvin, the phase with it, and 20 deg/s of
+    quadrature come out by the sine of that.
+    """
+    cold = physical_parameters(description)
+    heat_k, earth = cold.thermal.self_heating_k, 15.041067 / 3600.0 * math.sin(math.radians(cold.site.latitude_deg))
+    bias_deg_s = cold.thermal.bias_coefficient_deg_s_k * heat_k
+    outputs = [
+        output_v(gyro, steady_output_v(gyro, math.radians(earth + own)))
+        for gyro, own in ((cold, 0.0), (warm(cold), bias_deg_s))
+    ]
+    return (outputs[0] - outputs[1]) / SCALE["scale_factor_v_per_deg_s"]
 
 
 def found(figure: WarmupFigure | None) -> tuple[float, float]:
@@ -52,13 +71,18 @@ def found(figure: WarmupFigure | None) -> tuple[float, float]:
     return figure.value, figure.u
 
 
-@pytest.mark.parametrize(("heating_k", "tau_s", "seed"), few([(10.0, 300.0, 4), (6.0, 200.0, 3)], (10.0, 300.0, 4)))
-def test_the_simulated_warm_up_is_found(heating_k: float, tau_s: float, seed: int, tmp_path: Path) -> None:
-    """The bias goes by 30 deg/h a kelvin, the embedded bench's coefficient."""
-    run = vcfbench.run("warmup", bench(heating_k, tau_s), seed=seed, settings=SCALE, runs=tmp_path)
+@pytest.mark.parametrize(
+    ("heating_k", "tau_s", "others", "seed"),
+    few([(10.0, 300.0, "", 4), (10.0, 300.0, NOTHING_ELSE, 4), (6.0, 200.0, NOTHING_ELSE, 3)], (10.0, 300.0, "", 4)),
+)
+def test_the_simulated_warm_up_is_found(heating_k: float, tau_s: float, others: str, seed: int, tmp_path: Path) -> None:
+    """The bias goes by 30 deg/h a kelvin, the embedded bench's coefficient, and by what the sense mode's phase does."""
+    described = bench(heating_k, tau_s, others)
+    run = vcfbench.run("warmup", described, seed=seed, settings=SCALE, runs=tmp_path)
     time_s, u_s = found(run.results.time_constant)
     assert abs(time_s - tau_s) < 3.0 * u_s < 0.5 * tau_s
-    true_deg_s = -heating_k * 30.0 / 3600.0
+    true_deg_s = true_amplitude_deg_s(described)
+    assert true_deg_s == pytest.approx((1.0 if others else 1.2) * -heating_k * 30.0 / 3600.0, rel=0.01)
     assert abs(run.results.amplitude.value - true_deg_s) < 3.0 * run.results.amplitude.u < 0.25 * abs(true_deg_s)
     warm_s, u_warm_s = found(run.results.warm_up)
     assert abs(warm_s - tau_s * math.log(abs(true_deg_s) / (5.6 / 3600.0))) < 3.0 * u_warm_s

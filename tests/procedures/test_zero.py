@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import vcfbench
 from tests.cells import few
@@ -18,7 +21,7 @@ from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.dry_run import walk
 from vcfbench.procedures.executor import Executor
-from vcfbench.procedures.static_noise import ScaleFactor, ZeroResult, zero_results
+from vcfbench.procedures.static_noise import Estimate, ScaleFactor, ZeroResult, zero_report, zero_results
 from vcfbench.procedures.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.zero import ZERO, Mode, ZeroSettings, scale_factor_of
 from vcfbench.sim.gyro.design import paper_bench
@@ -32,6 +35,7 @@ PAPER = paper_bench()
 N_DEG_RTH = 60.0 * PAPER.noise.angle_random_walk_deg_sqrt_s
 B_DEG_H = 3600.0 * PAPER.noise.bias_instability_deg_s
 TRUE_SCALE = -0.0125527
+UNIT = ScaleFactor(1.0, None, "test")
 ON_PAPER: dict[str, Any] = {"scale_factor_v_per_deg_s": TRUE_SCALE}
 
 
@@ -47,6 +51,7 @@ def hour(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 def walk_of(results: ZeroResult) -> tuple[float, float]:
     found = results.coefficient("angle random walk")
+    assert found.value is not None
     assert found.u is not None
     return found.value, found.u
 
@@ -82,10 +87,41 @@ def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
     assert (done.results.white_noise_seen, done.results.samples) == (1.0, 1800)
     assert 0.0 < done.results.dead_share < 0.02
     assert len(done.readings) == 9000
+    bandwidth = done.results.noise_bandwidth_hz
+    assert abs(bandwidth.value - 3.41) < 2.0 * bandwidth.u < 1.5
+    assert "noise bandwidth of one reading 3." in vcfbench.text_of(done.report())
     assert np.median(np.diff([reading.t_s for reading in done.readings])) == pytest.approx(0.2)
     again = vcfbench.load_run("last", runs=tmp_path)
     assert again.status == "complete"
     assert again.results == done.results
+
+
+def test_where_it_is_not_known_what_a_reading_lets_through_n_has_a_bound_only(hour: Run) -> None:
+    """The least bandwidth, 1 / (2 x 0.2 s), makes N 17 % too large here: it is no value, and the true one is below."""
+    volts = np.array([reading.voltage_v for reading in hour.readings])
+    scale = ScaleFactor(TRUE_SCALE, None, "test")
+    found = zero_results(volts, np.arange(volts.size, dtype=float), Sampling(1.0, 0.2), scale, "corrected")
+    walk = found.coefficient("angle random walk")
+    assert (walk.value, walk.u) == (None, None)
+    assert N_DEG_RTH < walk.upper_95 < 1.25 * N_DEG_RTH
+    assert found.coefficient("bias instability").value is not None
+    assert "N has an upper bound only" in vcfbench.text_of(zero_report(found, bandwidth_told=False))
+
+
+def test_a_bandwidth_of_another_integration_time_is_not_known() -> None:
+    told = ZeroSettings(noise_bandwidth_hz=3.41)
+    assert told.passed_hz == 3.41
+    assert structs.replace(told, nplc=1).passed_hz is None
+    assert structs.replace(told, nplc=1, noise_bandwidth_nplc=1, noise_bandwidth_hz=214.0).passed_hz == 214.0
+
+
+def test_less_than_one_degree_of_freedom_is_no_interval() -> None:
+    result = Estimate(1.0, 0.5, 0.4, None, "deg/s")
+    noise = zero_results(
+        np.random.default_rng(1).standard_normal(400), np.arange(400.0), Sampling.without_gaps(1.0), UNIT, "dead-time"
+    )
+    text = vcfbench.text_of(zero_report(replace(noise, bias=result), bandwidth_told=True))
+    assert re.search(r"bias, mean +1 +0.5 +0.4 +not found", text)
 
 
 def test_its_record_gives_the_same_results_and_report(hour: Run) -> None:
@@ -190,8 +226,6 @@ def test_a_meter_that_takes_no_readings_by_itself_is_named() -> None:
 
 
 def replace_drive(settings: ZeroSettings) -> ZeroSettings:
-    from msgspec import structs  # noqa: PLC0415
-
     return structs.replace(settings, station=structs.replace(settings.station, oscilloscope=None))
 
 
@@ -202,6 +236,10 @@ def replace_drive(settings: ZeroSettings) -> ZeroSettings:
         ({"mode": "gapless", "sample_interval_s": 0.5}, "whole number of integration times of 0.2 s"),
         ({"sample_interval_s": 0.1}, "sample_interval_s: expected at least 0.4 s"),
         ({"noise_bandwidth_hz": -1.0}, "noise_bandwidth_hz: expected"),
+        (
+            {"noise_bandwidth_hz": 2.0},
+            "expected at least the 2.5 Hz of an integration time of 0.2 s",
+        ),
         ({"mode": "raw"}, "mode: expected"),
     ],
 )
@@ -231,8 +269,9 @@ def test_the_scale_factor_of_a_record_is_taken_and_kept(tmp_path: Path) -> None:
 
 
 def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path: Path) -> None:
-    done = vcfbench.run("zero", seed=3, settings={"duration_s": 200.0}, runs=tmp_path)
+    settings = {"duration_s": 200.0, "noise_bandwidth_hz": 0.0}
+    done = vcfbench.run("zero", seed=3, settings=settings, runs=tmp_path)
     assert done.results.scale_factor_v_per_deg_s.value == -0.0125
     text = vcfbench.text_of(done.report())
     assert "that of the paper: nothing tells this gyroscope's" in text
-    assert "set noise_bandwidth_hz, or measure with mode=gapless" in text
+    assert "set noise_bandwidth_hz, or measure it with mode=gapless" in text

@@ -72,16 +72,20 @@ class Estimate:
     u: float
     dof: float | None
     """None: as many as one likes."""
-    u_95: float
+    u_95: float | None
+    """None where `dof` is below 1: so little does not tell an interval."""
     unit: str
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseCoefficient:
-    """A coefficient of the Allan curve; `u` None where it comes out as 0, and `upper_95` is all that can be said."""
+    """A coefficient of the Allan curve; `u` None where it comes out as 0, and `upper_95` is all that can be said.
+
+    `value` is None as well where it is not known how much white noise a reading lets through: N may be anything below.
+    """
 
     name: str
-    value: float
+    value: float | None
     u: float | None
     upper_95: float
     unit: str
@@ -144,6 +148,8 @@ class ZeroResult:
     trend: Estimate | None
     bias_v: float
     bias_deg_s: float
+    noise_bandwidth_hz: Estimate | None = None
+    """Of one reading, where it was measured: without gaps. What a record with dead time can be corrected by."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits."""
@@ -155,7 +161,13 @@ class ZeroResult:
 
 
 def zero_results(
-    volts: NDArray[np.float64], times_s: NDArray[np.float64], sampling: Sampling, scale: ScaleFactor, mode: str
+    volts: NDArray[np.float64],
+    times_s: NDArray[np.float64],
+    sampling: Sampling,
+    scale: ScaleFactor,
+    mode: str,
+    *,
+    raw: tuple[NDArray[np.float64], int] | None = None,
 ) -> ZeroResult:
     """Return what the record of `volts` comes to, one mean every ``sampling.interval_s``.
 
@@ -165,6 +177,7 @@ def zero_results(
         sampling: how the record was taken.
         scale: what turns volts into rates.
         mode: ``"dead-time"`` fits the record as it stands.
+        raw: the readings that `volts` are means of, V, and of how many; None where they are the same.
     """
     rates = volts / scale.value
     fitted = Sampling.without_gaps(sampling.interval_s) if mode == "dead-time" else sampling
@@ -184,7 +197,7 @@ def zero_results(
         white_noise_seen=deviation_factor(sampling, Noise.WHITE),
         scale_factor_v_per_deg_s=scale,
         allan_deg_h=tuple(_row(point, fitted, fit, corrected=mode != "dead-time") for point in curve),
-        noise=() if fit is None else _coefficients(fit),
+        noise=() if fit is None else _coefficients(fit, passed=_is_passed(sampling, mode)),
         angle_random_walk_as_read=_DEG_RTH * walk,
         stability_deg_h=_stability(bias_stability(rates, sampling, curve)),
         output_v=None if bias is None else _scaled(bias, scale.value, "V"),
@@ -192,7 +205,26 @@ def zero_results(
         trend=trend,
         bias_v=float(volts.mean()),
         bias_deg_s=float(rates.mean()),
+        noise_bandwidth_hz=None if fit is None or raw is None else _noise_bandwidth(raw[0] / scale.value, raw[1], fit),
     )
+
+
+def _is_passed(sampling: Sampling, mode: str) -> bool:
+    """Tell whether it is known how much white noise a reading lets through, or nobody wants to correct for it."""
+    return mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
+
+
+def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) -> Estimate | None:
+    """Return the noise bandwidth of one reading, Hz: half the mean square of differences over an interval, over 2 N^2.
+
+    Readings so far apart share nothing of what the split lets through; of flicker the difference holds some per cent.
+    """
+    walk = fit.terms[Term.ANGLE_RANDOM_WALK]
+    if walk.u is None or not walk.value > 0.0:
+        return None
+    value = 0.5 * float(np.mean((readings[a_mean:] - readings[:-a_mean]) ** 2)) / (2.0 * walk.value**2)
+    u = value * math.hypot(2.0 * walk.u / walk.value, math.sqrt(3.0 / readings.size))
+    return Estimate(value, u, None, 1.959964 * u, "Hz")
 
 
 def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> NoiseFit | None:
@@ -260,12 +292,14 @@ def _row(point: AllanPoint, sampling: Sampling, fit: NoiseFit | None, *, correct
     return AllanRow(point.tau_s, observed, low, high, point.edf, without, _DEG_H * gapless)
 
 
-def _coefficients(fit: NoiseFit) -> tuple[NoiseCoefficient, ...]:
+def _coefficients(fit: NoiseFit, *, passed: bool) -> tuple[NoiseCoefficient, ...]:
+    """Return them in the units of data sheets; where it is not known what a reading lets pass, N has a bound only."""
     found = []
     for term, each in fit.terms.items():
         factor, unit = _UNITS[term]
-        u = None if each.u is None else factor * each.u
-        found.append(NoiseCoefficient(term.value, factor * each.value, u, factor * each.upper_95, unit))
+        known = passed or term is not Term.ANGLE_RANDOM_WALK
+        value, u = (factor * each.value if known else None), (factor * each.u if known and each.u is not None else None)
+        found.append(NoiseCoefficient(term.value, value, u, factor * each.upper_95, unit))
     return tuple(found)
 
 
@@ -315,12 +349,15 @@ def _estimate(value: float, found: TypeAUncertainty, factor: float, unit: str) -
     from scipy.special import stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
 
     u, dof = factor * found.u, found.dof if math.isfinite(found.dof) else None
+    if dof is not None and dof < 1.0:
+        return Estimate(factor * value, u, dof, None, unit)
     coverage = 1.959964 if dof is None else float(stdtrit(dof, 0.5 + 0.5 * _CONFIDENCE))
     return Estimate(factor * value, u, dof, coverage * u, unit)
 
 
 def _scaled(found: Estimate, factor: float, unit: str) -> Estimate:
-    return Estimate(found.value * factor, found.u * abs(factor), found.dof, found.u_95 * abs(factor), unit)
+    u_95 = None if found.u_95 is None else found.u_95 * abs(factor)
+    return Estimate(found.value * factor, found.u * abs(factor), found.dof, u_95, unit)
 
 
 def zero_report(results: ZeroResult, *, bandwidth_told: bool) -> Report:
@@ -352,6 +389,9 @@ def _taken(results: ZeroResult, *, bandwidth_told: bool) -> str:
             f"readings without gaps, means over {results.interval_s:g} s; {100.0 * results.dead_share:.2f} % of the "
             "time was lost between bursts"
         )
+        if (found := results.noise_bandwidth_hz) is not None:
+            band = f"{found.value:.2f} Hz, u {found.u:.2f}"
+            lines.append(f"noise bandwidth of one reading {band}: noise_bandwidth_hz of records with dead time")
         return "\n".join(lines)
     lines.append(
         f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
@@ -362,8 +402,9 @@ def _taken(results: ZeroResult, *, bandwidth_told: bool) -> str:
         lines.append("NOT corrected: N and the curve hold what the dead time folds in")
     elif not bandwidth_told and results.white_noise_seen > 1.0:
         lines.append(
-            "corrected with a noise bandwidth of 1 / (2 integration time); a sense mode with a split lets more "
-            "through: set noise_bandwidth_hz, or measure with mode=gapless"
+            "corrected with a noise bandwidth of 1 / (2 integration time), the least that a reading can have: a sense "
+            "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
+            "with mode=gapless"
         )
     return "\n".join(lines)
 
@@ -393,7 +434,8 @@ def _bias_table(results: ZeroResult) -> Table:
 
 
 def _cells(found: Estimate) -> tuple[Any, ...]:
-    return (found.value, found.u, found.dof, found.u_95, found.unit)
+    u_95: float | str = "not found" if found.u_95 is None else found.u_95
+    return (found.value, found.u, found.dof, u_95, found.unit)
 
 
 def _stability_table(found: Stability) -> Table:

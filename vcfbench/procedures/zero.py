@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
@@ -107,9 +107,13 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
         Meta(
             ge=0.0,
             le=1e4,
-            description="noise bandwidth of one reading, where a split lets more through; 0: 1 / (2 integration time)",
+            description="noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded",
         ),
     ] = 0.0
+    noise_bandwidth_nplc: Annotated[
+        Literal[1, 10, 100],
+        Meta(description="integration time for which noise_bandwidth_hz holds; with another nplc it is not known"),
+    ] = 10
     burst_readings: Annotated[
         int, Meta(ge=10, le=50_000, description="readings without gaps that the meter's memory holds")
     ] = 500
@@ -123,6 +127,11 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
     def aperture_s(self) -> float:
         """How long the meter integrates, s."""
         return self.nplc / self.station.mains_hz
+
+    @property
+    def passed_hz(self) -> float | None:
+        """Noise bandwidth of one reading at this integration time, Hz; None where it is not known."""
+        return self.noise_bandwidth_hz or None if self.nplc == self.noise_bandwidth_nplc else None
 
     @property
     def readings_a_mean(self) -> int:
@@ -145,6 +154,10 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
         if self.duration_s > 1e6 * self.aperture_s:
             expected = f"at most {1e6 * self.aperture_s:g} s, a million integration times"
             yield Misfit("duration_s", expected, self.duration_s)
+        least_hz = 0.5 / self.aperture_s
+        if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:
+            expected = f"at least the {least_hz:g} Hz of an integration time of {self.aperture_s:g} s, or 0: not known"
+            yield Misfit("noise_bandwidth_hz", expected, self.noise_bandwidth_hz)
         whole_s = self.readings_a_mean * self.aperture_s
         if self.mode is Mode.GAPLESS and abs(whole_s - self.sample_interval_s) > _EXACTLY * whole_s:
             expected = f"a whole number of integration times of {self.aperture_s:g} s, without gaps"
@@ -297,16 +310,15 @@ def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
     scale = scale_factor_used(settings, measured)
     if settings.mode is Mode.GAPLESS:
         volts = block_means(window.voltage_v, settings.readings_a_mean)
-        sampling = Sampling.without_gaps(settings.sample_interval_s)
-    else:
-        volts = window.voltage_v
-        bandwidth_hz = (settings.noise_bandwidth_hz or None) if settings.mode is Mode.CORRECTED else None
-        sampling = Sampling(settings.sample_interval_s, settings.aperture_s, bandwidth_hz)
-    return zero_results(volts, window.t_s, sampling, scale, settings.mode.value)
+        sampling, raw = Sampling.without_gaps(settings.sample_interval_s), (window.voltage_v, settings.readings_a_mean)
+        return zero_results(volts, window.t_s, sampling, scale, settings.mode.value, raw=raw)
+    bandwidth_hz = settings.passed_hz if settings.mode is Mode.CORRECTED else None
+    sampling = Sampling(settings.sample_interval_s, settings.aperture_s, bandwidth_hz)
+    return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value)
 
 
 def _report(settings: ZeroSettings, _measured: Measured, results: ZeroResult) -> Any:
-    return zero_report(results, bandwidth_told=settings.noise_bandwidth_hz > 0.0)
+    return zero_report(results, bandwidth_told=settings.passed_hz is not None)
 
 
 ZERO = Procedure(
