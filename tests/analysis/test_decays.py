@@ -62,6 +62,8 @@ def test_what_does_not_decay_is_said() -> None:
         fit_decays(steady, 2.5e-5, CARRIER_HZ)
     with pytest.raises(ConfigError, match="decays beside a carrier need"):
         fit_decays(steady[:1000], 2.5e-5, CARRIER_HZ)
+    with pytest.raises(ConfigError, match="the record has none"):
+        fit_release(0.0 * steady, 2.5e-5, CARRIER_HZ)
     with pytest.raises(ConfigError, match="not seen to decay freely"):
         fit_release(np.where(t < 0.02, steady, 0.0), 2.5e-5, CARRIER_HZ)
     with pytest.raises(ConfigError, match="too far apart"):

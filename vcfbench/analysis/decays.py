@@ -134,6 +134,8 @@ def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> Dec
     """
     times, mixed = _mixed(samples, interval_s, carrier_hz, _RELEASE_WINDOW_S)
     level = np.abs(mixed)
+    if not level[:3].min(initial=math.inf) > 0.0:
+        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz is not seen to decay freely: the record has none")
     gone = np.flatnonzero(level < 0.5 * level[:3].max())
     # The window before may hold a part of the drop.
     end = int(gone[0]) - 1 if gone.size else level.size
