@@ -15,8 +15,8 @@ import vcfbench
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Waveform
-from vcfbench.procedures.phase import PhaseSettings
-from vcfbench.procedures.steps import CaptureSines, SineRecord
+from vcfbench.procedures.phase import CaptureSense, PhaseSettings
+from vcfbench.procedures.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.testing import simulated
 
 OVERRIDES = {
@@ -95,6 +95,17 @@ def test_a_dry_run_ends_after_three_cycles() -> None:
     assert sum("records of drive, sense, output" in each for each in words) == 6
     assert "Cycle 3" in " ".join(words)
     assert "Cycle 4" not in " ".join(words)
+
+
+def test_records_begin_anywhere_in_the_drives_period() -> None:
+    """Triggered at the same phase, 8 bit would leave the same error in each, which no scatter shows."""
+    before = None
+    for step in (each.step for each in vcfbench.dry_run("phase").steps):
+        if isinstance(step, ConfigureScope):
+            before = step
+        elif isinstance(step, CaptureSense):
+            assert before is not None
+            assert step.amplitudes_v[0] < before.level_v < 2.0 * step.amplitudes_v[0]
 
 
 def test_a_channel_that_sees_nothing_is_missed_before_anything_is_opened() -> None:

@@ -60,6 +60,8 @@ _LARGEST_V = 10.0
 """What no node of the PCB exceeds: its rails."""
 _SPACING_S = 0.5
 """Between two records: four time constants of the sense modes, whose noise swings at the mode split."""
+_NEVER_REACHED = 1.5
+"""A trigger level over the amplitude that is never reached, and still on a screen of eight divisions and a little."""
 _LEAST_CYCLES = 3
 _ROTATION_POINTS = 10_000
 _TURNS = 4.0
@@ -167,10 +169,15 @@ def _cycles(settings: PhaseSettings) -> Routine[Outcome]:
     return Outcome(f"not every phase within {settings.target_deg:g} deg after {settings.most_cycles} cycles")
 
 
-def _fast(settings: PhaseSettings) -> ConfigureScope:
-    """Return the time base that shows some ten periods of the drive, with points enough for each."""
+def _fast(settings: PhaseSettings, drive_v: float = 0.0) -> ConfigureScope:
+    """Return the time base that shows some ten periods of the drive, with points enough for each.
+
+    The trigger is beyond the drive's amplitude `drive_v`, where that is known: records that begin anywhere have other
+    errors of rounding each, which average out and are in the scatter.
+    """
     drive_hz = fmean(settings.drive.frequency_hz)
-    return ConfigureScope(one_two_five(1.0 / drive_hz), settings.station.channel_of("drive"))
+    channel = settings.station.channel_of("drive")
+    return ConfigureScope(one_two_five(1.0 / drive_hz), channel, _NEVER_REACHED * drive_v)
 
 
 def _slow(settings: PhaseSettings) -> ConfigureScope:
@@ -244,7 +251,7 @@ def _static(
     settings: PhaseSettings, signs: tuple[float, float], shown_v: _Amplitudes
 ) -> Routine[list[tuple[CaptureSense, SineRecords]]]:
     """Take the records of a cycle's states, table and V_Vc at rest afterwards."""
-    yield _fast(settings)
+    yield _fast(settings, shown_v[0])
     channels, drive = _channels(settings, "carrier", "sense"), settings.drive
     levels_v = (fmean(drive.amplitude_v),) * 2
     taken, previous_deg_s = [], 0.0

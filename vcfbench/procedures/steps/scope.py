@@ -64,7 +64,7 @@ class DriveReading(StepResult, Struct, frozen=True):
 
 
 class ConfigureScope(Step, Struct, frozen=True):
-    """Set time base and trigger for the drive signal."""
+    """Set time base and trigger for the drive signal; beyond its amplitude records begin anywhere in its period."""
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "oscilloscope"
@@ -72,17 +72,19 @@ class ConfigureScope(Step, Struct, frozen=True):
 
     timebase_s_per_div: float
     trigger_channel: int
+    level_v: float = 0.0
 
     def describe(self) -> str:
         """Name both."""
-        return f"oscilloscope: {self.timebase_s_per_div:g} s/div, trigger on channel {self.trigger_channel}"
+        level = f" at {self.level_v:.3g} V" if self.level_v else ""
+        return f"oscilloscope: {self.timebase_s_per_div:g} s/div, trigger on channel {self.trigger_channel}{level}"
 
     def perform(self, context: Context) -> ScopeReady:
         """Set both."""
         ready = ScopeReady(context.bench.clock.now())
         scope = context.bench.oscilloscope
         scope.configure_timebase(self.timebase_s_per_div)
-        scope.configure_trigger(self.trigger_channel)
+        scope.configure_trigger(self.trigger_channel, self.level_v)
         return ready
 
     def predict(self, gyro: LinearGyro) -> ScopeReady:
