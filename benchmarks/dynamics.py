@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 import vcfbench
+from vcfbench.errors import BenchError
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
@@ -138,16 +139,19 @@ def resonances(parameters: Any) -> dict[str, float]:
 TRUTHS = {"bandwidth": band, "phase": phases, "resonance": resonances}
 
 
-def scores(procedure: str, seed: int) -> dict[str, tuple[float, bool]]:
-    """Return (measured - true) / u of every quantity of one gyroscope, and whether U95 holds the truth."""
+def scores(procedure: str, seed: int) -> dict[str, tuple[float, bool]] | str:
+    """Return (measured - true) / u of every quantity of one gyroscope, and whether U95 holds it; or why not."""
     bench = simulated("paper", errors="drawn", overrides=gyroscope(seed))
     with tempfile.TemporaryDirectory() as runs:
-        run = vcfbench.run(procedure, bench, seed=seed, runs=runs)
-    if run.results is None:
-        raise RuntimeError(f"seed {seed}: {run.error or run.no_results}")
+        try:
+            run = vcfbench.run(procedure, bench, seed=seed, runs=runs)
+        except BenchError as error:
+            return f"seed {seed}: {error}"
     found = {}
     for name, true in TRUTHS[procedure](_parameters(bench)).items():
         each = getattr(run.results, name)
+        if each is None:
+            return f"seed {seed}: no {name}"
         off = _off(each, true)
         found[name] = (off / each.u, abs(off) < each.expanded_u)
     return found
@@ -170,11 +174,13 @@ def _parameters(bench: vcfbench.BenchDescription) -> Any:
 
 def main(count: int = 50, first: int = 0, procedure: str = "bandwidth") -> None:
     with ProcessPoolExecutor(2) as pool:
-        found = list(pool.map(scores, [procedure] * count, range(first, first + count)))
+        answers = list(pool.map(scores, [procedure] * count, range(first, first + count)))
+    found = [each for each in answers if not isinstance(each, str)]
+    print(*(each for each in answers if isinstance(each, str)), f"{len(found)} of {count} gyroscopes", sep="\n")
     for name in found[0]:
         z = np.array([each[name][0] for each in found])
         within = sum(each[name][1] for each in found)
-        print(f"{name:30} mean z {z.mean():+.2f}, sd {z.std(ddof=1):.2f}, {within} of {count} within U95")
+        print(f"{name:30} mean z {z.mean():+.2f}, sd {z.std(ddof=1):.2f}, {within} within U95")
 
 
 if __name__ == "__main__":
