@@ -8,6 +8,7 @@ truth.
 
     python benchmarks/truth.py 0 1000 --lines truth.jsonl         seeds 0 to 999, a line each
     python benchmarks/truth.py 0 200 --v-vc measured              V_Vc by a second meter (the bench `lab`)
+    python benchmarks/truth.py 0 200 --order abba --zero bracket  other orders, with zeros between
     python benchmarks/truth.py --summary first.jsonl second.jsonl
 
 The same seeds give the same bytes, whatever the number of processes. What stands in the file of --lines is not run
@@ -37,7 +38,7 @@ import vcfbench
 from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from vcfbench.procedures.uncertainty import Statement
     from vcfbench.sim.parameters import BenchParameters
@@ -63,19 +64,20 @@ def bench_of(seed: int, v_vc: str = "set") -> str:
     return f"{text}\n{drawn}"
 
 
-def calibrations(seed: int, v_vc: str = "set") -> Line:
+def calibrations(seed: int, v_vc: str = "set", **settings: Any) -> Line:
     """Return the seed, and by the name of each value of both calibrations its z and whether U95 holds the truth."""
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         file = Path(directory) / "bench.toml"
         file.write_text(bench_of(seed, v_vc), encoding="utf-8")
-        told: dict[str, Any] = {"bench": file, "seed": seed, "settings": {"warm_up_s": WARM_UP_S}, "runs": directory}
+        told: dict[str, Any] = {"bench": file, "seed": seed, "runs": directory}
+        told["settings"] = {"warm_up_s": WARM_UP_S, **settings}
         table, four = vcfbench.run("turntable", **told), vcfbench.run("virtual-coriolis", **told)
     for run in (table, four):
         if run.results is None:
             raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
     driven = [point for point in four.points if point.step == 4]
     levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in driven]
-    rates = [point.rate_deg_s for point in table.points]
+    rates = [point.rate_deg_s for point in table.points if point.step == 1]
     truth = truths(rates, levels, 10.0)
     alone = {name.removeprefix("turntable."): value for name, value in truth.items() if name.startswith("turntable.")}
     return {
@@ -168,9 +170,9 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     return 0.5 * (low + high)
 
 
-def study(seeds: Sequence[int], v_vc: str, processes: int) -> Iterator[Line]:
+def study(seeds: Sequence[int], how: Mapping[str, str], processes: int) -> Iterator[Line]:
     """Yield what each seed gave, in their order."""
-    score = partial(calibrations, v_vc=v_vc)
+    score = partial(calibrations, **how)
     if processes < 2:
         yield from map(score, seeds)
         return
@@ -178,14 +180,14 @@ def study(seeds: Sequence[int], v_vc: str, processes: int) -> Iterator[Line]:
         yield from pool.imap(score, seeds, chunksize=1)
 
 
-def continued(file: Path | None, seeds: Sequence[int], v_vc: str, processes: int) -> list[Line]:
+def continued(file: Path | None, seeds: Sequence[int], how: Mapping[str, str], processes: int) -> list[Line]:
     """Return the lines of `seeds`: those that stand in `file`, and those that are run now and added to it."""
     if file is None:
-        return list(study(seeds, v_vc, processes))
+        return list(study(seeds, how, processes))
     had = {line["seed"]: line for line in lines_of([file])} if file.exists() else {}
     with file.open("w", encoding="utf-8") as out:
         out.writelines(json.dumps(line) + "\n" for line in had.values())
-        for line in study([seed for seed in seeds if seed not in had], v_vc, processes):
+        for line in study([seed for seed in seeds if seed not in had], how, processes):
             print(json.dumps(line), file=out, flush=True)
             had[line["seed"]] = line
     return [had[seed] for seed in seeds]
@@ -224,6 +226,8 @@ def main() -> int:
     parser.add_argument("start", type=int, nargs="?", default=0)
     parser.add_argument("count", type=int, nargs="?", default=60)
     parser.add_argument("--v-vc", choices=sorted(BENCHES), default="set", help="how V_Vc is known")
+    parser.add_argument("--order", default="paper")
+    parser.add_argument("--zero", default="none")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--lines", type=Path, help="file that keeps a line a seed")
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
@@ -231,7 +235,8 @@ def main() -> int:
     if told.summary:
         lines = lines_of(told.summary)
     else:
-        lines = continued(told.lines, range(told.start, told.start + told.count), told.v_vc, told.processes)
+        how = {"v_vc": told.v_vc, "order": told.order, "zeros": told.zero}
+        lines = continued(told.lines, range(told.start, told.start + told.count), how, told.processes)
     print("\n".join(summary(sorted(lines, key=lambda line: line["seed"]))))
     return 0
 

@@ -57,10 +57,10 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch: pytest.
         return {"seed": seed, "value": [0.5 * seed, seed < 3], "e_n": float(seed), "v_vc": v_vc}
 
     monkeypatch.setattr(truth, "calibrations", calibrations)
-    whole = truth.continued(file, range(5), "set", 1)
+    whole = truth.continued(file, range(5), {"v_vc": "set"}, 1)
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index('{"seed": 3') + 9], encoding="utf-8")  # a line that was not written to its end
-    assert truth.continued(file, range(5), "set", 1) == whole
+    assert truth.continued(file, range(5), {"v_vc": "set"}, 1) == whole
     assert run == [0, 1, 2, 3, 4, 3, 4]
     assert file.read_text(encoding="utf-8") == text
 
