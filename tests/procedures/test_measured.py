@@ -101,6 +101,19 @@ def test_what_steps_found_is_told_by_kind_with_its_step() -> None:
     assert len(seen.found(StepResult)) == 3
 
 
+def test_a_run_in_parts_is_seen_part_by_part() -> None:
+    first, second = MeasureCurrent("positive"), MeasureCurrent("negative")
+    seen = measured(acquire(10), first, acquire(150), Note("between"), second, acquire(10), acquire(10, VerifyZero))
+    (one, of_first), (two, of_second) = seen.parted(MeasureCurrent)
+    assert (one, two) == (first, second)
+    assert (tuple(of_first), tuple(of_second)) == (tuple(seen[1:2]), tuple(seen[2:3]))
+    assert [window.t_s.size for window in of_first.readings.windows] == [150]
+    assert [window.number for window in of_second.readings.windows] == [6, 7]
+    assert [step for step, _ in of_second.found(CurrentFound)] == [second]
+    assert seen.parted(VerifyZero)[0][1].readings.windows[0].t_s.size == 10
+    assert measured(acquire(10)).parted(MeasureCurrent) == ()
+
+
 def test_the_journal_is_read_once_and_only_when_asked() -> None:
     reads: list[int] = []
 

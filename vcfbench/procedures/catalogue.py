@@ -63,6 +63,10 @@ BUILT_IN = {
         "vcfbench.procedures.phase:PHASE",
         "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     ),
+    "temperature": (
+        "vcfbench.procedures.temperature:TEMPERATURE",
+        "Follow scale factor, bias and drive frequency over temperature, up and down: coefficients and hysteresis.",
+    ),
     "self-calibration": (
         "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from vcfbench.procedures.decode import Recorded, result_of, step_of
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Measured", "Readings", "WindowReadings"]
 
 _Found = TypeVar("_Found", bound=StepResult)
+_Mark = TypeVar("_Mark", bound=Step)
 _Lines = Callable[[], Iterable[Mapping[str, Any]]]
 
 
@@ -101,6 +102,30 @@ class Measured(Sequence[Point]):
         """
         return tuple((step, result) for step, result in self._kept[1] if isinstance(result, kind))
 
+    def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
+        """Return each step of `kind` with what was measured from it to the next of them, or to the end of the run.
+
+        So a run in parts is seen part by part, each as a run of its own.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        marks: list[tuple[_Mark, int, int]] = []
+        points = 0
+        for line in self._lines():
+            if line.get("type") != "step":
+                continue
+            if line["step_kind"] == kind.__name__:
+                step = step_of(line)
+                if isinstance(step, kind):
+                    marks.append((step, line["n"], points))
+            points += "point" in line
+        ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
+        return tuple(
+            (step, Measured(self._points[first:last], partial(_between, self._lines, begin, end)))
+            for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
+        )
+
     @cached_property
     def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
         """Go through the journal once: one window's readings are in memory as they stand there, the rest as arrays."""
@@ -112,6 +137,14 @@ class Measured(Sequence[Point]):
             if isinstance(step, Step) and isinstance(result, StepResult):
                 found.append((step, result))
         return Readings(tuple(windows)), tuple(found)
+
+
+def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:
+    """Yield the lines of steps from number `begin` on, before `end`; None is that of all others."""
+    for line in lines():
+        number = line.get("n")
+        if number is not None and begin <= number and (end is None or number < end):
+            yield line
 
 
 def _steps(lines: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], list[NDArray[np.float64]]]]:
