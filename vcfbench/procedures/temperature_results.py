@@ -8,6 +8,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.errors import ConfigError
@@ -52,7 +53,7 @@ BY_V_VC = (
 )
 
 
-class AtTemperature(Step, frozen=True):
+class AtTemperature(Step, Struct, frozen=True):
     """A heading: what follows is at this temperature, degC; `direction` is whence it was come to."""
 
     temperature_c: float
