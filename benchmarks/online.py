@@ -1,55 +1,93 @@
-"""Whether `run online` tells the truth: scale factor, windows and disturbance against a closed form, over seeds.
+"""Whether `run online` tells the truth: scale factor, windows, disturbance and drift against closed forms, over seeds.
 
     python benchmarks/online.py [SEEDS [FIRST_SEED [SECONDS]]]
+    python benchmarks/online.py --aged [SEEDS [FIRST_SEED [SECONDS]]]
 
-Every instrument is drawn, the gyroscope is warm, K_Vc is told. The truth is the slope of the closed form that the tests
-have (tests/sim/gyro/plain.py), no part of the program.
+Every instrument is drawn, the gyroscope is warm. The truth is the slope of the closed form that the tests have
+(tests/sim/gyro/plain.py), no part of the program. K_Vc is told; with `--aged` it is that of a certificate which
+`run kvc` makes with the same specimens before, and the gyroscope ages between two runs as in self_calibration.py.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import sys
 import tempfile
 from pathlib import Path
 from statistics import fmean, stdev
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from msgspec import structs
 
 import vcfbench
+from benchmarks.self_calibration import ageing_of, bench_of
 from tests.procedures.test_k_vc import LAB, truth, warm
 from vcfbench.bench.simulated import physical_parameters
 
 
-def main() -> None:
-    """Print a line for each seed, and the scatter of all."""
-    seeds, first, seconds = (float(each) for each in (*sys.argv[1:], *("30", "1", "300")[len(sys.argv) - 1 :]))
+def told(seed: int, seconds: float) -> dict[str, list[float]]:
+    """Return the z of one run with a K_Vc that is exact, and its chi-square a degree of freedom."""
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
     bench = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=errors))
     scale_factor, k_vc = truth(warm(physical_parameters(bench)))
-    told = {"warm_up_s": 7200.0, "k_vc": repr(k_vc), "duration_s": seconds}
-    z, felt, squares, of_windows, held = [], [], [], [], []
-    for seed in range(int(first), int(first + seeds)):
-        with tempfile.TemporaryDirectory() as runs:
-            found = vcfbench.run("online", bench, seed=seed, settings=told, runs=runs).results
-        z.append((found.scale_factor.value - scale_factor) / found.scale_factor.u)
-        felt.append(found.disturbance.value / found.disturbance.u)
-        held.append(abs(found.disturbance.value) <= found.disturbance.expanded_u)
-        squares.append(found.chi_square / found.dof)
-        of_windows += [(each.scale_factor_v_per_deg_s - scale_factor) / each.u for each in found.windows]
-        off_ppm = 1e6 * (found.scale_factor.value / scale_factor - 1.0)
-        u_ppm = 1e6 * abs(found.scale_factor.u / scale_factor)
-        line = {"seed": seed, "off_ppm": round(off_ppm, 1), "u_ppm": round(u_ppm, 1), "z": round(z[-1], 2)}
-        less = found.disturbed_by_less_than_deg_s
-        print(json.dumps({**line, "z_disturbance": round(felt[-1], 2), "less_than_deg_s": round(less, 5)}), flush=True)
-    for name, values in (("scale factor", z), ("windows", of_windows), ("disturbance", felt)):
+    settings = {"warm_up_s": 7200.0, "k_vc": repr(k_vc), "duration_s": seconds}
+    with tempfile.TemporaryDirectory() as runs:
+        found = vcfbench.run("online", bench, seed=seed, settings=settings, runs=runs).results
+    return {
+        "scale factor": [_z(found.scale_factor, scale_factor)],
+        "windows": [(each.scale_factor_v_per_deg_s - scale_factor) / each.u for each in found.windows],
+        "disturbance": [_z(found.disturbance, 0.0)],
+        "disturbance over U95": [found.disturbance.value / found.disturbance.expanded_u * 1.96],
+        "chi-square a degree": [found.chi_square / found.dof],
+    }
+
+
+def aged(seed: int, seconds: float) -> dict[str, list[float]]:
+    """Return the z of a run with a certificate, of one after ageing, and of the drift that the second finds."""
+    fresh, old = bench_of(seed, "drawn", {}), bench_of(seed, "drawn", ageing_of(seed))
+    (before, _), (after, _) = (truth(warm(physical_parameters(each))) for each in (fresh, old))
+    with tempfile.TemporaryDirectory() as where:
+        settings: dict[str, Any] = {"dut": "G", "devices": f"{where}/devices", "warm_up_s": 1800.0}
+        vcfbench.run("kvc", fresh, seed=3 * seed, settings=settings, runs=where)
+        settings["duration_s"] = seconds
+        first = vcfbench.run("online", fresh, seed=3 * seed + 1, settings=settings, runs=where).results
+        second = vcfbench.run("online", old, seed=3 * seed + 2, settings=settings, runs=where).results
+    return {
+        "scale factor": [_z(first.scale_factor, before)],
+        "scale factor, aged": [_z(second.scale_factor, after)],
+        "drift, none": [_z(first.drift.change_ppm, 0.0)],
+        "drift, aged": [_z(second.drift.change_ppm, 1e6 * (after / before - 1.0))],
+        "u of the scale factor, ppm": [1e6 * abs(first.scale_factor.u / before)],
+    }
+
+
+def _z(found: Any, true: float) -> float:
+    return float((found.value - true) / found.u)
+
+
+def main() -> None:
+    """Print a line for each seed, and the scatter of all."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--aged", action="store_true")
+    parser.add_argument("seeds", nargs="?", type=int, default=30)
+    parser.add_argument("first", nargs="?", type=int, default=1)
+    parser.add_argument("seconds", nargs="?", type=float, default=300.0)
+    asked = parser.parse_args()
+    found: dict[str, list[float]] = {}
+    for seed in range(asked.first, asked.first + asked.seeds):
+        one = (aged if asked.aged else told)(seed, asked.seconds)
+        for name, values in one.items():
+            found.setdefault(name, []).extend(values)
+        line = {name: round(values[0], 2) for name, values in one.items() if len(values) == 1}
+        print(json.dumps({"seed": seed, **line}), flush=True)
+    for name, values in found.items():
         within = sum(abs(each) <= 1.96 for each in values) / len(values)
-        scatter = {"mean": fmean(values), "sd": stdev(values), "sd_of_sd": 1.0 / math.sqrt(2.0 * len(values) - 2.0)}
-        print(json.dumps({"z of": name, **{key: round(each, 2) for key, each in scatter.items()}, "within": within}))
-    print(json.dumps({"chi-square a degree": round(fmean(squares), 3), "disturbance within U95": fmean(held)}))
+        scatter = {"mean": fmean(values), "sd": stdev(values), "sd of sd": 1.0 / math.sqrt(2.0 * len(values) - 2.0)}
+        print(json.dumps({"of": name, **{key: round(each, 2) for key, each in scatter.items()}, "within 1.96": within}))
 
 
 if __name__ == "__main__":

@@ -114,6 +114,7 @@ def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_pa
         v_vc_max_v=1.5,
         shares=(
             CurveShare(source="the table's rate", covariance=((0.0, 0.0), (0.0, own**2))),
+            CurveShare(source="the Earth's rate", covariance=((1e-6, 0.0), (0.0, -1e-20))),
             CurveShare(source="gain of what V_Vc is known by", of=name, covariance=((0.0, 0.0), (0.0, meter**2))),
         ),
     )
@@ -135,6 +136,7 @@ def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_pa
     assert not [each for each in sources if "gain of what V_Vc" in each]
     assert found.k_vc_from == "certificate 0001"
     assert found.drift.since == "certificate 0001 of 2020-01-01"
+    assert found.acceptance_values()["drift_ppm"] == found.drift.change_ppm.value
     assert abs(found.drift.change_ppm.value) < 350.0
 
 

@@ -118,11 +118,13 @@ class OnlineResult:
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys."""
-        return {"scale_factor_v_per_deg_s": self.scale_factor.value}
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.value, "e_n": self.drift.e_n}
+        return {"scale_factor_v_per_deg_s": self.scale_factor.value, **drift}
 
     def acceptance_u95(self) -> Mapping[str, float]:
-        """Return its expanded uncertainty."""
-        return {"scale_factor_v_per_deg_s": self.scale_factor.expanded_u}
+        """Return the expanded uncertainties of those that have one."""
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
+        return {"scale_factor_v_per_deg_s": self.scale_factor.expanded_u, **drift}
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,7 +341,7 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Par
         if of is not None and of == error.name and settings.v_vc_role is not None:
             same_meter = True  # its volts were those of the certificate: its errors are in the curve already
             continue
-        u = size * math.sqrt(float(covariance[1, 1])) / abs(k_vc)
+        u = size * math.sqrt(max(0.0, float(covariance[1, 1]))) / abs(k_vc)  # a share of none may round below 0
         common.append(Part(f"certificate: {name}", u, dof, of or f"{known.source}: {name}"))
     if not same_meter:
         common.append(Part(V_VC_GAIN, size * error.u_gain, None, error.name))
@@ -423,6 +425,7 @@ def online_report(_settings: OnlineSettings, _measured: Measured, results: Onlin
         said_of("scale factor, small signals", results.scale_factor),
         f"{len(results.windows)} windows scatter with {scatter}; {sine}",
         f"true rate under modulation less at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
+        f"  u is made of {', '.join(f'{each.source} {each.u:.1g}' for each in disturbance.parts)} deg/s",
         f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
         f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
@@ -431,7 +434,6 @@ def online_report(_settings: OnlineSettings, _measured: Measured, results: Onlin
         Text("\n".join(words)),
         _window_table(results),
         budget_table("the scale factor", results.scale_factor),
-        budget_table("the disturbance", disturbance),
         *([] if results.drift is None else drift_parts(results.drift)),
         *_figures(results),
         Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),

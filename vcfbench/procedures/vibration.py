@@ -146,7 +146,7 @@ class VibrationResult:
 NOT_HELD = (
     "The uncertainties hold the noise about each frequency and of the windows at rest, split, Q and share of the modes "
     "as told and, where no meter is on V_Vc, the accuracy of both generators. They do not hold: the corner of the "
-    "filter, curvature (4 ppm at 5 deg/s), a change of temperature during the run."
+    "filter, curvature (20 ppm at 7 deg/s), a change of temperature during the run."
 )
 
 
