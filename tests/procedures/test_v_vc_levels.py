@@ -63,5 +63,6 @@ def test_windows_at_one_setting_have_one_level() -> None:
     ]
     seen = at_measured_levels(points)
     assert [point.v_vc_v for point in seen] == pytest.approx([0.0, 0.1002, 0.1002, 0.1005])
-    assert [point.rate_deg_s for point in standing_for(seen, 4, 150.0)] == pytest.approx([10.0, 0.0, 0.0, 15.075])
+    stands = standing_for(seen, 4, lambda volts: 150.0 * volts)
+    assert [point.rate_deg_s for point in stands] == pytest.approx([10.0, 0.0, 0.0, 15.075])
     assert at_measured_levels(points[:1]) == points[:1]

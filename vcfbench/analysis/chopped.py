@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CHOPPED", "Block", "BlockNoise", "block_noise", "polynomial_through_zero"]
+__all__ = ["CHOPPED", "DIFFERENCES", "Block", "BlockNoise", "block_noise", "polynomial_through_zero"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
@@ -30,7 +30,7 @@ CHOPPED = (0, 1, -1, -1, 1, 0)
 
 _AT = np.array(CHOPPED)
 _LEVELS: Floats = np.stack([_AT == 0, _AT == 1, _AT == -1], axis=1).astype(np.float64)
-_DIFFERENCES: Floats = np.array([[-0.5 if s == 0 else 0.5 if s == sign else 0.0 for s in CHOPPED] for sign in (1, -1)])
+DIFFERENCES: Floats = np.array([[-0.5 if s == 0 else 0.5 if s == sign else 0.0 for s in CHOPPED] for sign in (1, -1)])
 """Plus less zero and minus less zero, of the six windows."""
 
 
@@ -53,7 +53,7 @@ class Block:
     @property
     def differences_v(self) -> tuple[float, float]:
         """Plus less zero and minus less zero, V."""
-        plus, minus = _DIFFERENCES @ np.array(self.outputs_v)
+        plus, minus = DIFFERENCES @ np.array(self.outputs_v)
         return float(plus), float(minus)
 
 
@@ -100,7 +100,7 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
     per_degree = float((seen**2).mean())
     unit = float(np.trace(left.T @ flicker @ left)) / left.shape[1]
     coefficient = max(0.0, (per_degree - white) / unit)  # a density is not negative
-    of_white, of_flicker = _DIFFERENCES @ _DIFFERENCES.T, _DIFFERENCES @ flicker @ _DIFFERENCES.T
+    of_white, of_flicker = DIFFERENCES @ DIFFERENCES.T, DIFFERENCES @ flicker @ DIFFERENCES.T
     covariance = white * of_white + coefficient * of_flicker
     share = float(of_flicker[0, 0]) / unit
     within, between = len(blocks) * len(CHOPPED) * (readings - 1), seen.size

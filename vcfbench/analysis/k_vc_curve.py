@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Curvature", "KVcCurve", "covariance_of", "covariance_parts", "fit_k_vc_curve"]
+__all__ = ["Curvature", "KVcCurve", "coefficient_weights", "covariance_of", "covariance_parts", "fit_k_vc_curve"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
@@ -197,19 +197,35 @@ def covariance_parts(
 
     """
     v = np.asarray(v_vc_v, dtype=np.float64)
-    scale = float(np.abs(v).max())
     slope = _slope(np.array(curve.coefficients), v)
     through = np.outer(slope, slope)
     parts = {name: np.asarray(part, dtype=np.float64) for name, part in of_rate.items()}
     parts |= {name: np.asarray(part, dtype=np.float64) * through for name, part in of_v_vc.items()}
+    making = coefficient_weights(curve, v, sum(parts.values(), start=np.zeros((v.size, v.size))))
+    return {name: making @ part @ making.T for name, part in parts.items()}
+
+
+def coefficient_weights(curve: KVcCurve, v_vc_v: ArrayLike, covariance: ArrayLike) -> Floats:
+    """Return what the rate of each pair puts into each coefficient, (coefficients, pairs).
+
+    Args:
+        curve: the fit.
+        v_vc_v: V_Vc of its pairs.
+        covariance: of the rates, that of V_Vc through the curve's slope in it.
+
+    Raises:
+        ConfigError: the covariance is zero or singular.
+
+    """
+    v = np.asarray(v_vc_v, dtype=np.float64)
+    scale = float(np.abs(v).max())
     powers = np.vander(v / scale, len(curve.coefficients), increasing=True)
     try:
-        weighted = powers.T @ np.linalg.inv(sum(parts.values(), start=np.zeros((v.size, v.size))))
+        weighted = powers.T @ np.linalg.inv(np.asarray(covariance, dtype=np.float64))
         making = np.linalg.inv(weighted @ powers) @ weighted
     except np.linalg.LinAlgError as error:
         raise ConfigError("the uncertainties of the pairs are zero or depend on each other completely") from error
-    making = making / (scale ** np.arange(powers.shape[1]))[:, None]
-    return {name: making @ part @ making.T for name, part in parts.items()}
+    return np.asarray(making / (scale ** np.arange(powers.shape[1]))[:, None])
 
 
 def _check(rate: Floats, v: Floats, order: int) -> None:

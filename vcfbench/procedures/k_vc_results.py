@@ -15,6 +15,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.budgets import Measurand, Part, budget_table, measurand, said_of
 from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, v_vc_error
 from vcfbench.procedures.measured import Measured
+from vcfbench.procedures.null_match import block
 from vcfbench.procedures.results import K_VC_UNIT, pooled_std_v
 from vcfbench.procedures.steps import MeasureVvc, VvcMeasured
 from vcfbench.record.devices import Certificate, CurveShare, Kept, KvcCurve
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.k_vc import KVcSettings
     from vcfbench.procedures.known_v_vc import KnownVvcSettings
     from vcfbench.procedures.procedure import Made
@@ -140,7 +142,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     """Return K_Vc, its curve and its uncertainty from the blocks."""
     levels = _levels(settings, points)
     left_v = levels.driven_v - levels.table_v
-    matched_v, per_v = _nulled(levels, left_v)
+    matched_v, per_v = nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
     noise = block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
     slopes, _, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
     per_deg_s = np.polynomial.polynomial.polyval(levels.rate, _derivative(slopes))
@@ -181,20 +183,26 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     )
 
 
-def _nulled(levels: _Levels, left_v: Floats) -> tuple[Floats, Floats]:
-    """Return the V_Vc at which nothing would be left, and what the output does per volt there.
+def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
+    """Return the V_Vc at which nothing would be left, V, and what the output does per volt there, V/V.
 
     Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
     where a generator changes its range, and the slope is good to some parts in a thousand.
+
+    Args:
+        v_vc_v: V_Vc of each window, V.
+        zero_v_vc_v: V_Vc of the zeros, V.
+        driven_v: what V_Vc moved the output by, from the zeros, V.
+        left_v: that less what the table moved it by, V.
     """
-    at = levels.v_vc_v - levels.zero_v_vc_v
-    response, _, _ = polynomial_through_zero(at, levels.driven_v, np.eye(at.size), min(5, at.size - 1))
+    at = v_vc_v - zero_v_vc_v
+    response, _, _ = polynomial_through_zero(at, driven_v, np.eye(at.size), min(5, at.size - 1))
     slopes = _derivative(response)
     matched: Floats = at
     for _ in range(3):
         matched = at - left_v / np.polynomial.polynomial.polyval(0.5 * (at + matched), slopes)
     per_v = np.polynomial.polynomial.polyval(matched, slopes)
-    return matched + levels.zero_v_vc_v, np.asarray(per_v)
+    return matched + zero_v_vc_v, np.asarray(per_v)
 
 
 def _derivative(from_first: Floats) -> Floats:
@@ -282,7 +290,7 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
     return blocks
 
 
-def noise_of(settings: KnownVvcSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
+def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
     """Return the noise of a run from its blocks and from the scatter within all of its windows."""
     window_s = settings.samples * settings.sample_interval_s
     readings = min(point.n for point in points)
@@ -402,8 +410,3 @@ def k_vc_report(_settings: KVcSettings, _points: Sequence[Point], results: KVcRe
             Text("what a self-calibration by this K_Vc cannot see:\n" + "\n".join(f"  {each}" for each in UNSEEN)),
         ]
     )
-
-
-def block(points: Sequence[Point]) -> Block:
-    """Return the mean outputs of six windows."""
-    return Block(tuple(point.output_v for point in points))

@@ -162,6 +162,14 @@ class Matching(Struct, frozen=True):
             raise MeasurementError("the output does not answer to the table's rate", instrument="multimeter", step="2")
         return self.rate_deg_s / v_vc_v
 
+    def rate_of(self, v_vc_v: float) -> float:
+        """Return the rate that a V_Vc stands for, deg/s."""
+        return self.k_vc * v_vc_v
+
+    def level_for(self, rate_deg_s: float) -> float:
+        """Return the V_Vc that stands for a rate, V."""
+        return rate_deg_s / self.k_vc
+
     def u_k_vc(self, std_v: float, common_v: float) -> float:
         """Return the standard uncertainty of K_Vc, (deg/s)/V.
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from vcfbench.procedures.results import SweptTurntableResult, SweptVirtualCoriolisResult
+from vcfbench.procedures.results import (
+    NullVirtualCoriolisResult,
+    SweptTurntableResult,
+    SweptVirtualCoriolisResult,
+)
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
@@ -43,7 +47,7 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
 
 def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:
     """Report a four-step calibration: steps 3 and 4 like the paper's Table 1, both lines, and how they differ."""
-    points = standing_for(at_measured_levels(points), 4, results.k_vc.value)
+    points = standing_for(at_measured_levels(points), 4, _rate_of(results))
     table = [point for point in points if point.step == 3]
     virtual = [point for point in points if point.step == 4]
     lines = [("turntable", table, results.turntable), ("virtual Coriolis", virtual, results.virtual)]
@@ -51,6 +55,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
         [
             _table_1(table, virtual),
             Text(_comparison(results)),
+            *_nulls(results),
             *_sweeps(results),
             *_stated(results.uncertainty),
             _outputs("Output against rate, real and virtual", lines),
@@ -58,6 +63,30 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
             _difference(table, virtual, results),
         ]
     )
+
+
+def _rate_of(results: VirtualCoriolisResult) -> Callable[[float], float]:
+    if isinstance(results, NullVirtualCoriolisResult):
+        return results.rate_of
+    k_vc = results.k_vc.value
+    return lambda v_vc_v: k_vc * v_vc_v
+
+
+def _nulls(results: VirtualCoriolisResult) -> list[Table | Text]:
+    """Lay out the matches where K_Vc is from null comparisons, and the curve through them."""
+    if not isinstance(results, NullVirtualCoriolisResult):
+        return []
+    columns = (
+        *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f")),
+        *(Column("rate - K_Vc", "deg/s", ".1e"), Column("left", "V", ".1e")),
+    )
+    rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in results.pairs]
+    matches = Table(columns, rows, f"V_Vc with the same zero-subtracted output as the table ({results.k_vc_by.value})")
+    if results.lack_of_fit_p is None:
+        return [matches]
+    terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(results.coefficients, start=1))
+    lack = f"lack of fit {results.lack_of_fit_deg_s:.1e} deg/s rms (p = {results.lack_of_fit_p:.2g}); in no uncertainty"
+    return [matches, Text(f"rate = {terms}\n  {lack}")]
 
 
 def _sweeps(results: TurntableResult | VirtualCoriolisResult) -> list[Text]:

@@ -11,7 +11,7 @@ from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.schedule import SweepSettings
+from vcfbench.procedures.schedule import KvcBy, SweepSettings
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.specifications import AGILENT_33220A
 
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
     from vcfbench.bench.settings import Match
+    from vcfbench.procedures.null_matching import NullMatching
     from vcfbench.procedures.sweep_found import SweepFound
     from vcfbench.procedures.uncertainty import Statement
+    from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -29,11 +31,14 @@ __all__ = [
     "GENERATOR_OFFSET_V",
     "K_VC_UNIT",
     "LEVEL_RESOLUTION",
+    "NullPair",
+    "NullVirtualCoriolisResult",
     "SweptTurntableResult",
     "SweptVirtualCoriolisResult",
     "TurntableResult",
     "VirtualCoriolisResult",
     "noise_std_v",
+    "null_results",
     "pooled_std_v",
     "repeat_std_v",
     "turntable_results",
@@ -134,6 +139,36 @@ class SweptVirtualCoriolisResult(VirtualCoriolisResult):
     virtual_sweep: SweepFound
 
 
+@dataclass(frozen=True, slots=True)
+class NullPair:
+    """A rate of the table, and the V_Vc with the same zero-subtracted output."""
+
+    rate_deg_s: float
+    v_vc_v: float
+    residual_deg_s: float
+    """Rate less what that V_Vc stands for."""
+    left_v: float
+    """What was left between the two outputs, V; it is interpolated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NullVirtualCoriolisResult(SweptVirtualCoriolisResult):
+    """The same, with K_Vc from null comparisons at rates of both signs."""
+
+    k_vc_by: KvcBy
+    coefficients: tuple[float, ...]
+    """The rate that V_Vc stands for is the sum of these times V_Vc, its square, its cube, (deg/s)/V^p."""
+    pairs: tuple[NullPair, ...]
+    lack_of_fit_p: float | None
+    """Of a curve: probability of residuals as large if it is right."""
+    lack_of_fit_deg_s: float | None
+    """What its residuals hold beyond their noise, root mean square; in no uncertainty."""
+
+    def rate_of(self, v_vc_v: float) -> float:
+        """Return the rate that a V_Vc stands for, deg/s."""
+        return math.fsum(each * v_vc_v ** (place + 1) for place, each in enumerate(self.coefficients))
+
+
 def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
     scale_factor, bias_v = column.scale_factor.value, column.bias.value
     return {
@@ -197,15 +232,59 @@ def virtual_coriolis_results(
     settings: ProcedureSettings | None = None,
 ) -> VirtualCoriolisResult:
     """Return the results of a four-step calibration, with `settings` their uncertainties."""
+    points = at_measured_levels(points)
+    matching = Matching.of(points, match, match_rate_deg_s)
+    told = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
+    values = _four_steps(points, matching, meter_resolution_v, settings) | told
+    if settings is None or not _swept(settings):
+        return VirtualCoriolisResult(**values)
+    return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))
+
+
+def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> NullVirtualCoriolisResult:
+    """Return the results of a four-step calibration whose K_Vc is from null comparisons at both signs."""
+    from vcfbench.procedures.null_matching import null_matching  # noqa: PLC0415  # numpy comes with it
+
+    points = at_measured_levels(points)
+    matching = null_matching(settings, points)
+    curve = matching.curve
+    columns = (matching.rate_deg_s, matching.v_vc_v, matching.residuals_deg_s, matching.left_v)
+    return NullVirtualCoriolisResult(
+        **_four_steps(points, matching, settings.meter_resolution_v, settings),
+        **_sweeps(settings, standing_for(points, 4, matching.rate_of)),
+        match=settings.match,
+        match_rate_deg_s=settings.match_rate_deg_s,
+        meter_resolution_v=settings.meter_resolution_v,
+        k_vc_by=settings.k_vc_by,
+        coefficients=tuple(matching.coefficients.tolist()),
+        pairs=tuple(NullPair(*map(float, each)) for each in zip(*columns, strict=True)),
+        lack_of_fit_p=None if curve is None else curve.lack_of_fit_p,
+        lack_of_fit_deg_s=None if curve is None else curve.lack_of_fit_deg_s,
+    )
+
+
+def _sweeps(settings: SweepSettings, points: Sequence[Point]) -> dict[str, Any]:
+    from vcfbench.procedures.sweep import sweep_of  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.sweep_found import sweep_found  # noqa: PLC0415  # as above
+
+    turntable, virtual = (sweep_found(settings, points, sweep_of(settings, points, step)) for step in (3, 4))
+    return {"turntable_sweep": turntable, "virtual_sweep": virtual}
+
+
+def _four_steps(
+    points: Sequence[Point],
+    matching: Matching | NullMatching,
+    meter_resolution_v: float,
+    settings: ProcedureSettings | None,
+) -> dict[str, Any]:
+    """Return K_Vc, both columns and how they differ, from points at the V_Vc that they are known to have."""
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
     from vcfbench.procedures.sweep import sweep_of  # noqa: PLC0415  # as above
     from vcfbench.procedures.uncertainty import four_step_statement  # noqa: PLC0415  # as above
 
     measured = any(point.v_vc_measured_v is not None for point in points)
-    points, u_level = at_measured_levels(points), 0.0 if measured else _U_LEVEL
-    u_v = u_output_v(points, meter_resolution_v)
-    matching = Matching.of(points, match, match_rate_deg_s)
-    points = standing_for(points, 4, matching.k_vc)
+    u_v, u_level = u_output_v(points, meter_resolution_v), 0.0 if measured else _U_LEVEL
+    points = standing_for(points, 4, matching.rate_of)
     noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
     table, driven = (sweep_of(settings or ProcedureSettings(), points, step) for step in (3, 4))
@@ -215,29 +294,21 @@ def virtual_coriolis_results(
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
-    result = VirtualCoriolisResult(
-        k_vc=Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
-        k_vc_u_generator=0.0 if measured else _u_generator(matching.v_vc_equal_v) * abs(matching.k_vc),
-        v_vc10_v=matching.v_vc_equal_v,
-        turntable=turntable.column(),
-        virtual=virtual.column(),
-        scale_factor_error_percent=comparison.scale_factor_error_percent,
-        scale_factor_error_u_percent=100.0 * ratio * relative,
-        scale_factor_error_fit_u_percent=comparison.u_scale_factor_error_percent,
-        comparison=comparison,
-        match=match,
-        match_rate_deg_s=match_rate_deg_s,
-        match_residual_v=matching.residual_v,
-        u_output_v=u_v,
-        meter_resolution_v=meter_resolution_v,
-        uncertainty=None if settings is None else four_step_statement(settings, points, matching),
-    )
-    if settings is None or not _swept(settings):
-        return result
-    from vcfbench.procedures.sweep_found import sweep_found  # noqa: PLC0415  # numpy comes with it
-
-    turntable_sweep, virtual_sweep = (sweep_found(settings, points, each) for each in (table, driven))
-    return SweptVirtualCoriolisResult(**_fields(result), turntable_sweep=turntable_sweep, virtual_sweep=virtual_sweep)
+    set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
+    return {
+        "k_vc": Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
+        "k_vc_u_generator": 0.0 if measured else _u_generator(set_v) * abs(matching.k_vc),
+        "v_vc10_v": matching.v_vc_equal_v,
+        "turntable": turntable.column(),
+        "virtual": virtual.column(),
+        "scale_factor_error_percent": comparison.scale_factor_error_percent,
+        "scale_factor_error_u_percent": 100.0 * ratio * relative,
+        "scale_factor_error_fit_u_percent": comparison.u_scale_factor_error_percent,
+        "comparison": comparison,
+        "match_residual_v": matching.residual_v,
+        "u_output_v": u_v,
+        "uncertainty": None if settings is None else four_step_statement(settings, points, matching),
+    }
 
 
 def pooled_std_v(points: Sequence[Point]) -> float:

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EARTH_DEG_S",
+    "SEARCH",
     "ZERO_DRIVEN",
     "ZERO_TABLE",
     "Earth",
     "Grid",
+    "KvcBy",
     "Order",
     "SweepSettings",
     "Zeros",
@@ -46,8 +48,10 @@ EARTH_DEG_S = 15.041067 / 3600.0
 _LOOP_DRIFT = 1e-2
 """A gyroscope whose output differs by more of its span between up and down is none to be calibrated."""
 
-ZERO_TABLE, ZERO_DRIVEN = 5, 6
-"""The numbers that points of zeros carry: table at rest with the generator off, and with the generator on at 0 V."""
+ZERO_TABLE, ZERO_DRIVEN, SEARCH = 5, 6, 7
+"""The numbers that points of zeros carry, table at rest with the generator off, and with the generator on at 0 V; and
+those of a search for V_Vc.
+"""
 
 
 class Order(Enum):
@@ -69,6 +73,18 @@ class Zeros(Enum):
     NONE = "none"
     ENDS = "ends"
     BRACKET = "bracket"
+
+
+class KvcBy(Enum):
+    """What K_Vc of the four steps is made of.
+
+    `ONE_POINT`: the match at one rate. `PLUS_MINUS`: half the difference of those at it and its opposite. `CURVE`: a
+    curve through matches at several rates of both signs.
+    """
+
+    ONE_POINT = "one-point"
+    PLUS_MINUS = "plus-minus"
+    CURVE = "curve"
 
 
 class Earth(Enum):

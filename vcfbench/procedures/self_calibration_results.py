@@ -23,7 +23,6 @@ from vcfbench.procedures.k_vc_results import (
     V_VC_NOISE,
     V_VC_OFFSET,
     bias_at_rest,
-    block,
     block_covariance,
     blocks_of,
     dof_of,
@@ -31,6 +30,7 @@ from vcfbench.procedures.k_vc_results import (
     noise_of,
 )
 from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, v_vc_error
+from vcfbench.procedures.null_match import block
 from vcfbench.record.devices import Kept, SelfCalibration
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 

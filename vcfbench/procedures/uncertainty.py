@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -18,6 +19,7 @@ from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.bench.settings import V_VC_RANGE_V
+from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.schedule import earth_left_deg_s
 from vcfbench.procedures.sweep import sweep_of, window_times
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.budget import Budget, Model, Result
     from vcfbench.bench.settings import ProcedureSettings, Sources
-    from vcfbench.procedures.matching import Matching
+    from vcfbench.procedures.null_matching import NullMatching
     from vcfbench.procedures.sweep import Sweep
     from vcfbench.record.schema import Point
 
@@ -159,14 +161,18 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], st
     return _statement(settings, sources, model, correlations)
 
 
-def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], matching: Matching) -> Statement:
+def four_step_statement(
+    settings: ProcedureSettings, points: Sequence[Point], matching: Matching | NullMatching
+) -> Statement:
     """Return the budget of a four-step calibration: K_Vc, both lines, and how they differ."""
+    if not isinstance(matching, Matching):
+        return _null_statement(settings, points, matching)
     table, virtual = (Line.of(sweep_of(settings, points, step)) for step in (3, 4))
     known, k_vc = settings.station.sources, matching.k_vc
     match = _Sum("match", _match_weights(points, matching), "V")
     sums = [*_line_sums("table", table), *_line_sums("virtual", virtual), match]
     sources, correlations = _noise(settings, points, sums, table.scale_factor)
-    levels = _Levels.of(virtual, k_vc, matching, _known_levels(points, matching, known))
+    levels = _Levels.of(virtual, k_vc, matching, _known_levels(points, known))
     sources += [*_meter(known), *_table(known), *levels.sources, *_earth(settings, table.scale_factor)]
     span_v = matching.slope * matching.level_v
 
@@ -178,23 +184,66 @@ def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], ma
         slope = virtual.scale_factor - _noises("virtual slope", q) - levels.slope(q)
         bias = virtual.bias_v - _noises("virtual bias", q) - q["meter offset"] - levels.bias(q) - q.get(_TILT, 0.0)
         virtual_slope = slope / gain / rate * level * matched
-        return {
-            "k_vc": k_vc * rate / level / matched,
-            "turntable.scale_factor": of_table["scale_factor"],
-            "turntable.bias": of_table["bias"],
-            "turntable.bias_deg_s": of_table["bias_deg_s"],
-            "virtual.scale_factor": virtual_slope,
-            "virtual.bias": bias / gain,
-            "virtual.bias_deg_s": bias / gain / virtual_slope,
-            "scale_factor_error_percent": 100.0 * (virtual_slope / of_table["scale_factor"] - 1.0),
-            "bias_difference_v": bias / gain - of_table["bias"],
-        }
+        return _four_step_values(k_vc * rate / level / matched, of_table, virtual_slope, bias / gain)
 
     return _statement(
         settings, sources, model, correlations, difference="scale_factor_error_percent", levels_by=levels.by
     )
 
 
+def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matching: NullMatching) -> Statement:
+    """Return the budget where K_Vc is from null comparisons: what they share with the virtual line goes through both.
+
+    A volt of noise in a match, or an error of the V_Vc of one of its ranges, changes the rates that all levels of the
+    virtual line stand for; to first order that is one more sum of outputs, and of errors of ranges, for each value.
+    """
+    sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
+    table, virtual = map(Line.of, sweeps)
+    known = settings.station.sources
+    levels = _NullLevels.of(virtual, np.array([p.v_vc_v for p in sweeps[1].points]), matching, points, known)
+    sums = [*_line_sums("table", table), *_line_sums("virtual", virtual), *levels.sums]
+    sources, correlations = _noise(settings, points, sums, table.scale_factor)
+    sources += [*_meter(known), *_table(known), *levels.sources, *_earth(settings, table.scale_factor)]
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        of_table = _table_values(table, q)
+        gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
+        k_vc = (matching.k_vc - _noises("match", q) - levels.through("k_vc", q)) * rate
+        slope = virtual.scale_factor - _noises("virtual slope", q) + _noises("match slope", q)
+        bias = virtual.bias_v - _noises("virtual bias", q) + _noises("match bias", q)
+        bias = bias - q["meter offset"] - q.get(_TILT, 0.0) - levels.through("bias", q)
+        return _four_step_values(k_vc, of_table, (slope - levels.through("slope", q)) / gain / rate, bias / gain)
+
+    return _statement(
+        settings,
+        sources,
+        model,
+        correlations,
+        difference="scale_factor_error_percent",
+        levels_by=levels.by,
+        meanings=_OF_CURVE if matching.curve is not None else _OF_PAIR,
+    )
+
+
+def _four_step_values(k_vc: Any, of_table: Mapping[str, Any], slope: Any, bias: Any) -> dict[str, Any]:
+    return {
+        "k_vc": k_vc,
+        "turntable.scale_factor": of_table["scale_factor"],
+        "turntable.bias": of_table["bias"],
+        "turntable.bias_deg_s": of_table["bias_deg_s"],
+        "virtual.scale_factor": slope,
+        "virtual.bias": bias,
+        "virtual.bias_deg_s": bias / slope,
+        "scale_factor_error_percent": 100.0 * (slope / of_table["scale_factor"] - 1.0),
+        "bias_difference_v": bias - of_table["bias"],
+    }
+
+
+_OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
+_OF_CURVE = {
+    "k_vc": "rate over V_Vc at small levels: c1 of the curve through the matches",
+    "virtual.scale_factor": "slope of the line of outputs against the curve's rates at these levels of V_Vc",
+}
 _OF = {
     "scale_factor": ("V/(deg/s)", "slope of the least-squares line through the outputs on the table at these rates"),
     "bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
@@ -345,15 +394,19 @@ class _KnownLevels:
     """What every level has of its own."""
     u_besides_v: Callable[[float], float]
     """Of one level of the virtual line, V."""
-    u_match_v: float
-    """Of the level that was matched, V."""
+    reading_v: float | None
+    """Scatter of one reading of V_Vc, V; None where it was set."""
 
     def range_of(self, level_v: float) -> int:
         """Return the place of the range that a level is on."""
         return next((n for n, upper in enumerate(self.ranges_v) if abs(level_v) <= upper), len(self.ranges_v) - 1)
 
+    def u_mean_v(self, level_v: float, per_reading: float) -> float:
+        """Return the standard uncertainty of what a level has of its own, V, the mean of 1 / `per_reading` readings."""
+        return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)
 
-def _known_levels(points: Sequence[Point], matching: Matching, known: Sources) -> _KnownLevels:
+
+def _known_levels(points: Sequence[Point], known: Sources) -> _KnownLevels:
     """Return what V_Vc is known by: the meter that measured it, else the generator that it was set on."""
     scatter_v = [point.v_vc_std_v for point in points if point.v_vc_std_v is not None]
     if not scatter_v:
@@ -364,12 +417,9 @@ def _known_levels(points: Sequence[Point], matching: Matching, known: Sources) -
             return _step_v(upper_v, known.generator_bits) / math.sqrt(12.0)
 
         gain, offset_v = known.generator_gain, known.generator_offset_v
-        u_match_v = resolved(matching.v_vc_equal_v)
-        return _KnownLevels("generator", ranges, gain, offset_v, None, "resolution", resolved, u_match_v)
+        return _KnownLevels("generator", ranges, gain, offset_v, None, "resolution", resolved, None)
     pooled_v = math.sqrt(math.fsum(each**2 for each in scatter_v) / len(scatter_v))
     samples = min(point.n for point in points)
-    zero = 0.0 if matching.match.value == "absolute" else 1.0 / matching.zero_virtual.n
-    u_match_v = pooled_v * math.sqrt(1.0 / matching.best.n + zero)
     return _KnownLevels(
         "V_Vc meter",
         (V_VC_RANGE_V,),
@@ -378,7 +428,7 @@ def _known_levels(points: Sequence[Point], matching: Matching, known: Sources) -
         known.v_vc_sigmas,
         "readings",
         lambda _level_v: pooled_v / math.sqrt(samples),
-        u_match_v,
+        pooled_v,
     )
 
 
@@ -420,7 +470,8 @@ class _Levels:
                 _limited(f"{by} offset, {name}", known.offset_v, "V", known.sigmas),
             )
         ]
-        u_match = known.u_match_v / abs(matching.level_v)
+        zero = 0.0 if matching.match.value == "absolute" else 1.0 / matching.zero_virtual.n
+        u_match = known.u_mean_v(matching.v_vc_equal_v, 1.0 / matching.best.n + zero) / abs(matching.level_v)
         sources += [
             Source(f"{besides}: virtual slope", 0.0, float(spread[0]), "V/(deg/s)"),
             Source(f"{besides}: virtual bias", 0.0, float(spread[1]), "V"),
@@ -460,6 +511,61 @@ class _Levels:
         return by_gain + sum(size * q[f"{self.by} offset, {name}"] for name, size in offsets.items())
 
 
+@dataclass(frozen=True, slots=True)
+class _NullLevels:
+    """What the noise of null comparisons, and the errors of V_Vc in them and in the virtual line, do to each value."""
+
+    sums: tuple[_Sum, ...]
+    sources: tuple[Source, ...]
+    by: str
+    effects: Mapping[str, Mapping[str, float]]
+    """Of each value: what each source adds to it, per unit of the source."""
+
+    @classmethod
+    def of(
+        cls, line: Line, level_v: Floats, matching: NullMatching, points: Sequence[Point], known: Sources
+    ) -> _NullLevels:
+        levels = _known_levels(points, known)
+        sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
+        powers = level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)
+        of_match = matching.weights * matching.slope_of(matching.v_vc_v)  # coefficients per volt of each pair
+        grows = matching.slope_of(level_v)
+        by_pair = {"k_vc": of_match[0], "slope": -sloping @ powers @ of_match, "bias": -shifting @ powers @ of_match}
+        by_level = {"k_vc": 0.0 * level_v, "slope": sloping * grows, "bias": shifting * grows}
+        per_reading = float((np.maximum(matching.left_weights, 0.0) ** 2 / matching.readings).sum(axis=1).max())
+        u_pair = np.array([levels.u_mean_v(volts, per_reading) for volts in matching.v_vc_v])
+        u_level = np.array([levels.u_besides_v(volts) for volts in level_v])
+        every_v = np.concatenate([matching.v_vc_v, level_v])
+        own = np.array([levels.range_of(volts) for volts in every_v])
+        sources, effects = [], {value: dict[str, float]() for value in by_pair}
+        for place in np.unique(own).tolist():
+            here, name = own == place, f"{levels.ranges_v[place]:g} V range"
+            gain, offset = f"{levels.by} gain, {name}", f"{levels.by} offset, {name}"
+            sources += [
+                _limited(gain, levels.gain, "1", levels.sigmas),
+                _limited(offset, levels.offset_v, "V", levels.sigmas),
+            ]
+            for value, found in effects.items():
+                both = np.concatenate([by_pair[value], by_level[value]])
+                found |= {gain: float((both * every_v)[here].sum()), offset: float(both[here].sum())}
+        for value, unit in (("k_vc", "(deg/s)/V"), ("slope", "V/(deg/s)"), ("bias", "V")):
+            spread = math.hypot(np.linalg.norm(by_pair[value] * u_pair), np.linalg.norm(by_level[value] * u_level))
+            name = f"{levels.by} {levels.besides}: {value}"
+            sources.append(Source(name, 0.0, spread, unit))
+            effects[value][name] = 1.0
+        noise = matching.noise_weights
+        sums = (
+            _Sum("match", noise[0], "(deg/s)/V"),
+            _Sum("match slope", sloping @ powers @ noise, "V/(deg/s)"),
+            _Sum("match bias", shifting @ powers @ noise, "V"),
+        )
+        return cls(sums, tuple(sources), levels.by, effects)
+
+    def through(self, value: str, q: Mapping[str, Any]) -> Any:
+        """Return what the errors of V_Vc add to a value."""
+        return sum(size * q[name] for name, size in self.effects[value].items())
+
+
 def _step_v(upper_v: float, bits: int) -> float:
     return 2.0 * upper_v / 2**bits if bits and math.isfinite(upper_v) else 0.0
 
@@ -472,9 +578,12 @@ def _statement(
     *,
     difference: str | None = None,
     levels_by: str = "",
+    meanings: Mapping[str, str] = MappingProxyType({}),
 ) -> Statement:
     budget = evaluate(sources, model, correlations)
-    unit_and_meaning = {name: (unit, _meaning(settings, words)) for name, (unit, words) in _OF.items()}
+    unit_and_meaning = {
+        name: (unit, _meaning(settings, meanings.get(name, words))) for name, (unit, words) in _OF.items()
+    }
     values = tuple(_stated(result, budget, *unit_and_meaning[result.name]) for result in budget.results)
     ratio = None
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:

@@ -15,7 +15,7 @@ from vcfbench.procedures.steps import AcquireWithVvc, ConfigureVvcMeter, Window
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.step import Routine
@@ -82,10 +82,10 @@ def at_measured_levels(points: Sequence[Point]) -> Sequence[Point]:
     return [replace(point, v_vc_v=levels_v.get((point.step, point.v_vc_v), point.v_vc_v)) for point in points]
 
 
-def standing_for(points: Sequence[Point], step: int, k_vc: float) -> Sequence[Point]:
+def standing_for(points: Sequence[Point], step: int, rate_of: Callable[[float], float]) -> Sequence[Point]:
     """Return the points, those of `step` at the rates that their measured V_Vc stands for."""
     return [
-        replace(point, rate_deg_s=k_vc * point.v_vc_v)
+        replace(point, rate_deg_s=rate_of(point.v_vc_v))
         if point.step == step and point.v_vc_measured_v is not None
         else point
         for point in points

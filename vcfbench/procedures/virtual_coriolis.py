@@ -8,6 +8,7 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
@@ -29,7 +30,7 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.reports import virtual_coriolis_report
-from vcfbench.procedures.results import VirtualCoriolisResult, virtual_coriolis_results
+from vcfbench.procedures.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
 from vcfbench.procedures.routines import (
     go_to_rate,
     powered,
@@ -39,7 +40,7 @@ from vcfbench.procedures.routines import (
     take_zero_again,
     v_vc_on,
 )
-from vcfbench.procedures.schedule import ZERO_DRIVEN, SweepSettings, sweep_drift, sweep_words
+from vcfbench.procedures.schedule import SEARCH, ZERO_DRIVEN, KvcBy, SweepSettings, sweep_drift, sweep_words
 from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.v_vc_levels import ready_v_vc_meter, take_driven
@@ -47,6 +48,7 @@ from vcfbench.procedures.v_vc_levels import ready_v_vc_meter, take_driven
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from vcfbench.procedures.null_matching import NullMatching
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
@@ -66,11 +68,35 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
     match_rate_deg_s: Annotated[Rate, Meta(description="rate at which K_Vc is found")] = 10.0
     match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that step 2 may take")] = 4
     match_windows: Annotated[int, Meta(ge=1, le=1000, description="windows of each mean that K_Vc hangs on")] = 4
+    k_vc_by: Annotated[
+        KvcBy,
+        Meta(description="K_Vc by one match, half the difference at both signs, or a curve", extra={"option": "--kvc"}),
+    ] = KvcBy.ONE_POINT
+    match_rates_deg_s: Annotated[
+        tuple[Rate, ...],
+        Meta(min_length=3, max_length=100, description="rates at which a curve is matched, each with both signs"),
+    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
+
+    @property
+    def as_in_the_paper(self) -> bool:
+        """Whether rates are visited, and K_Vc is found, as the paper does it."""
+        return super().as_in_the_paper and self.k_vc_by is KvcBy.ONE_POINT
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The rates at which V_Vc is matched, without sign, rising."""
+        rates = self.match_rates_deg_s if self.k_vc_by is KvcBy.CURVE else (self.match_rate_deg_s,)
+        return tuple(sorted({abs(rate) for rate in rates}))
+
+    @property
+    def null_cycles(self) -> int:
+        """How often the null comparisons are made: each has two windows of a level."""
+        return max(1, self.match_windows // 2)
 
     @property
     def fastest_deg_s(self) -> float:
         """The fastest that the table is asked to turn, deg/s, either way."""
-        return max(super().fastest_deg_s, abs(self.match_rate_deg_s))
+        return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
 
     def contradictions(self) -> Iterator[Misfit]:
         """Yield what the ranges cannot say; every rate must have a V_Vc within the limits, |rate| / |K_Vc|."""
@@ -87,6 +113,15 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
         if abs(guess) * LEAST_V_VC_V > match_deg_s:
             needs = f"{match_deg_s:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
             yield Misfit("k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess)
+        if self.k_vc_by is not KvcBy.ONE_POINT and self.match is Match.ABSOLUTE:
+            yield Misfit("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
+        if self.k_vc_by is KvcBy.CURVE:
+            from vcfbench.procedures.null_match import match_rate_misfits  # noqa: PLC0415  # numpy comes with it
+
+            yield from match_rate_misfits(self, self.match_rates_deg_s, 3)
+            if self.magnitudes_deg_s[-1] < largest:
+                expected = f"at least one of {largest:g} deg/s or more: a curve tells nothing beyond its rates"
+                yield Misfit("match_rates_deg_s", expected, list(self.match_rates_deg_s))
 
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
@@ -95,17 +130,46 @@ def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
 
 
 def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
-    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
-    yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
-    points = yield from _table_reference(settings)
-    yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
-    driven, matching = yield from _match(settings, points)
+    if settings.k_vc_by is KvcBy.ONE_POINT:
+        yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
+        points = yield from _table_reference(settings)
+        yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
+        driven, matching = yield from _match(settings, points)
+        rates: Matching | NullMatching = matching
+    else:
+        points, driven, rates = yield from _null_match(settings)
     yield Note("Step 3: the table turns at each rate, generator off")
     yield DisableVvc()
     yield from table_sweep(settings, 3, points)
-    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {matching.k_vc:.6g} (deg/s)/V")
-    yield from _virtual_sweep(settings, matching.k_vc, driven)
+    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
+    yield from _virtual_sweep(settings, rates, driven)
     return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
+
+
+def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
+    """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and what they come to."""
+    from vcfbench.procedures.null_match import NullTerms, nulled  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.null_matching import null_matching  # noqa: PLC0415  # as above
+
+    yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
+    yield Settle(settings.settle_s, "gyro settles, table at rest")
+    found = yield from nulled(
+        settings,
+        NullTerms(
+            magnitudes_deg_s=settings.magnitudes_deg_s,
+            cycles=settings.null_cycles,
+            iterations=settings.match_iterations,
+            take=partial(take_driven, settings, table_deg_s=0.0),
+            table=1,
+            search=SEARCH,
+            driven=2,
+        ),
+    )
+    require_expected_column(found.table, settings.expected)
+    matching = null_matching(settings, [*found.table, *found.driven])
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    return list(found.table), list(found.driven), matching
 
 
 def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
@@ -189,8 +253,10 @@ def _no_match(matching: Matching, settings: VirtualCoriolisSettings) -> Measurem
     )
 
 
-def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[Point]) -> Routine[None]:
-    """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for K_Vc times the V_Vc that was read back.
+def _virtual_sweep(
+    settings: VirtualCoriolisSettings, rates: Matching | NullMatching, driven: list[Point]
+) -> Routine[None]:
+    """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for the rate of the V_Vc that was read back.
 
     The points must agree with those of step 2, `driven`, and so must the zero when all is done.
     """
@@ -199,9 +265,9 @@ def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[
     reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
     yield from v_vc_on()
     for visit in settings.visits_deg_s:
-        v_vc_v = yield from set_v_vc(settings, 0.0 if visit is None else visit / k_vc)
+        v_vc_v = yield from set_v_vc(settings, 0.0 if visit is None else rates.level_for(visit))
         own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
-        rate_deg_s = k_vc * v_vc_v
+        rate_deg_s = rates.rate_of(v_vc_v)
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
         others = (each for each in (*points, *zeros) if each is not own[-1])
         require_agreement([*driven, *others, own[-1]], settings, sweep_drift(settings))
@@ -213,9 +279,10 @@ def _virtual_sweep(settings: VirtualCoriolisSettings, k_vc: float, driven: list[
 
 
 def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
-    return virtual_coriolis_results(
-        points, settings.match, settings.match_rate_deg_s, settings.meter_resolution_v, settings
-    )
+    if settings.k_vc_by is KvcBy.ONE_POINT:
+        match, rate_deg_s = settings.match, settings.match_rate_deg_s
+        return virtual_coriolis_results(points, match, rate_deg_s, settings.meter_resolution_v, settings)
+    return null_results(points, settings)
 
 
 VIRTUAL_CORIOLIS = Procedure(
