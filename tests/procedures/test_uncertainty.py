@@ -132,6 +132,35 @@ def test_a_meter_on_v_vc_goes_into_k_vc_by_its_gain_and_cancels_in_the_virtual_c
     )
 
 
+def test_temperature_and_warm_up_go_into_scale_factor_and_bias_but_not_into_what_compares() -> None:
+    known = Sources(temperature_k=1.0, scale_factor_ppm_k=104.0, bias_deg_h_k=36.0, warm_up_k=0.3, warm_up_time_s=300.0)
+    stated, left_k = four(known), 0.3 * math.exp(-settings(known).start_up_s / 300.0)
+    away_k = math.hypot(1.0, left_k) / math.sqrt(3.0)
+    for column in ("turntable", "virtual"):
+        assert stated.value(f"{column}.scale_factor").u == pytest.approx(abs(K) * 104e-6 * away_k)
+        assert stated.value(f"{column}.bias").u == pytest.approx(abs(K) * 0.01 * away_k, rel=1e-6)
+        assert stated.value(f"{column}.bias_deg_s").u == pytest.approx(0.01 * away_k, rel=1e-6)
+    for same in ("k_vc", "scale_factor_error_percent", "bias_difference_v"):
+        assert stated.value(same).u == pytest.approx(0.0, abs=1e-12)
+    assert not any("temperature" in each or "warm-up" in each for each in stated.not_in_u)
+    warmed = make_settings(warm_up_s=1800.0, station=Station(meter_resolution_v=1e-5, sources=known))
+    (warm_up,) = [
+        each.u_source
+        for each in turntable_statement(warmed, table_points(std_v=0.0)).value("scale_factor").contributions
+        if each.source == "warm-up"
+    ]
+    assert warm_up == pytest.approx(0.3 * math.exp(-6.0) / math.sqrt(3.0), rel=0.05)
+
+
+def test_a_misaligned_axis_goes_into_k_vc_and_scale_factor_as_the_table_s_rate_does() -> None:
+    stated = four(Sources(misalignment_deg=1.0))
+    tilted = (1.0 - math.cos(math.radians(1.0))) / math.sqrt(3.0)
+    assert stated.value("k_vc").u == pytest.approx(K_VC * tilted)
+    assert stated.value("turntable.scale_factor").u == pytest.approx(abs(K) * tilted)
+    assert stated.value("scale_factor_error_percent").u == pytest.approx(0.0, abs=1e-12)
+    assert not any("angle" in each for each in stated.not_in_u)
+
+
 def test_e_n_is_the_difference_over_its_expanded_uncertainty() -> None:
     stated = four(GENERATOR)
     difference = stated.value("scale_factor_error_percent")

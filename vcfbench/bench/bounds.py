@@ -19,14 +19,19 @@ __all__ = [
     "Acceleration",
     "AmplitudeWindow",
     "BaudRate",
+    "BiasCoefficient",
     "BiasInstability",
     "Current",
+    "DriftWindow",
+    "EnWindow",
     "FrequencyWindow",
     "Horizon",
     "Interval",
+    "Kelvins",
     "Latitude",
     "LeastRail",
     "MeterAge",
+    "Misalignment",
     "NegativeRail",
     "NoiseWindow",
     "OutputDrift",
@@ -43,6 +48,7 @@ __all__ = [
     "RateWindow",
     "Rates",
     "Samples",
+    "ScaleFactorCoefficient",
     "Seconds",
     "Settling",
     "Slope",
@@ -55,6 +61,7 @@ __all__ = [
     "VVcLimit",
     "VoltageTolerance",
     "WarmUp",
+    "WarmUpTime",
 ]
 
 LEAST = 1e-6
@@ -147,6 +154,11 @@ EnWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(g
 PercentWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]
 """%: from one to the other."""
 
+Kelvins = Annotated[float, Meta(ge=0.0, le=100.0)]
+ScaleFactorCoefficient = Annotated[float, Meta(ge=0.0, le=1e5)]
+BiasCoefficient = Annotated[float, Meta(ge=0.0, le=1e6)]
+WarmUpTime = Annotated[float, Meta(ge=1.0, le=86_400.0)]
+Misalignment = Annotated[float, Meta(ge=0.0, le=45.0)]
 MeterAge = Annotated[float, Meta(ge=0.0, le=3650.0)]
 """days: ten years; data sheets promise nothing beyond one or two."""
 TableRateError = Annotated[float, Meta(ge=0.0, le=0.1)]

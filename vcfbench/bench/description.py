@@ -16,14 +16,19 @@ from vcfbench.bench.bounds import (
     LINE_PATTERN,
     NAME_PATTERN,
     BaudRate,
+    BiasCoefficient,
     BiasInstability,
     Horizon,
+    Kelvins,
     Latitude,
     MeterAge,
+    Misalignment,
     Pause,
+    ScaleFactorCoefficient,
     Seconds,
     StepsPerDegree,
     TableRateError,
+    WarmUpTime,
 )
 from vcfbench.bench.layering import shared_settings
 from vcfbench.bench.parts import (
@@ -162,6 +167,10 @@ class Knowledge(Part, frozen=True, kw_only=True):
     , `table_rate_error` the largest relative error of
     the table's rate, `bias_instability_deg_h` the gyroscope's coefficient B of a zero record, and `horizon_h` the time
     over which a bias is a statement.
+
+    `temperature_k` is how far the gyroscope's temperature may be from that for which values are stated, `warm_up_k` how
+    far it is from it at power-on, `warm_up_time_s` the time constant; `scale_factor_ppm_k` and `bias_deg_h_k` what a
+    kelvin does. `misalignment_deg` is the largest angle between the gyroscope's axis and the table's.
     """
 
     meter_age_days: MeterAge = 365.0
@@ -169,6 +178,12 @@ class Knowledge(Part, frozen=True, kw_only=True):
     table_rate_error: TableRateError | None = None
     bias_instability_deg_h: BiasInstability | None = None
     horizon_h: Horizon = 24.0
+    temperature_k: Kelvins | None = None
+    scale_factor_ppm_k: ScaleFactorCoefficient | None = None
+    bias_deg_h_k: BiasCoefficient | None = None
+    warm_up_k: Kelvins | None = None
+    warm_up_time_s: WarmUpTime = 300.0
+    misalignment_deg: Misalignment | None = None
 
 
 class SimulationErrors(Part, frozen=True, kw_only=True):

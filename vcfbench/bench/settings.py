@@ -137,6 +137,12 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     table_rate: float | None = None
     bias_instability_deg_h: float | None = None
     horizon_h: float = 24.0
+    temperature_k: float | None = None
+    scale_factor_ppm_k: float | None = None
+    bias_deg_h_k: float | None = None
+    warm_up_k: float | None = None
+    warm_up_time_s: float = 300.0
+    misalignment_deg: float | None = None
 
 
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -212,6 +212,12 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
         table_rate=known.table_rate_error,
         bias_instability_deg_h=known.bias_instability_deg_h,
         horizon_h=known.horizon_h,
+        temperature_k=known.temperature_k,
+        scale_factor_ppm_k=known.scale_factor_ppm_k,
+        bias_deg_h_k=known.bias_deg_h_k,
+        warm_up_k=known.warm_up_k,
+        warm_up_time_s=known.warm_up_time_s,
+        misalignment_deg=known.misalignment_deg,
     )
 
 

@@ -580,7 +580,8 @@ def _statement(
     levels_by: str = "",
     meanings: Mapping[str, str] = MappingProxyType({}),
 ) -> Statement:
-    budget = evaluate(sources, model, correlations)
+    around = _Circumstances.of(settings)
+    budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
     unit_and_meaning = {
         name: (unit, _meaning(settings, meanings.get(name, words))) for name, (unit, words) in _OF.items()
     }
@@ -595,6 +596,52 @@ def _statement(
 def _meaning(settings: ProcedureSettings, words: str) -> str:
     """Say which value it is: with the Earth's rate added to the table's, none of it is in the bias."""
     return words if earth_left_deg_s(settings) is None else words.replace("Earth's rate in it", "without Earth's rate")
+
+
+@dataclass(frozen=True, slots=True)
+class _Circumstances:
+    """What temperature and mounting do to all values alike, as far as the bench file knows it."""
+
+    sources: tuple[Source, ...]
+    scale_factor_per_k: float
+    bias_deg_s_per_k: float
+
+    @classmethod
+    def of(cls, settings: ProcedureSettings) -> _Circumstances:
+        """Return what is known; the warm-up as far as it is to go when the first window begins."""
+        known, sources = settings.station.sources, []
+        if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:
+            if known.temperature_k is not None:
+                sources.append(Source.within(_TEMPERATURE, 0.0, known.temperature_k, "K"))
+            if known.warm_up_k is not None:
+                left_k = known.warm_up_k * math.exp(-settings.start_up_s / known.warm_up_time_s)
+                sources.append(Source.within(_WARM_UP, 0.0, left_k, "K"))
+        if known.misalignment_deg is not None:
+            tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
+            sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
+        return cls(tuple(sources), 1e-6 * (known.scale_factor_ppm_k or 0.0), (known.bias_deg_h_k or 0.0) / 3600.0)
+
+    def applied(self, values: Mapping[str, Any], q: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the values of the stated temperature and the gyroscope's own axis."""
+        if not self.sources:
+            return values
+        away_k = q.get(_TEMPERATURE, 0.0) + q.get(_WARM_UP, 0.0)
+        mounted, drifted = 1.0 + q.get(_MISALIGNMENT, 0.0), self.bias_deg_s_per_k * away_k
+        found = dict(values)
+        for name, value in values.items():
+            column, _, kind = name.rpartition(".")
+            if kind == "k_vc":
+                found[name] = value / mounted
+            elif kind == "scale_factor":
+                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k)
+            elif kind == "bias":
+                found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
+            elif kind == "bias_deg_s":
+                found[name] = (value - drifted) / mounted
+        return found
+
+
+_TEMPERATURE, _WARM_UP, _MISALIGNMENT = "temperature", "warm-up", "misalignment"
 
 
 def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
@@ -642,8 +689,15 @@ def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
     if known.bias_instability_deg_h is None:
         yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
     yield "lack of fit: how far the outputs are from a line is in the non-linearity"
-    yield "temperature and warm-up: the values are those of the gyroscope as it was in the run"
-    yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
+    if known.scale_factor_ppm_k is None or known.bias_deg_h_k is None:
+        yield "temperature and warm-up: the values are those of the gyroscope as it was in the run"
+    else:
+        if known.temperature_k is None:
+            yield "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)"
+        if known.warm_up_k is None:
+            yield "warm-up: the bench file does not say it (uncertainty.warm_up_k)"
+    if known.misalignment_deg is None:
+        yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
     if earth_left_deg_s(settings) is None:
         yield "Earth's rate: it is in the bias"
     yield "what the phase of the carrier does to K_Vc, and any change of the gyroscope after the run"
