@@ -41,6 +41,9 @@ _BINS = range(2, 9)
 _HARMONICS = 3
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
+_LEAST_SHARE = 0.03
+"""Of the amplitude at the lowest frequency. A smaller one lies in the dip where the modes cancel: what it says of their
+shares is so far from linear that no fit ends there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +222,8 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     Raises:
         ConfigError: fewer than ten tones, or no peak among them.
     """
-    seen = [tone for tone in tones if tone.amplitude > _LEAST_U * tone.u_amplitude]
+    floor = _LEAST_SHARE * min(tones, key=lambda tone: tone.frequency_hz).amplitude if tones else 0.0
+    seen = [tone for tone in tones if tone.amplitude > max(floor, _LEAST_U * tone.u_amplitude)]
     ordered = sorted(seen, key=lambda tone: tone.frequency_hz)
     if len(ordered) < 10:
         raise ConfigError(f"a response needs at least ten frequencies, got {len(ordered)}")
