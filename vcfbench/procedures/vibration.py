@@ -65,6 +65,7 @@ _HIGHEST_HZ = 75.0
 _STATIC = 1
 """The step of its points: V_Vc direct."""
 _ABBA = (1.0, -1.0, -1.0, 1.0)
+_LEAST_TONES = 3
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
 
@@ -226,8 +227,10 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     mains_hz = float(settings.station.mains_hz)
     outputs = _tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
     inputs = _tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
+    noise_v = _noise_v(settings, outputs)
     responses = tuple(
-        _response(settings, static, output, inputs[place] if inputs else None) for place, output in enumerate(outputs)
+        _response(settings, static, output, noise_v[place], inputs[place] if inputs else None)
+        for place, output in enumerate(outputs)
     )
     return VibrationResult(static, responses, max(each.e_n for each in responses), settings.v_vc_is_measured)
 
@@ -271,7 +274,40 @@ def _tones(records: Sequence[tuple[float, ModulatedRecord, Sequence[float]]], ma
     ]
 
 
-def _response(settings: VibrationSettings, static: Measurand, output: Tone, v_vc: Tone | None) -> VibrationResponse:
+def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float]:
+    """Return what noise leaves in the amplitude of each tone, V.
+
+    It was read from the spectrum on both sides, over some hertz, where near the peak the modes pass more than at the
+    tone itself. So the noise of the close records is taken apart into what is flat and what passed the modes.
+    """
+    import numpy as np  # noqa: PLC0415  # as above
+
+    close = [tone for tone in outputs if tone.frequency_hz >= _SLOW_BELOW_HZ]
+    told = [tone.u_amplitude for tone in outputs]
+    if len(close) < _LEAST_TONES:
+        return told
+    at_tone = np.array([_passed(settings, tone.frequency_hz) for tone in close])
+    beside = np.array([np.mean([_passed(settings, hz) for hz in _beside_hz(settings, tone)]) for tone in close])
+    variance = np.array([tone.u_amplitude**2 for tone in close])
+    found, *_ = np.linalg.lstsq(np.column_stack([1.0 / variance, beside / variance]), np.ones(len(close)), rcond=None)
+    flat, passed = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
+    own = iter(np.sqrt(variance * (flat + passed * at_tone) / (flat + passed * beside)).tolist())
+    return [next(own) if tone.frequency_hz >= _SLOW_BELOW_HZ else u for tone, u in zip(outputs, told, strict=True)]
+
+
+def _passed(settings: VibrationSettings, frequency_hz: float) -> float:
+    return _closed_form(settings, frequency_hz, settings.split_hz, settings.q, settings.in_phase_share) ** 2
+
+
+def _beside_hz(settings: VibrationSettings, tone: Tone) -> list[float]:
+    """Return the frequencies of the spectrum's lines from which the noise about a tone was read."""
+    width_hz = 1.0 / (settings.record_samples * tone.spacing_s)
+    return [abs(tone.frequency_hz + sign * step * width_hz) for step in range(2, 9) for sign in (-1.0, 1.0)]
+
+
+def _response(
+    settings: VibrationSettings, static: Measurand, output: Tone, noise_v: float, v_vc: Tone | None
+) -> VibrationResponse:
     from vcfbench.analysis.conformity import e_n  # noqa: PLC0415  # as above
 
     amplitude_v = settings.vibration_amplitude_v if v_vc is None else v_vc.amplitude
@@ -279,7 +315,7 @@ def _response(settings: VibrationSettings, static: Measurand, output: Tone, v_vc
     value = output.amplitude / amplitude_v / size
     of_v_vc = [] if v_vc is None else [Part("noise of V_Vc", value * v_vc.u_amplitude / amplitude_v, v_vc.noise_dof)]
     parts = [
-        Part("noise of the output", value * output.u_amplitude / output.amplitude, output.noise_dof),
+        Part("noise of the output", value * noise_v / output.amplitude, output.noise_dof),
         *of_v_vc,
         *_believed(settings, "the vibration", value),
         *(Part(part.source, value * part.u / size, part.dof) for part in static.parts),
