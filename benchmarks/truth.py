@@ -9,6 +9,7 @@ truth.
     python benchmarks/truth.py 0 1000 --lines truth.jsonl         seeds 0 to 999, a line each
     python benchmarks/truth.py 0 200 --v-vc measured              V_Vc by a second meter (the bench `lab`)
     python benchmarks/truth.py 0 200 --order abba --zero bracket  other orders, with zeros between
+    python benchmarks/truth.py 0 200 --kvc curve                  K_Vc from both signs: plus-minus, curve
     python benchmarks/truth.py --summary first.jsonl second.jsonl
 
 The same seeds give the same bytes, whatever the number of processes. What stands in the file of --lines is not run
@@ -52,6 +53,12 @@ EARTH_DEG_S = 15.041067 / 3600.0
 
 BENCHES = {"set": "paper", "measured": "lab"}
 """The embedded benches by how V_Vc is known."""
+MATCHED_DEG_S = {
+    "one-point": (10.0,),
+    "plus-minus": (10.0, -10.0),
+    "curve": tuple(sign * size for size in (10.0, 20.0, 50.0, 100.0, 200.0) for sign in (1.0, -1.0)),
+}
+"""The rates at which V_Vc is matched by what K_Vc is made of."""
 MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
 
 
@@ -64,21 +71,23 @@ def bench_of(seed: int, v_vc: str = "set") -> str:
     return f"{text}\n{drawn}"
 
 
-def calibrations(seed: int, v_vc: str = "set", **settings: Any) -> Line:
+def calibrations(seed: int, v_vc: str = "set", k_vc_by: str = "one-point", **settings: Any) -> Line:
     """Return the seed, and by the name of each value of both calibrations its z and whether U95 holds the truth."""
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         file = Path(directory) / "bench.toml"
         file.write_text(bench_of(seed, v_vc), encoding="utf-8")
         told: dict[str, Any] = {"bench": file, "seed": seed, "runs": directory}
         told["settings"] = {"warm_up_s": WARM_UP_S, **settings}
-        table, four = vcfbench.run("turntable", **told), vcfbench.run("virtual-coriolis", **told)
+        table = vcfbench.run("turntable", **told)
+        told["settings"]["k_vc_by"] = k_vc_by
+        four = vcfbench.run("virtual-coriolis", **told)
     for run in (table, four):
         if run.results is None:
             raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
     driven = [point for point in four.points if point.step == 4]
     levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in driven]
     rates = [point.rate_deg_s for point in table.points if point.step == 1]
-    truth = truths(rates, levels, 10.0)
+    truth = truths(rates, levels, MATCHED_DEG_S[k_vc_by])
     alone = {name.removeprefix("turntable."): value for name, value in truth.items() if name.startswith("turntable.")}
     return {
         "seed": seed,
@@ -98,14 +107,25 @@ def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> Line:
     }
 
 
-def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], match_deg_s: float) -> dict[str, float]:
-    """Return the true values: lines through the true outputs, K_Vc where the outputs are equal."""
+def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_s: Sequence[float]) -> dict[str, float]:
+    """Return the true values: lines through the true outputs, K_Vc where the outputs are equal.
+
+    From one rate K_Vc is rate over V_Vc, from two the slope between them, from more a cubic, whose constant counts not.
+    """
     output = true_output(paper_bench())
     slope, bias = _line(rates_deg_s, [output(rate, None) for rate in rates_deg_s])
-    span = output(match_deg_s, None) - output(0.0, None)
-    matched = _root(lambda volts: output(0.0, volts) - output(0.0, 0.0) - span, 0.0, 2.0 * match_deg_s / 150.0)
-    k_vc = match_deg_s / matched
-    virtual_slope, virtual_bias = _line([k_vc * v for v in levels_v], [output(0.0, v) for v in levels_v])
+
+    def matched_v(rate_deg_s: float) -> float:
+        span = output(rate_deg_s, None) - output(0.0, None)
+        return _root(lambda volts: output(0.0, volts) - output(0.0, 0.0) - span, 0.0, 2.0 * rate_deg_s / 150.0)
+
+    pairs_v = [matched_v(rate) for rate in matched_deg_s]
+    order = 3 if len(pairs_v) > 2 else 1
+    powers = np.power.outer(np.asarray(pairs_v), np.arange(0 if len(pairs_v) > 1 else 1, order + 1))
+    found = np.linalg.lstsq(powers, np.asarray(matched_deg_s), rcond=None)[0][-order:]
+    k_vc = float(found[0])
+    stands_for = np.power.outer(np.asarray(levels_v), np.arange(1, order + 1)) @ found
+    virtual_slope, virtual_bias = _line(stands_for.tolist(), [output(0.0, v) for v in levels_v])
     return {
         "k_vc": k_vc,
         "turntable.scale_factor": slope,
@@ -228,6 +248,7 @@ def main() -> int:
     parser.add_argument("--v-vc", choices=sorted(BENCHES), default="set", help="how V_Vc is known")
     parser.add_argument("--order", default="paper")
     parser.add_argument("--zero", default="none")
+    parser.add_argument("--kvc", choices=list(MATCHED_DEG_S), default="one-point")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--lines", type=Path, help="file that keeps a line a seed")
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
@@ -235,7 +256,7 @@ def main() -> int:
     if told.summary:
         lines = lines_of(told.summary)
     else:
-        how = {"v_vc": told.v_vc, "order": told.order, "zeros": told.zero}
+        how = {"v_vc": told.v_vc, "order": told.order, "zeros": told.zero, "k_vc_by": told.kvc}
         lines = continued(told.lines, range(told.start, told.start + told.count), how, told.processes)
     print("\n".join(summary(sorted(lines, key=lambda line: line["seed"]))))
     return 0

@@ -42,7 +42,7 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
     run = vcfbench.run("virtual-coriolis", bench, seed=1, settings=told, runs=tmp_path)
     rates = [point.rate_deg_s for point in run.points if point.step == 3]
     levels = [point.v_vc_v for point in run.points if point.step == 4]
-    expected = truth.truths(rates, levels, 10.0)
+    expected = truth.truths(rates, levels, (10.0,))
     left_v = 2e-7  # of the warm-up: 31 uV, exp(-6) of it
     for each in run.results.uncertainty.values:
         left = left_v / 0.0125 if each.unit == "deg/s" else left_v if each.unit == "V" else 0.0

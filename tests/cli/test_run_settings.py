@@ -68,6 +68,24 @@ def test_an_option_that_stands_for_a_key_is_named_itself() -> None:
     assert refusal("--match", "zero", *sets("match=zero")) == "--set match=zero: match is given twice"
 
 
+def test_options_may_be_called_otherwise_than_their_keys() -> None:
+    """A key called like a procedure would make ``[procedure.zero]`` both; a truth value needs no word."""
+    asked = ["--order", "abba", "--zero", "bracket", "--whole-turns", "--repeat", "2", "--kvc", "plus-minus"]
+    shown = " ".join(call("virtual-coriolis", "--dry-run", *asked).stdout.split())
+    assert "order abba, a zero before and after each rate, whole turns, 2 times" in shown
+    assert "Cycle 2, 10 deg/s: table at rest, V_Vc on" in shown
+    assert refusal("--zero", "both") == "--zero: expected 'none' or 'ends' or 'bracket', came 'both'"
+    assert refusal("--kvc", "two").startswith("--kvc: expected 'one-point' or 'plus-minus' or 'curve'")
+
+
+def test_what_a_bench_file_says_to_the_zero_record_is_no_setting_of_others(tmp_path: Path) -> None:
+    bench = tmp_path / "lab.toml"
+    text = Path(__file__).parents[2].joinpath("examples", "ideal-bench.toml").read_text("utf-8")
+    own = "[procedure.zero]\nduration_s = 600.0\n[procedure.turntable]\nzeros = 'ends'\n[procedure.drive]"
+    bench.write_text(text.replace("[procedure.drive]", own), "utf-8")
+    assert "a zero before and after each series" in call("turntable", "--bench", str(bench), "--dry-run").stdout
+
+
 def test_a_bench_file_gives_way_to_the_command_line(tmp_path: Path) -> None:
     bench = tmp_path / "lab.toml"
     text = Path(__file__).parents[2].joinpath("examples", "ideal-bench.toml").read_text("utf-8")
