@@ -305,3 +305,6 @@ class MemoryJournal:
 
     def error(self, values: Any) -> None:
         self.lines.append({"type": "error", **values})
+
+    def restored(self, values: Any) -> None:
+        self.lines.append({"type": "restored", **values})

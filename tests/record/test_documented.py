@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from typer.testing import CliRunner
 
-from tests.procedures.fakes import FakeBench, MemoryJournal
+from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
 from tests.procedures.test_long_window import acquire, plan
 from vcfbench.cli.main import app
 from vcfbench.procedures.decode import result_of, step_of
 from vcfbench.procedures.executor import Executor
+from vcfbench.procedures.replay import start_up_again
 from vcfbench.procedures.step import Step, StepResult
-from vcfbench.procedures.steps import Acquire, ConfigureRail, RailReading, Reading, SetVvc, VvcSetting
+from vcfbench.procedures.steps import Acquire, ConfigureMeter, ConfigureRail, RailReading, Reading, SetVvc, VvcSetting
 from vcfbench.record.journal import read_journal
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S, FORMAT, READABLE, Point, Status
 
@@ -48,12 +49,13 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     made.multimeter.overload_at = 70
     Executor(made, memory).execute(plan(acquire(60, 1.0)))
     Executor(FakeBench(), memory).execute(plan(acquire(90, 1.0)))
+    Executor(FakeBench(), memory).restore(start_up_again([ConfigureMeter(10.0, 10.0)], make_settings()))
     made.multimeter.readings = 0
     Executor(made, memory).execute(plan(acquire(90, 1.0)))
     return [*map(json.loads, journal.read_text(encoding="utf-8").splitlines()), *memory.lines]
 
 
-@pytest.mark.parametrize("kind", ["header", "step", "readings", "error", "footer"])
+@pytest.mark.parametrize("kind", ["header", "step", "readings", "restored", "error", "footer"])
 def test_each_field_of_a_line_is_described(kind: str, lines: list[dict[str, Any]]) -> None:
     described = rows(kind)
     always = {name for name, words in described.items() if "only where" not in words}

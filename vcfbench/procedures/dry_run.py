@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.step import Plan
+    from vcfbench.procedures.step import Plan, Routine
 
 
 class PlannedStep(Struct, frozen=True):
@@ -26,7 +26,7 @@ class PlannedStep(Struct, frozen=True):
     step: Step
 
 
-def walk(plan: Plan, gyro: LinearGyro) -> Generator[PlannedStep, None, None]:
+def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None, None]:
     """Yield the steps of `plan` as `gyro` would let it go; their durations add up to the estimate of the bench time."""
     t_s, number = 0.0, 0
     try:

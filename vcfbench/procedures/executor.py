@@ -19,9 +19,10 @@ from vcfbench.procedures.step import Context, abandon, nobody
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from vcfbench.procedures.step import OpenBench, Operator, Plan, Reading, Step, StepResult
+    from vcfbench.procedures.replay import TakenOver
+    from vcfbench.procedures.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -35,6 +36,9 @@ __all__ = [
     "StepJournal",
     "StepStarted",
 ]
+
+
+_AGAIN = "starting up again"
 
 
 class StepStarted(Struct, frozen=True):
@@ -96,6 +100,10 @@ class StepJournal(Protocol):
         """Write one failed step."""
         ...
 
+    def restored(self, values: Mapping[str, Any]) -> None:
+        """Write one step that brings the bench to where it was when the run was broken off."""
+        ...
+
 
 class Execution(Struct, frozen=True):
     """How a plan went: status, the points kept, the first error, and times in bench seconds.
@@ -117,12 +125,13 @@ class Execution(Struct, frozen=True):
 
 @dataclass(slots=True)
 class Executor:
-    """Performs plans on one open bench."""
+    """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now."""
 
     bench: OpenBench
     journal: StepJournal
     observers: Sequence[Observer] = ()
     operator: Operator = nobody
+    began_s: float | None = None
     _context: Context = field(init=False)
     _started_s: float = field(init=False)
     _number: int = field(init=False, default=0)
@@ -136,7 +145,7 @@ class Executor:
 
     def __post_init__(self) -> None:
         self._context = Context(self.bench, self._heard, operator=self.operator)
-        self._started_s = self.bench.clock.now()
+        self._started_s = self.bench.clock.now() if self.began_s is None else self.began_s
         self.observers = list(self.observers)
 
     def execute(self, plan: Plan) -> Execution:
@@ -150,6 +159,48 @@ class Executor:
         finally:
             abandon(plan)
         return self.so_far()
+
+    def take_over(self, taken: Iterable[TakenOver]) -> None:
+        """Write down, and count as this run's, what was performed before the run was broken off. Nothing is done."""
+        for each in taken:
+            for chunk in each.chunks:
+                self.journal.readings(chunk)
+            for readings_v in each.readings_v():
+                each.step.recall(readings_v, self._context)
+            self.journal.step(each.line)
+            self._number = self._written = self._number + 1
+            self._physical_s += each.step.physical_s
+            self._count(each.step, each.result, each.line.get("asked_again", ()))
+
+    def restore(self, steps: Routine[None]) -> None:
+        """Perform what brings the bench to where it was when the run was broken off; none of it is a step of the run.
+
+        Raises:
+            BenchError: it did not come to that; what brings it to rest is up to the safety stack.
+        """
+        advance: Callable[[], Step] = partial(next, steps)
+        with suppress(StopIteration):
+            while True:
+                step = advance()
+                try:
+                    result = self._again(step)
+                except BenchError as error:
+                    if error.step is None:
+                        error.step = f"{_AGAIN} ({step.describe()})"
+                    self._keep(error)
+                    raise
+                advance = partial(steps.send, result)
+
+    def _again(self, step: Step) -> StepResult:
+        start_s = self._now()
+        self._tell(StepStarted(self._number, start_s, step))
+        self._context.begin()
+        result = step.perform(self._context)
+        self._physical_s += step.physical_s
+        self.journal.restored(self._done(step, result, start_s))
+        self._asked_again += (f"{_AGAIN}: {said}" for said in self._context.asked_again)
+        self._tell(StepFinished(self._number, self._now(), step, result))
+        return result
 
     def so_far(self) -> Execution:
         """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
@@ -209,7 +260,18 @@ class Executor:
     def _write(self, step: Step, result: StepResult, start_s: float) -> None:
         if self._context.chunks:
             self._context.rest()
-        line = {
+        line = self._done(step, result, start_s)
+        if step.not_checked:
+            line["not_checked"] = step.not_checked
+        point = result.recorded_point
+        if point is not None:
+            line["point"] = point.as_json()
+        self._count(step, result, self._context.asked_again)
+        self.journal.step(line)
+        self._written = self._number
+
+    def _done(self, step: Step, result: StepResult, start_s: float) -> dict[str, Any]:
+        return {
             **self._line(step),
             "t_s": start_s,
             "end_s": self._now(),
@@ -217,17 +279,15 @@ class Executor:
             "result": result.as_json(),
             **self._seen(),
         }
-        if self._context.asked_again:
-            self._asked_again += (f"step {self._number}: {said}" for said in self._context.asked_again)
+
+    def _count(self, step: Step, result: StepResult, asked_again: Sequence[str]) -> None:
+        """Keep of a performed step what the run is told at its end."""
+        self._asked_again += (f"step {self._number}: {said}" for said in asked_again)
         if step.not_checked:
-            line["not_checked"] = step.not_checked
             self._not_checked.append(step.not_checked)
         point = result.recorded_point
         if point is not None:
-            line["point"] = point.as_json()
             self._points.append(point)
-        self.journal.step(line)
-        self._written = self._number
 
     def _line(self, step: Step) -> dict[str, Any]:
         return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["mistake_in", "mistake_of", "procedure_in"]
+__all__ = ["file_of", "mistake_in", "mistake_of", "procedure_in"]
 
 _OURS = str(Path(__file__).parents[1])
 
@@ -49,6 +49,17 @@ def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure
         raise ConfigError(f"{shown(path)}: its procedure is called {known!r}, a name taken by {origin(known)}")
     came = f"{len(own)}: {', '.join(each.name for each in own)}" if own else "none"
     raise ConfigError(f"{shown(path)}: expected a file with one Procedure, came {came}")
+
+
+def file_of(procedure: AnyProcedure) -> dict[str, str] | None:
+    """Return where the plan of a procedure stands and the SHA-256 of that file, None where it is no file."""
+    from hashlib import sha256  # noqa: PLC0415  # few procedures are one's own
+
+    code = getattr(procedure.plan, "__code__", None)
+    path = None if code is None else Path(code.co_filename)
+    if path is None or not path.is_file():
+        return None
+    return {"path": str(path), "sha256": sha256(path.read_bytes()).hexdigest()}
 
 
 def mistake_in(error: BaseException) -> str:

@@ -51,6 +51,7 @@ class Procedure(Generic[S, R]):
         uses: the roles that it makes use of where the bench has them, likewise; what looks at no drive signal uses {}.
         entry: makes what is kept of the device that was measured, None where none was named: it is added to the device
             store when the run is complete, recorded and safe.
+        in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Procedure(Generic[S, R]):
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
     entry: Callable[[S, R, Made], Kept | None] | None = None
+    in_one_piece: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""

@@ -39,11 +39,15 @@ _T = TypeVar("_T")
 
 
 class Effect(Enum):
-    """What a step does to the bench: sets something, lets time pass, measures, or nothing at all."""
+    """What a step does: sets something, lets time pass, measures, checks the bench, or nothing at all.
+
+    What was measured stands for ever; what was only checked is checked once more when a run is resumed.
+    """
 
     SETS = "sets"
     WAITS = "waits"
     MEASURES = "measures"
+    CHECKS = "checks"
     NOTHING = "nothing"
 
 
@@ -233,8 +237,7 @@ class StepResult:
 class Step:
     """What all steps have in common; each is a frozen dataclass or msgspec struct of its own.
 
-    `subject` names what is set, waited for or measured, ``"table rate"``: the last step that sets a subject is what a
-    run that is taken up again has to do once more.
+    `subject` names what is set, waited for, checked or measured, ``"table rate"``.
     """
 
     __slots__ = ()
@@ -273,6 +276,18 @@ class Step:
         """Return the fields of the step's result, from what :meth:`StepResult.as_json` wrote of them."""
         return result
 
+    def again(self) -> tuple[Step, ...]:
+        """Return what does the same to a bench that was made safe meanwhile: by default the step itself."""
+        return (self,)
+
+    def recall(self, readings_v: Sequence[float], context: Context) -> None:
+        """Take notice of one chunk of what this step read before a run was broken off, V."""
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """What the step sets, each by a name: of all steps that set the same, the last one counts."""
+        return (self.subject,) if self.effect is Effect.SETS else ()
+
     @property
     def key(self) -> str:
         """Name the step by its kind and parameters; the same in every run of the same plan."""
@@ -310,7 +325,7 @@ class _Abandoned(BenchError):
     """Thrown into a plan that nobody performs any longer."""
 
 
-def abandon(plan: Plan) -> None:
+def abandon(plan: Routine[object]) -> None:
     """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
     with suppress(StopIteration, BenchError):
         while True:

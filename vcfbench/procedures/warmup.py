@@ -215,6 +215,7 @@ WARMUP = Procedure(
     plan=warmup,
     results=_results,
     report=_report,
+    in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",
     needs={"power": PowersRails, "multimeter": ReadsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
 )

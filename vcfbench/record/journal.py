@@ -3,8 +3,9 @@
 The first line (`header`) says who ran what on which bench; each further one (`step`) holds one step with its result,
 every raw reading included, or (`error`) the step that failed; the last (`footer`) says how the run ended. A run that
 was cut has no footer. Readings of a long step come before it, chunk by chunk (`readings`), so that a run that is cut in
-the middle of it loses the last chunk at most. Bench time is in `t_s` and `end_s`, the time of day in `utc`. Every line
-and field is in docs/records.md.
+the middle of it loses the last chunk at most. In that of a run that was resumed the lines of the one before come first,
+then what brought the bench to where it was (`restored`). Bench time is in `t_s` and `end_s`, the time of day in `utc`.
+Every line and field is in docs/records.md.
 
 A reader ignores keys and types of lines that it does not know, so that a later version can add some.
 """
@@ -64,6 +65,10 @@ class Journal:
         """Write a chunk of the readings of a step that is not yet done."""
         self._append({"type": "readings", "utc": _stamp(), **values})
 
+    def restored(self, values: Mapping[str, Any]) -> None:
+        """Write one step that brings a bench to where it was when its run was broken off."""
+        self._append({"type": "restored", "utc": _stamp(), **values})
+
     def error(self, values: Mapping[str, Any]) -> None:
         """Write one failed step, with what it measured before it failed."""
         self._append({"type": "error", "utc": _stamp(), **values})
@@ -106,6 +111,7 @@ class JournalRecord(Struct, frozen=True):
     torn: bool
     damage: str | None = None
     chunks: tuple[Mapping[str, Any], ...] = ()
+    restored: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def status(self) -> Status:
@@ -184,6 +190,7 @@ def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> Jo
         footers[-1] if footers else None,
         torn=torn,
         chunks=_of_type(lines, "readings"),
+        restored=_of_type(lines, "restored"),
     )
 
 

@@ -48,6 +48,7 @@ class LineProgress(NoProgress):
     def __init__(self, stream: TextIO, estimate_s: float) -> None:
         self._outlet = Outlet(stream)
         self._estimate_s = estimate_s
+        self._begin_s: float | None = None  # bench time goes on in a run that is resumed
 
     def __enter__(self) -> Self:
         self._outlet.open()
@@ -61,6 +62,8 @@ class LineProgress(NoProgress):
 
     def handle(self, event: Event) -> None:
         """Print a line when a step is done or has failed."""
+        if self._begin_s is None:
+            self._begin_s = event.t_s if isinstance(event, StepStarted) else 0.0
         match event:
             case StepFinished(step=Note()):
                 self._say(event.t_s, f"* {event.step.describe()}")
@@ -73,7 +76,7 @@ class LineProgress(NoProgress):
                 pass
 
     def _say(self, t_s: float, text: str) -> None:
-        left_s = max(0.0, self._estimate_s - t_s)
+        left_s = max(0.0, self._estimate_s - (t_s - (self._begin_s or 0.0)))
         self._outlet.write(f"{t_s:8.1f} s  {left_s:6.0f} s left  {text}\n")
 
 
@@ -93,6 +96,7 @@ class LiveProgress(NoProgress):
         self._clock = WallClock()
         self._drawn_s = 0.0
         self._t_s = 0.0
+        self._begin_s: float | None = None
         self._doing = ""
         self._acquiring: Acquire | None = None
         self._readings = 0
@@ -120,7 +124,9 @@ class LiveProgress(NoProgress):
 
     def handle(self, event: Event) -> None:
         """Show what was measured, and where the run is."""
-        self._t_s = event.t_s
+        if self._begin_s is None:
+            self._begin_s = event.t_s if isinstance(event, StepStarted) else 0.0
+        self._t_s = event.t_s - self._begin_s
         match event:
             case StepStarted(step=Note()):
                 self._print(event.step.describe(), "bold")

@@ -173,6 +173,12 @@ class Acquire(Step, Struct, frozen=True):
         tally.add([reading["voltage_v"] for reading in result["readings"]])
         return {**result, "point": self._point(tally).as_json()}
 
+    def recall(self, readings_v: Sequence[float], context: Context) -> None:
+        """Hold what comes later against the scatter of these readings too."""
+        if context.noise is None:
+            context.noise = NoiseSeen(self.resolution_v)
+        context.noise.doubt(readings_v)  # nothing is wrong with them: the run went on
+
     def _table_rate(self, context: Context) -> float | None:
         """Read back the table that the point stands on, deg/s; None where it stands on none."""
         return None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)

@@ -39,6 +39,11 @@ class AskOperator(Step, Struct, frozen=True):
     takes_s: float = 60.0
     adjustments: tuple[tuple[str, float | str | bool | None], ...] = ()
 
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """What is adjusted; where nothing says what that is, no other request undoes this one."""
+        return tuple(f"{self.subject}: {name}" for name, _ in self.adjustments) or (f"{self.subject}: {self.words}",)
+
     def describe(self) -> str:
         """Say what is asked for."""
         return f"by hand: {self.words}"

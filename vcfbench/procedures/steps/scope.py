@@ -99,7 +99,7 @@ class FindDrive(Step, Struct, frozen=True):
     `expected_v` is what a dry run answers.
     """
 
-    effect: ClassVar[Effect] = Effect.MEASURES
+    effect: ClassVar[Effect] = Effect.CHECKS
     subject: ClassVar[str] = "drive signal"
     overhead_s: ClassVar[float] = 0.4
 
@@ -141,7 +141,7 @@ class MeasureDrive(Step, Struct, frozen=True):
     `drive_v` and `carrier_v` are the amplitudes that fill the screen. `expected` is what a dry run answers: Hz, V, deg.
     """
 
-    effect: ClassVar[Effect] = Effect.MEASURES
+    effect: ClassVar[Effect] = Effect.CHECKS
     subject: ClassVar[str] = "drive signal"
     overhead_s: ClassVar[float] = 0.5
 

@@ -34,6 +34,11 @@ class ConfigureGenerator(Step, Struct, frozen=True):
 
     v_vc_v: float
 
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Function, level and output switch."""
+        return ("generator", self.subject, EnableVvc.subject)
+
     def describe(self) -> str:
         """Name the level."""
         return f"generator: output off, DC {self.v_vc_v:g} V into high impedance"

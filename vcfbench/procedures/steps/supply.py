@@ -48,6 +48,11 @@ class ConfigureRail(Step, Struct, frozen=True):
     voltage_v: float
     current_limit_a: float
 
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """This rail alone."""
+        return (f"{self.subject} {self.output}",)
+
     def describe(self) -> str:
         """Name output, level and limit."""
         return f"supply {self.output} ({self.rail} rail): {self.voltage_v:+g} V, limit {self.current_limit_a:g} A"
@@ -115,7 +120,7 @@ class DisableSupply(Step, Struct, frozen=True):
 class CheckRails(Step, Struct, frozen=True):
     """Read back rails and currents; each must be regulated in voltage and within `tolerance_v` of its level."""
 
-    effect: ClassVar[Effect] = Effect.MEASURES
+    effect: ClassVar[Effect] = Effect.CHECKS
     subject: ClassVar[str] = "rails"
     overhead_s: ClassVar[float] = 0.2
 

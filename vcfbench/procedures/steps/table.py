@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.clock import Deadline, sleep
 from vcfbench.errors import InterlockError
 from vcfbench.procedures.step import Effect, Step, StepResult, problem
-from vcfbench.procedures.steps.wait import Done
+from vcfbench.procedures.steps.wait import Done, Settle
 
 if TYPE_CHECKING:
     from vcfbench.bench.limits import LimitChecks
@@ -39,6 +39,11 @@ class EnableTable(Step, Struct, frozen=True):
     subject: ClassVar[str] = "table servo"
     overhead_s: ClassVar[float] = 0.1
 
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Servo and demand."""
+        return (self.subject, SetRate.subject)
+
     def describe(self) -> str:
         """Name the state."""
         return "table enabled, at rest"
@@ -60,6 +65,11 @@ class DisableTable(Step, Struct, frozen=True):
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "table servo"
     overhead_s: ClassVar[float] = 0.1
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Servo and demand."""
+        return (self.subject, SetRate.subject)
 
     def describe(self) -> str:
         """Name the state."""
@@ -95,6 +105,11 @@ class SetRate(Step, Struct, frozen=True):
     def ramp_s(self) -> float:
         """Length of the ramp, s."""
         return abs(self.rate_deg_s - self.previous_deg_s) / self.acceleration_deg_s2
+
+    def again(self) -> tuple[Step, ...]:
+        """Ramp from rest, and give the ramp its time: what follows knows only that from the rate before."""
+        from_rest = SetRate(self.rate_deg_s, self.acceleration_deg_s2, 0.0)
+        return (from_rest, Settle(from_rest.ramp_s, "the table ramps from rest")) if self.rate_deg_s else (from_rest,)
 
     def within(self, limits: LimitChecks) -> None:
         """Hold rate and acceleration against those of the table."""
