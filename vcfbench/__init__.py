@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.asked import DryRun, dry_run
     from vcfbench.runs.conduct import run
     from vcfbench.runs.recorded import list_runs, load_run
+    from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
 
 __version__ = "0.1.0"
@@ -180,6 +181,7 @@ __all__ = [
     "open_bench",
     "powered",
     "ramp_to",
+    "resume",
     "run",
     "safe_bench",
     "set_v_vc",
@@ -334,6 +336,7 @@ _HOMES = {
         "list_runs",
         "load_run",
     ),
+    "runs.resumed": ("resume",),
     "runs.run": (
         "RawReading",
         "Run",

@@ -160,6 +160,7 @@ def open_bench(
     signals: StopSignals | None = None,
     build: Builder | None = None,
     needs: Collection[str] | None = None,
+    now_s: float | None = None,
 ) -> Bench:
     """Open the instruments of the bench; everything is made safe when it is left, however it is left.
 
@@ -172,7 +173,8 @@ def open_bench(
     watches for them already, before and after, hands over his `signals`. `build` builds what a simulated bench stands
     on, in place of `SimulatedBench.build`: to put something between its instruments and their drivers, or to look
     behind them. `needs` are the roles that are needed, all by default: of those that drive nothing the others are left
-    closed, and to whoever else uses them.
+    closed, and to whoever else uses them. `now_s` is what bench time shall be now, for what goes on where it was broken
+    off; by default it begins.
 
     Raises:
         ConfigError: the bench file cannot be used, or has no instrument for a role that is needed, or a real bench was
@@ -191,11 +193,12 @@ def open_bench(
         watch.begin()
         stand = stack.enter_context(station(description, seed, speed, build, roles=[each.name for each in roles]))
         holding = Holding(description.name, stand, stops, watch, stack.pop_all())
+    ahead_s = 0.0 if now_s is None else now_s - stand.clock.now()
     try:
         opened = _open_all(roles, description, stand, holding.safety, stops)
         if "rate_table" in opened.instruments:
             require_still(opened.instruments["rate_table"])
-        opened_bench = _bench(description, ControlClock(stand.clock, stops), stand, opened, holding)
+        opened_bench = _bench(description, ControlClock(stand.clock, stops, ahead_s), stand, opened, holding)
         watch.end()
     except BaseException as error:
         holding.leave(error)

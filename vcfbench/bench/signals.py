@@ -133,19 +133,21 @@ class StopSignals:
 class ControlClock:
     """The clock handed to procedures: the bench's, with a safe point at every wait.
 
-    Instruments are given the bench's own clock, so that no exchange is broken off in the middle.
+    Instruments are given the bench's own clock, so that no exchange is broken off in the middle. It is `ahead_s` ahead
+    of that: the bench time of what went before, where something goes on.
     """
 
-    __slots__ = ("_clock", "_signals")
+    __slots__ = ("_ahead_s", "_clock", "_signals")
 
-    def __init__(self, clock: Clock, signals: StopSignals) -> None:
+    def __init__(self, clock: Clock, signals: StopSignals, ahead_s: float = 0.0) -> None:
         self._clock = clock
         self._signals = signals
+        self._ahead_s = ahead_s
 
     def now(self) -> float:
         """Return the bench time, s."""
-        return self._clock.now()
+        return self._clock.now() + self._ahead_s
 
     def sleep_until(self, instant_s: float) -> None:
         """Wait until bench time `instant_s`; raises Aborted when a signal comes before or meanwhile."""
-        self._signals.wait(self._clock, instant_s)
+        self._signals.wait(self._clock, instant_s - self._ahead_s)

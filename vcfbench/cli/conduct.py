@@ -1,4 +1,4 @@
-"""``vcfbench run``: hands on what was asked for, and prints the answer."""
+"""``vcfbench run`` and ``vcfbench resume``: hand on what was asked for, and print the answer."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from vcfbench.cli.ending import EarlyAndLate
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.progress import NoProgress
-    from vcfbench.runs.asked import DryRun
+    from vcfbench.runs.asked import Asked, DryRun
+    from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.run import Run
 
-__all__ = ["RunOptions", "conduct"]
+__all__ = ["RunOptions", "conduct", "resume"]
 
 
 class RunOptions(Struct, frozen=True):
@@ -48,10 +49,28 @@ def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, endin
     if options.dry_run:
         _dry_run(procedure, settings, options)
         return
+    from vcfbench.runs.asked import Asked, prepare  # noqa: PLC0415
+
+    asked = Asked(procedure, options.bench, options.seed, settings, options.runs, options.speed)
+    _carry_out(asked, prepare, options, ending)
+
+
+def resume(name: str, procedure: Path | None, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
+    """Take up the run called `name`, or recorded in that directory; the rest as of :func:`conduct`."""
+    from vcfbench.runs.asked import Asked  # noqa: PLC0415
+    from vcfbench.runs.resumed import broken_off  # noqa: PLC0415
+
+    broken = broken_off(name, options.runs)
+    beside = broken.directory.path.parent
+    asked = Asked(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
+    _carry_out(asked, broken.prepare, options, ending)
+
+
+def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: EarlyAndLate | None) -> None:
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
 
     with StopSignals() as signals:  # until all is written: a second Ctrl-C shall not cost the results
-        run = _conducted(procedure, settings, options, signals)
+        run = _conducted(asked, preparing, options, signals)
         unwritten = given(lambda: _show(run, options))
         if ending is not None:
             ending.answered()
@@ -64,25 +83,19 @@ def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, endin
         raise unwritten
 
 
-def _conducted(procedure: AnyProcedure, settings: Layer, options: RunOptions, signals: StopSignals) -> Run:
+def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals) -> Run:
     """Return the run, also one that an error ended."""
     from vcfbench.cli.person import at_the_terminal  # noqa: PLC0415
-    from vcfbench.runs.asked import Asked  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
-    asked = Asked(
-        procedure=procedure,
-        bench=options.bench,
-        seed=options.seed,
-        settings=settings,
-        runs=options.runs,
-        speed=options.speed,
+    watched = structs.replace(
+        asked,
         display=lambda estimate_s: _progress(options, estimate_s),
         person=at_the_terminal(signals, yes=options.yes),
         options=structs.asdict(options),
     )
     try:
-        return conducted(asked, signals)
+        return conducted(watched, signals, preparing)
     except BenchError as error:
         if error.run is None:  # a signal outside of the run
             raise

@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from vcfbench import __version__
-from vcfbench.cli import analyze, bench, device, run, runs, safe, sim, talk
+from vcfbench.cli import analyze, bench, device, resume, run, runs, safe, sim, talk
 from vcfbench.cli.ending import EarlyAndLate, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
 
@@ -103,6 +103,7 @@ def root(
 
 
 app.add_typer(run.app, name="run")
+app.command("resume")(resume.resume)
 app.command("analyze")(analyze.analyze)
 app.add_typer(runs.app, name="runs")
 app.command("device")(device.device)

@@ -127,7 +127,7 @@ def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[st
         "no_results": run.no_results,
         "acceptance": told["acceptance"],
         "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
-        **({"not_checked": told["not_checked"]} if "not_checked" in told else {}),
+        **{key: told[key] for key in ("resumed", "not_checked") if key in told},
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
         "versions": record.header.get("versions", {}),

@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
 
+    from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.dry_run import PlannedStep
-    from vcfbench.procedures.executor import Event, Observer
+    from vcfbench.procedures.executor import Event, Execution, Executor, Observer
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.procedures.step import Operator, Plan
 
@@ -75,11 +76,15 @@ class Checked(Struct):
 
 
 class Prepared(Struct, frozen=True):
-    """All that a run needs to begin: the bench, the procedure, its settings."""
+    """All that a run needs to begin: the bench, the procedure, its settings.
+
+    `began_s` is the bench time at which its plan began, None as long as it has not.
+    """
 
     description: BenchDescription
     procedure: AnyProcedure
     settings: ProcedureSettings
+    began_s: float | None = None
 
     def plan(self) -> Plan:
         """Return the plan, from its beginning."""
@@ -96,6 +101,24 @@ class Prepared(Struct, frozen=True):
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))
         return DryRun(self.procedure.name, tuple(steps))
+
+    def now_s(self) -> float | None:
+        """Return the bench time at this moment, None where it is for the bench to begin one."""
+        return None
+
+    def require_bench(self, bench: Bench) -> None:
+        """See that the open bench is the one that is meant."""
+
+    def told(self) -> dict[str, Any]:
+        """Return what the header says beside what every header does: where a procedure of one's own stands."""
+        from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
+        from vcfbench.procedures.own_code import file_of  # noqa: PLC0415
+
+        return {} if self.procedure.name in PROCEDURES else {"procedure_file": file_of(self.procedure)}
+
+    def perform(self, executor: Executor) -> Execution:
+        """Let `executor` carry out what is to be done, on the open bench."""
+        return executor.execute(self.plan())
 
 
 @dataclass(frozen=True, slots=True)

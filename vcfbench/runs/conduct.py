@@ -17,7 +17,7 @@ from vcfbench.runs.asked import Asked, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.bench import Bench
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.results import CameTo
     from vcfbench.runs.run import Run
 
+    Preparing = Callable[[Asked, Checked], Prepared]
 
 _PREPARING: Final = Lock()
 """What is loaded and worked out once in a process (numpy, msgspec's types) fails where two threads do it at once."""
@@ -95,9 +96,9 @@ def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
     return None if bench is None else str(getattr(bench, "name", bench) if not isinstance(bench, Path) else bench)
 
 
-def conduct(asked: Asked, signals: StopSignals) -> Run:
-    """Do what was `asked` while `signals` are watched; as :func:`run`, which see."""
-    course = _Course(asked)
+def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) -> Run:
+    """Do what was `asked` and is made ready by `preparing`, while `signals` are watched; as :func:`run`, which see."""
+    course = _Course(asked, preparing)
     try:
         _perform(course, signals)
     except BenchError as error:
@@ -113,7 +114,9 @@ class _Course(Struct):
     """All that is known of a run under way, filled in as it comes to be known; what is not, stays empty."""
 
     asked: Asked
+    preparing: Preparing
     checked: Checked = field(default_factory=Checked)
+    header: Mapping[str, Any] = field(default_factory=dict)
     directory: RunDirectory | None = None
     execution: Execution | None = None
     came_to: CameTo | None = None
@@ -138,7 +141,7 @@ class _Course(Struct):
         """Return what is known by now; complete when every step was performed and the results could be computed."""
         from vcfbench.record.schema import Status  # noqa: PLC0415
         from vcfbench.runs.results import nothing  # noqa: PLC0415
-        from vcfbench.runs.run import Run  # noqa: PLC0415
+        from vcfbench.runs.run import Run, breaks  # noqa: PLC0415
 
         description, execution = self.checked.description, self.execution
         status = Status.ABORTED if self.came_to is None else Status.COMPLETE
@@ -162,6 +165,7 @@ class _Course(Struct):
             observers_lost=tuple(self.observers_lost()),
             not_checked=() if execution is None else execution.not_checked,
             device_entry=self.kept,
+            resumed=breaks(self.header, len(points)),
             _came_to=came_to.report,
         )
 
@@ -174,7 +178,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
 
     asked = course.asked
     with _PREPARING:
-        prepared = prepare(asked, course.checked)
+        prepared = course.preparing(asked, course.checked)
         planned = prepared.planned()
         require_operator(asked, prepared.description, planned)
         if prepared.description.simulated:
@@ -188,7 +192,8 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             watchers = [watching.enter_context(each) for each in (display, *course.observers.values())]
             seed, speed = course.checked.seed, asked.speed
             needs = roles_of(prepared.procedure, prepared.description)
-            opened = open_bench(prepared.description, seed=seed, speed=speed, signals=signals, needs=needs)
+            now_s = prepared.now_s()
+            opened = open_bench(prepared.description, seed=seed, speed=speed, signals=signals, needs=needs, now_s=now_s)
             bench = watching.enter_context(opened)
             record.perform(bench, watchers)
     except BaseException as error:
@@ -255,25 +260,28 @@ class _Record(Struct):
         course.checked.seed = bench.seed
         self.safe_reports = bench.safe_reports  # filled when the bench is left
         self.identities = dict(bench.identities)
-        journal = self._open_journal(bench.identities)
-        executor = Executor(bench, journal, watchers, operator_of(course.asked, bench))
+        prepared.require_bench(bench)
+        began_s = bench.clock.now() if prepared.began_s is None else prepared.began_s
+        journal = self._open_journal(bench.identities, began_s)
+        executor = Executor(bench, journal, watchers, operator_of(course.asked, bench), began_s)
         try:
             with blamed_on(prepared.procedure):
-                execution = executor.execute(prepared.plan())
+                execution = prepared.perform(executor)
         finally:
             course.execution = executor.so_far()
         if execution.error is not None:
             course.take_error(execution.error)
 
-    def _open_journal(self, identities: Mapping[str, Identity]) -> Journal:
+    def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0) -> Journal:
         from vcfbench.record.journal import Journal  # noqa: PLC0415
 
         assert self.course.directory is not None  # noqa: S101  # prepared
         self.journal = Journal(self.course.directory.journal)
-        self.journal.header(self._header(self.course.directory.run, identities))
+        self.course.header = self._header(self.course.directory.run, identities, began_s)
+        self.journal.header(self.course.header)
         return self.journal
 
-    def _header(self, name: str, identities: Mapping[str, Identity]) -> dict[str, Any]:
+    def _header(self, name: str, identities: Mapping[str, Identity], began_s: float) -> dict[str, Any]:
         import msgspec  # noqa: PLC0415
 
         course, description = self.course, self.prepared.description
@@ -288,7 +296,9 @@ class _Record(Struct):
             "options": msgspec.to_builtins(course.asked.options, enc_hook=str),
             "settings": msgspec.to_builtins(self.prepared.settings),
             "bench": msgspec.to_builtins(description),
-            **_profile_of(description),
+            "began_s": began_s,
+            **profile_of(description),
+            **self.prepared.told(),
         }
 
     def close(self, display_lost: str | None) -> None:
@@ -402,7 +412,7 @@ def _words_of(identity: Identity) -> str:
     return ",".join(fields) if any(fields) else "says nothing of itself"
 
 
-def _profile_of(description: BenchDescription) -> dict[str, str]:
+def profile_of(description: BenchDescription) -> dict[str, str]:
     """Return the text of the table's profile, if it is a file of one's own: its path alone says little later on."""
     dialect = "" if description.rate_table is None else description.rate_table.dialect
     if not dialect.endswith(".toml"):

@@ -11,7 +11,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.record.directory import RunDirectory, find_run
 from vcfbench.record.directory import list_runs as recorded_runs
 from vcfbench.record.schema import Status
-from vcfbench.runs.run import Run
+from vcfbench.runs.run import Run, breaks
 
 if TYPE_CHECKING:
     from vcfbench.record.journal import JournalRecord
@@ -26,11 +26,16 @@ def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
     Raises:
         ConfigError: there is no such record, more than one, or it cannot be read.
     """
+    directory = directory_of(name_or_path, runs)
+    return recorded_run(directory, directory.read())
+
+
+def directory_of(name_or_path: str | Path, runs: str | Path = "runs") -> RunDirectory:
+    """Return the record that is meant, as :func:`load_run` takes it; ConfigError where there is none, or more."""
     path = Path(name_or_path)
     if path.name == "journal.jsonl":
         path = path.parent
-    directory = RunDirectory(path) if (path / "journal.jsonl").is_file() else find_run(Path(runs), str(name_or_path))
-    return recorded_run(directory, directory.read())
+    return RunDirectory(path) if (path / "journal.jsonl").is_file() else find_run(Path(runs), str(name_or_path))
 
 
 def list_runs(runs: str | Path = "runs") -> tuple[Run, ...]:
@@ -73,6 +78,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         observers_lost=tuple(lost),
         damage=record.damage,
         not_checked=not_checked(record),
+        resumed=tuple(map(printable, breaks(header, len(record.points)))),
         _came_to=came_to.report,
     )
     if run.error is not None:
@@ -82,7 +88,8 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
 
 def asked_again(record: JournalRecord) -> list[str]:
     """Return which answers could not be believed, and in which step."""
-    return [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
+    steps = [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
+    return [f"starting up again: {said}" for line in record.restored for said in line.get("asked_again", ())] + steps
 
 
 def not_checked(record: JournalRecord) -> tuple[str, ...]:

@@ -51,7 +51,8 @@ class Run:
     bench time, `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
     `not_checked` says what the procedure would have checked on a bench with more instruments. `device_entry` is the
-    file in the device store that the run added, None if it added none.
+    file in the device store that the run added, None if it added none. `resumed` says, for each time that the run was
+    broken off and resumed, what had been measured before.
     """
 
     procedure: str
@@ -72,6 +73,7 @@ class Run:
     damage: str | None = None
     not_checked: tuple[str, ...] = ()
     device_entry: Path | None = None
+    resumed: tuple[str, ...] = ()
     _came_to: Report = field(default=Report(), repr=False)
 
     @property
@@ -134,6 +136,7 @@ class Run:
             "acceptance": None if self.verdict is None else self.verdict.as_json(),
             "asked_again": list(self.asked_again),
             **({"not_checked": list(self.not_checked)} if self.not_checked else {}),
+            **({"resumed": list(self.resumed)} if self.resumed else {}),
             **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
         }
         return answer if self.error is None else {**answer, "error": str(self.error)}
@@ -142,13 +145,14 @@ class Run:
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"
 
     def report(self) -> Report:
-        """Return what the run came to: headings, tables, figures, texts, what was not checked, and the verdict."""
+        """Return what the run came to: its own report, what was measured before a break or not checked, the verdict."""
         from vcfbench.report.document import Text  # noqa: PLC0415
         from vcfbench.report.generic import verdict_table  # noqa: PLC0415
 
+        broken = [Text(f"resumed: {each}") for each in self.resumed]
         left_out = [Text(f"not checked: {each}") for each in self.not_checked]
         verdict = [] if self.verdict is None else [verdict_table(self.verdict)]
-        return Report([*self._came_to.parts, *left_out, *verdict])
+        return Report([*self._came_to.parts, *broken, *left_out, *verdict])
 
     def _repr_html_(self) -> str:
         """Show the run in a notebook: how it ended, and its report."""
@@ -159,6 +163,24 @@ class Run:
         if self.error is not None:
             said.append(Text(str(self.error)))
         return html_of(Report([*said, *self.report().parts]))
+
+
+def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
+    """Return for each break in the run of `header` in words which of its `points` were measured before it."""
+    told = header.get("resumed_from")
+    if not isinstance(told, dict):
+        return ()
+    simulated = "; the simulated world began anew" if header.get("simulated") else ""
+    return tuple(
+        f"of {points} points {each.get('points')} were measured before the break of {_clock(each, 'ended_utc')}, in "
+        f"{each.get('run')}; the bench was started up again at {_clock(each, 'resumed_utc')}{simulated}"
+        for each in (*told.get("before", ()), told)
+    )
+
+
+def _clock(told: Mapping[str, Any], name: str) -> str:
+    """Return a time of day to the second."""
+    return f"{str(told.get(name))[:19].replace('T', ' ')} UTC"
 
 
 def _readings(record: JournalRecord) -> Iterator[RawReading]:

@@ -1,0 +1,275 @@
+"""Runs that were broken off are taken up again on simulated benches, from Python and by the command."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from tests import warm
+from vcfbench.bench.writing import bench_text
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError, MeasurementError, PlanError
+from vcfbench.record.journal import read_journal
+from vcfbench.runs.asked import Asked, Checked
+from vcfbench.runs.resumed import broken_off
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path_factory.mktemp("whole"))
+
+
+def cut(run: Run, runs: Path, points: int, name: str = "20260821T142530Z-turntable-0a1b2c") -> Path:
+    """Return a record of `run` that ends in the middle of a line, after so many points."""
+    assert run.directory is not None
+    lines = (run.directory / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    number = [place for place, line in enumerate(lines, 1) if b'"point":' in line][points - 1] if points else 3
+    directory = runs / name
+    directory.mkdir(parents=True)
+    (directory / "journal.jsonl").write_bytes(b"".join(lines[:number]) + lines[number][:40])
+    return directory
+
+
+def shift(directory: Path, change: Any) -> None:
+    """Change the header of a record."""
+    journal = directory / "journal.jsonl"
+    header, *rest = journal.read_bytes().splitlines(keepends=True)
+    values = json.loads(header)
+    change(values)
+    journal.write_bytes(json.dumps(values).encode() + b"\n" + b"".join(rest))
+
+
+@pytest.mark.parametrize("points", [0, 1, 3])
+def test_the_new_record_is_whole_by_itself_and_says_what_was_taken_over(
+    whole: Run, points: int, tmp_path: Path
+) -> None:
+    directory = cut(whole, tmp_path, points)
+    before = (directory / "journal.jsonl").read_bytes()
+    run = vcfbench.resume(directory.name[:12], runs=tmp_path)
+    assert run.status == "complete"
+    assert (directory / "journal.jsonl").read_bytes() == before
+    assert [point.rate_deg_s for point in run.points] == [10.0, 0.0, -10.0]
+    assert [point.output_v for point in run.points] == pytest.approx([each.output_v for each in whole.points], abs=1e-9)
+    shutil.rmtree(directory)
+    assert run.name is not None
+    loaded = vcfbench.load_run(run.name, tmp_path)
+    assert loaded.results == run.results
+    assert loaded.resumed == run.resumed
+    (said,) = run.resumed
+    assert said.startswith(f"of 3 points {points} were measured before the break of ")
+    assert f"in {directory.name};" in said
+    assert said.endswith("the simulated world began anew")
+    assert f"resumed: {said}" in vcfbench.text_of(loaded.report())
+    assert run.as_json()["resumed"] == [said]
+    told = run.header["resumed_from"]
+    assert (told["run"], told["points"], told["status"]) == (directory.name, points, "incomplete")
+    record = read_journal(run.directory / "journal.jsonl") if run.directory else None
+    assert record is not None
+    assert record.damage is None
+    marks = [line.get("taken_over") for line in record.steps]
+    assert marks == [directory.name] * told["steps"] + [None] * (len(marks) - told["steps"])
+    assert len({line["n"] for line in record.steps}) == len(record.steps)
+
+
+def test_bench_time_goes_on_and_readings_with_it(whole: Run, tmp_path: Path) -> None:
+    run = vcfbench.resume(cut(whole, tmp_path, 2))
+    times = [each.t_s for each in run.readings]
+    assert times == sorted(times)
+    assert len(times) == 4 * 3
+    assert times[: 2 * 3] == [each.t_s for each in whole.readings][: 2 * 3]
+    assert run.bench_seconds is not None
+    assert whole.bench_seconds is not None
+    assert run.bench_seconds > whole.bench_seconds
+
+
+def test_a_break_on_a_real_bench_is_as_long_as_it_was(whole: Run, tmp_path: Path) -> None:
+    def real(header: dict[str, Any]) -> None:
+        header["bench"]["simulation"] = None
+        header.update(seed=None, simulated=False)
+
+    directory = cut(whole, tmp_path, 2)
+    shift(directory, real)
+    broken = broken_off(directory)
+    prepared = broken.prepare(Asked(broken.procedure), Checked())
+    last = max(broken.record.steps, key=lambda line: line["n"])
+    then = last["end_s"] + broken.record.header["began_s"]
+    gone_s = utc_now() - datetime.fromisoformat(last["utc"])
+    now_s = prepared.now_s()
+    assert now_s is not None
+    assert timedelta(0) <= timedelta(seconds=now_s - then) - gone_s < timedelta(seconds=5)
+
+
+def test_a_resumed_run_is_resumed_again(whole: Run, tmp_path: Path) -> None:
+    once = vcfbench.resume(cut(whole, tmp_path, 1))
+    twice = vcfbench.resume(cut(once, tmp_path, 2, "20260821T150000Z-turntable-0a1b2d"))
+    assert [point.output_v for point in twice.points] == pytest.approx(
+        [each.output_v for each in whole.points], abs=1e-9
+    )
+    assert [said[:37] for said in twice.resumed] == [f"of 3 points {n} were measured before the"[:37] for n in (1, 2)]
+
+
+def test_what_cannot_be_resumed_is_said_before_anything_is_opened(whole: Run, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="complete: there is nothing to resume"):
+        vcfbench.resume(whole)
+    other = structs.replace(vcfbench.load_bench("ideal"), name="another")
+    with pytest.raises(ConfigError, match="name was 'ideal', is 'another'"):
+        vcfbench.resume(cut(whole, tmp_path, 1), other)
+    assert len(list(tmp_path.iterdir())) == 1  # nothing was recorded
+    slower = structs.replace(other, limits=structs.replace(other.limits, max_rate_deg_s=250.0), name="ideal")
+    with pytest.raises(ConfigError, match=r"limits\.max_rate_deg_s was 300"):
+        vcfbench.resume(tmp_path / "20260821T142530Z-turntable-0a1b2c", slower)
+    (tmp_path / "20260821T142530Z-turntable-0a1b2c" / "journal.jsonl").write_bytes(b"")
+    with pytest.raises(ConfigError, match="no whole line"):
+        vcfbench.resume("last", runs=tmp_path)
+
+
+def test_the_bench_may_answer_elsewhere(whole: Run, tmp_path: Path) -> None:
+    bench = vcfbench.load_bench("ideal")
+    assert bench.multimeter is not None
+    moved = structs.replace(bench, multimeter=structs.replace(bench.multimeter, resource="GPIB0::23::INSTR"))
+    (tmp_path / "moved.toml").write_text(bench_text(moved), encoding="utf-8")
+    assert vcfbench.resume(cut(whole, tmp_path, 2), tmp_path / "moved.toml").status == "complete"
+
+
+def test_settings_that_were_changed_are_found_at_the_first_step_that_differs(whole: Run, tmp_path: Path) -> None:
+    def slower(header: dict[str, Any]) -> None:
+        header["settings"]["acceleration_deg_s2"] = 20.0
+
+    directory = cut(whole, tmp_path, 2)
+    shift(directory, slower)
+    with pytest.raises(PlanError, match=r"step \d+ of the record is \(table to \+10 deg/s at 100 deg/s\^2\), the plan"):
+        vcfbench.resume(directory)
+
+
+def test_other_instruments_are_refused_and_nothing_is_recorded(whole: Run, tmp_path: Path) -> None:
+    def swapped(header: dict[str, Any]) -> None:
+        header["identities"]["multimeter"]["serial"] = "MY41000001"
+
+    directory = cut(whole, tmp_path, 2)
+    shift(directory, swapped)
+    with pytest.raises(ConfigError, match=r"another multimeter is on the bench: .*; the record has .*MY41000001"):
+        vcfbench.resume(directory)
+    assert list(tmp_path.iterdir()) == [directory]
+
+
+def test_a_warm_up_is_in_one_piece(whole: Run, tmp_path: Path) -> None:
+    directory = cut(whole, tmp_path, 1)
+    shift(directory, lambda header: header.update(procedure="warmup"))
+    with pytest.raises(ConfigError, match="cannot be resumed: a warm-up begins with power-on"):
+        vcfbench.resume(directory)
+
+
+OWN = '''
+"""Two windows at rest; the second fails as often as the file beside it says."""
+from pathlib import Path
+from vcfbench import Note, Outcome, Procedure, ProcedureSettings, Step, energised, take
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.step import Effect
+from vcfbench.procedures.steps import Done
+from dataclasses import dataclass
+from typing import ClassVar
+
+LEFT = Path(__file__).with_suffix(".txt")
+
+@dataclass(frozen=True, slots=True)
+class Shaky(Step):
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "nerves"
+
+    def describe(self): return "be steady"
+
+    def predict(self, gyro): return Done()
+
+    def perform(self, context):
+        left = int(LEFT.read_text())
+        LEFT.write_text(str(left - 1))
+        if left == 0:
+            raise MeasurementError("it trembles")
+        return Done()
+
+def work(settings):
+    yield Shaky()
+    for _ in range(3):
+        yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
+    yield Shaky()
+    yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
+    return Outcome("done")
+
+SHAKY = Procedure(name="shaky", title="shaky", settings=ProcedureSettings,
+    plan=lambda settings: energised(settings, work(settings)), results=lambda settings, points: {}, uses={})
+'''
+
+
+def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path: Path) -> None:
+    """The file is one's own: where it stands is in the record, and a change of it is found."""
+    file, left = tmp_path / "shaky.py", tmp_path / "shaky.txt"
+    file.write_text(OWN, encoding="utf-8")
+    left.write_text("1")
+    with pytest.raises(MeasurementError, match="it trembles") as failed:
+        vcfbench.run(file, "ideal", settings={"samples": 3}, runs=tmp_path / "runs")
+    left.write_text("0")
+    with pytest.raises(MeasurementError, match="it trembles") as again:
+        vcfbench.resume(failed.value.run)
+    assert again.value.step == "starting up again (be steady)"
+    assert again.value.run.directory is not None
+    record = read_journal(again.value.run.directory / "journal.jsonl")
+    assert record.footer is not None
+    assert record.footer["status"] == "aborted"
+    assert all(each["safe"] for each in record.footer["safe"])
+    assert len(record.points) == 3
+    left.write_text("9")
+    run = vcfbench.resume(again.value.run)
+    assert (run.status, len(run.points), len(run.resumed)) == ("complete", 4, 2)
+    file.write_text(OWN + "\n# changed\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="was changed since"):
+        vcfbench.resume(failed.value.run)
+    assert vcfbench.resume(failed.value.run, procedure=file).status == "complete"
+
+
+def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> None:
+    devices = tmp_path / "devices"
+    told = {"cycles": 1, "samples": 4, "match_rates_deg_s": [50.0, 100.0, 200.0], "dut": "G-1", "devices": str(devices)}
+    run = vcfbench.run("kvc", "lab", settings=told, runs=tmp_path)
+    directory = cut(run, tmp_path, 20, "20260821T142530Z-kvc-0a1b2c")
+    shutil.rmtree(devices)
+    resumed = vcfbench.resume(directory)
+    assert [resumed.device_entry] == [entry.path for entry in vcfbench.load_device("G-1", devices).entries]
+    assert resumed.results.k_vc.value == pytest.approx(run.results.k_vc.value, rel=1e-3)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
+def test_a_killed_run_is_resumed_by_the_command(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--bench", "ideal", "--speed", "60"]
+    for key, value in QUICK.items():
+        command += ["--set", f"{key}={list(value) if isinstance(value, tuple) else value}"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
+        assert child.stderr is not None
+        next(line for line in child.stderr if "average" in line)
+        child.kill()
+        child.stderr.read()
+    told = warm.run(["vcfbench", "resume", "last", "--json", "--quiet"], tmp_path)
+    assert told.returncode == 0, told.stderr
+    answer = json.loads(told.stdout)
+    assert [point["rate_deg_s"] for point in answer["points"]] == [10.0, 0.0, -10.0]
+    listed = json.loads(warm.run(["vcfbench", "runs", "list", "--json"], tmp_path).stdout)["runs"]
+    assert [each["status"] for each in listed] == ["incomplete", "complete"]
+    assert f"in {listed[0]['run']};" in answer["resumed"][0]
+    again = warm.run(["vcfbench", "resume", "last"], tmp_path)
+    assert again.returncode == 2
+    assert "there is nothing to resume" in again.stderr

@@ -1,0 +1,43 @@
+"""``vcfbench resume``: a run that was stopped, failed or died, taken up where its record ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vcfbench.cli.ending import EarlyAndLate
+from vcfbench.cli.run import Json_, Quiet_, Speed_, Yes_  # noqa: TC001  # typer reads them in the signature
+
+__all__ = ["resume"]
+
+
+def resume(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Directory of the run, its name, or 'last'.")],
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="FILE", help="The bench of the run, where it answers elsewhere today."),
+    ] = None,
+    procedure: Annotated[
+        Path | None,
+        typer.Option(
+            "--procedure", metavar="FILE", help="The procedure of the run, where its file was moved or changed."
+        ),
+    ] = None,
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    *,
+    context: typer.Context,
+    speed: Speed_ = None,
+    json: Json_ = False,
+    quiet: Quiet_ = False,
+    yes: Yes_ = False,
+) -> None:
+    """Take up a run that was stopped, failed or died: nothing is measured twice, and the record is a new one."""
+    from vcfbench.cli.conduct import RunOptions  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+    from vcfbench.cli.conduct import resume as resumed  # noqa: PLC0415
+
+    options = RunOptions(
+        bench=bench, seed=None, json=json, dry_run=False, runs=runs, speed=speed, quiet=quiet, yes=yes, settings={}
+    )
+    resumed(run, procedure, options, context.find_object(EarlyAndLate))

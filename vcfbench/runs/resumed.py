@@ -1,0 +1,312 @@
+"""Runs that were broken off and are taken up again: the same procedure and settings, the same bench, a record anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.clock import utc_now
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import dotted, shown
+from vcfbench.procedures.step import Outcome
+from vcfbench.record.schema import Status
+from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.interfaces import Identity
+    from vcfbench.procedures.executor import Execution, Executor, Observer
+    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.procedures.replay import TakenOver
+    from vcfbench.procedures.step import Operator, Plan, Routine
+    from vcfbench.record.directory import RunDirectory
+    from vcfbench.record.journal import JournalRecord
+    from vcfbench.runs.run import Run
+
+__all__ = ["BrokenOff", "broken_off", "resume"]
+
+_MAY_DIFFER = {
+    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate"),
+    *("resource", "timeout_s", "serial", "serial_pause_s"),
+}
+"""What of a bench file matters to nothing that was measured: by its path, or by its key in the table of a role. The
+settings of procedures are those of the record."""
+
+
+def resume(
+    run: str | Path | Run,
+    bench: BenchDescription | Path | str | None = None,
+    *,
+    procedure: str | Path | AnyProcedure | None = None,
+    runs: str | Path = "runs",
+    observers: Sequence[Observer] = (),
+    speed: str | float | None = None,
+    operator: Operator | None = None,
+) -> Run:
+    """Take up a run that was stopped, failed or died, where its record ends; what it comes to is a new record.
+
+    What was measured is not measured again. The bench is first brought to where it was. A simulated bench begins anew.
+
+    Args:
+        run: its directory, its name under `runs` (or the beginning or end of it, or ``"last"``), or itself.
+        bench: the bench as it is today, where it answers elsewhere; None is the bench of the record.
+        procedure: where it is one's own and not in the file of the record any more.
+        runs: directory of the records; the new one lies beside the old one.
+        observers: as of :func:`vcfbench.run`.
+        speed: as of :func:`vcfbench.run`.
+        operator: as of :func:`vcfbench.run`.
+
+    Raises:
+        ConfigError: there is no such record, nothing of it is left to be done, or the bench is another.
+        PlanError: the procedure or its settings were changed since.
+        BenchError: as of :func:`vcfbench.run`.
+    """
+    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.runs.conduct import conduct  # noqa: PLC0415
+
+    broken = broken_off(run, runs)
+    asked = Asked(
+        broken.procedure if procedure is None else procedure,
+        bench,
+        runs=broken.directory.path.parent,
+        speed=speed,
+        observers=observers,
+        operator=operator,
+        options={"resume": str(broken.directory.path), "speed": speed},
+    )
+    with StopSignals() as signals:
+        return conduct(asked, signals, broken.prepare)
+
+
+def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
+    """Return the run that is meant, as :func:`resume` takes it.
+
+    Raises:
+        ConfigError: there is none, or it cannot be resumed.
+    """
+    from vcfbench.runs.recorded import directory_of  # noqa: PLC0415
+
+    path = run if isinstance(run, str | Path) else run.directory
+    if path is None:
+        raise ConfigError("the run has no record, so it cannot be resumed")
+    directory = directory_of(path, runs)
+    record = directory.read()
+    if record.damage is not None:
+        raise ConfigError(
+            f"{shown(directory.journal)}: the record is damaged, so it cannot be resumed: {record.damage}"
+        )
+    if record.status is Status.COMPLETE:
+        raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
+    if not record.header:
+        raise ConfigError(f"{shown(directory.journal)}: the record has no whole line, so nothing tells what to resume")
+    return BrokenOff(directory, record)
+
+
+@dataclass(frozen=True, slots=True)
+class BrokenOff:
+    """The record of a run that did not come to its end."""
+
+    directory: RunDirectory
+    record: JournalRecord
+
+    @property
+    def procedure(self) -> str | Path:
+        """Its name, or the file that defines it, which must be that of the record to the byte.
+
+        Raises:
+            ConfigError: it is not.
+        """
+        file = self.record.header.get("procedure_file")
+        if not isinstance(file, dict):
+            return str(self.record.header.get("procedure"))
+        from hashlib import sha256  # noqa: PLC0415  # few procedures are one's own
+
+        path = Path(str(file.get("path")))
+        hint = "give the file with --procedure; it must ask for the same steps up to here"
+        if not path.is_file():
+            raise ConfigError(f"{shown(path)}: the procedure of {self.directory.run} is not there any more", hint=hint)
+        if sha256(path.read_bytes()).hexdigest() != file.get("sha256"):
+            raise ConfigError(f"{shown(path)} was changed since {self.directory.run} began", hint=hint)
+        return path
+
+    def prepare(self, asked: Asked, checked: Checked) -> Prepared:
+        """Check what was asked for against the record; nothing is opened."""
+        from vcfbench.bench.station import checked_pace  # noqa: PLC0415
+        from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
+        from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
+        from vcfbench.procedures.replay import taken_over  # noqa: PLC0415
+        from vcfbench.runs.needs import require_needs  # noqa: PLC0415
+
+        header = self.record.header
+        checked.name = str(header.get("procedure"))
+        chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
+        if chosen.name != checked.name:
+            raise ConfigError(f"{self.directory.run} is a run of {checked.name!r}, not of {chosen.name!r}")
+        if chosen.in_one_piece:
+            raise ConfigError(f"{self.directory.run} cannot be resumed: {chosen.in_one_piece}", hint="run it anew")
+        settings = recorded_settings(chosen, header.get("settings"))
+        checked.description = description = self._bench(asked, settings)
+        checked.seed = header.get("seed") if description.simulation is not None else None
+        checked_pace(description, asked.speed)
+        require_needs(chosen, description)
+        taken = taken_over(self.record, self.directory.run)
+        began_s = float(header.get("began_s", 0.0)) if taken else None
+        return Resumed(description, chosen, settings, began_s, earlier=self, taken=taken)
+
+    def _bench(self, asked: Asked, settings: ProcedureSettings) -> BenchDescription:
+        """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
+        from msgspec import ValidationError, convert, to_builtins  # noqa: PLC0415
+
+        from vcfbench.bench.description import BenchDescription  # noqa: PLC0415
+        from vcfbench.bench.file import described  # noqa: PLC0415
+        from vcfbench.procedures.layers import with_settings  # noqa: PLC0415
+        from vcfbench.runs.conduct import profile_of  # noqa: PLC0415
+
+        header = self.record.header
+        try:
+            description = convert(header.get("bench"), BenchDescription)
+        except ValidationError as error:
+            raise ConfigError(f"its bench is not that of this version: {error}") from None
+        if asked.bench is not None:
+            description = with_settings(described(asked.bench), settings)
+            differing = list(_differences(header.get("bench"), to_builtins(description)))
+            if differing:
+                raise ConfigError(f"the bench is not that of {self.directory.run}: {'; '.join(differing)}")
+        if profile_of(description).get("table_profile") != header.get("table_profile"):
+            raise ConfigError(f"the profile of the rate table is not that of {self.directory.run} any more")
+        return description
+
+
+def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[str]:
+    """Yield in words in what two bench files differ that matters."""
+    if dotted(keys) in _MAY_DIFFER or (len(keys) == 2 and keys[1] in _MAY_DIFFER) or then == now:
+        return
+    if isinstance(then, dict) and isinstance(now, dict):
+        for key in {**then, **now}:
+            yield from _differences(then.get(key), now.get(key), (*keys, key))
+    else:
+        yield f"{dotted(keys)} was {then!r}, is {now!r}"
+
+
+class Resumed(Prepared, frozen=True, kw_only=True):
+    """All that a run needs to go on: the earlier one, and what is taken over from it."""
+
+    earlier: BrokenOff
+    taken: tuple[TakenOver, ...]
+
+    def planned(self) -> DryRun:
+        """Return what is still to come, as far as a plan that has measured nothing tells; each step within the limits.
+
+        Raises:
+            PlanError: the plan asks for other steps than the record has.
+            ConfigError: the plan ends by itself where the record ends: what was measured is refused.
+        """
+        from vcfbench.procedures.dry_run import PlannedStep, walk  # noqa: PLC0415
+
+        whole = Prepared.planned(self)
+        if not self._is_left():
+            return DryRun(whole.procedure, ())
+        with blamed_on(self.procedure):
+            again = [*walk(self._start_up(), self.settings.expected_gyro())]
+        came_s = again[-1].t_s + again[-1].step.duration_s if again else 0.0
+        left = whole.steps[len(self.taken) :]
+        later = (PlannedStep(each.number, came_s + each.t_s - left[0].t_s, each.step) for each in left)
+        return DryRun(whole.procedure, (*again, *later))
+
+    def now_s(self) -> float | None:
+        """Return the bench time at this moment: the break counts, but not on a simulated bench.
+
+        Raises:
+            ConfigError: the clock was set back since the record ended.
+        """
+        if not self.taken:
+            return None
+        last = self.taken[-1].line
+        ended_s = (self.began_s or 0.0) + float(last["end_s"])
+        if self.description.simulated:
+            return ended_s
+        gone_s = (utc_now() - datetime.fromisoformat(last["utc"])).total_seconds()
+        if gone_s < 0.0:
+            raise ConfigError(
+                f"{self.earlier.directory.run} ended at {last['utc']}, which is to come: was a clock set?"
+            )
+        return ended_s + gone_s
+
+    def require_bench(self, bench: Bench) -> None:
+        """See that the same instruments are on the bench, and the same gyroscope in a simulated one.
+
+        Raises:
+            ConfigError: they are not.
+        """
+        header = self.earlier.record.header
+        if bench.seed != header.get("seed"):
+            raise ConfigError(f"the bench has the seed {bench.seed}, that of the record is {header.get('seed')}")
+        known = header.get("identities", {})
+        for role, identity in bench.identities.items():
+            now, then = _who(identity), known.get(role)
+            if then is not None and now != tuple(map(then.get, _WHO)):
+                said = ", ".join(str(then.get(each)) for each in _WHO)
+                raise ConfigError(f"another {role} is on the bench: {', '.join(now)}; the record has {said}")
+
+    def told(self) -> dict[str, Any]:
+        """Return what the header says beside what every header does: what this run was resumed from."""
+        earlier, taken = self.earlier.record, self.taken
+        before = earlier.header.get("resumed_from")
+        told = {
+            "run": self.earlier.directory.run,
+            "directory": str(self.earlier.directory.path.resolve()),
+            "status": earlier.status.value,
+            "steps": len(taken),
+            "points": sum(each.result.recorded_point is not None for each in taken),
+            "ended_utc": taken[-1].line["utc"] if taken else earlier.header.get("utc"),
+            "resumed_utc": utc_now().isoformat(timespec="microseconds"),
+            "before": [*before.get("before", ()), {**before, "before": []}] if isinstance(before, dict) else [],
+        }
+        return {**Prepared.told(self), "resumed_from": told}
+
+    def perform(self, executor: Executor) -> Execution:
+        """Take over what was done, bring the bench to where it was, and go on; no more than that if nothing is left."""
+        from vcfbench.procedures.replay import rest_of  # noqa: PLC0415
+
+        executor.take_over(self.taken)
+        if not self._is_left():
+            return executor.execute(_ended())
+        executor.restore(self._start_up())
+        return executor.execute(rest_of(self.plan(), self.taken))
+
+    def _is_left(self) -> bool:
+        from vcfbench.procedures.replay import is_left, rest_of  # noqa: PLC0415
+
+        rest = rest_of(self.plan(), self.taken)
+        try:
+            with blamed_on(self.procedure):
+                return is_left(rest, self.settings.expected_gyro())
+        except BenchError as error:
+            raise ConfigError(
+                f"{self.earlier.directory.run} cannot be resumed, it would end again as it did: {error}",
+                hint="run it anew",
+            ) from error
+
+    def _start_up(self) -> Routine[None]:
+        from vcfbench.procedures.replay import start_up_again  # noqa: PLC0415
+
+        return start_up_again([each.step for each in self.taken], self.settings)
+
+
+_WHO = ("maker", "model", "serial")
+
+
+def _who(identity: Identity) -> tuple[str, ...]:
+    return identity.maker, identity.model, identity.serial
+
+
+def _ended() -> Plan:
+    """Return the plan of a run that had nothing left to do."""
+    yield from ()
+    return Outcome("everything had been measured")
