@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from msgspec import Struct, convert, structs
+from msgspec import Struct, convert
 
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.bench.strict import converted, refusal, unknown_key
@@ -45,7 +45,7 @@ class Layer(Struct, frozen=True):
 
 def setting_keys(kind: type[ProcedureSettings]) -> tuple[str, ...]:
     """Return the keys that can be set."""
-    return tuple(each.encode_name for each in structs.fields(kind) if each.name != "station")
+    return tuple(key for key in kind.__struct_encode_fields__ if key != "station")
 
 
 def shared_settings(table: Mapping[str, Any], source: str) -> ProcedureSettings:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
-from msgspec import Struct, structs
 
 from vcfbench.cli.answer import given, print_json
 from vcfbench.errors import BenchError
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["RunOptions", "conduct", "resume"]
 
 
-class RunOptions(Struct, frozen=True):
+@dataclass(frozen=True, slots=True)  # no struct: the list of commands is shown without msgspec
+class RunOptions:
     """What the command line asked for."""
 
     bench: Path | None
@@ -85,6 +86,8 @@ def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: 
 
 def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals) -> Run:
     """Return the run, also one that an error ended."""
+    from msgspec import structs  # noqa: PLC0415
+
     from vcfbench.cli.person import at_the_terminal  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
@@ -92,7 +95,7 @@ def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals:
         asked,
         display=lambda estimate_s: _progress(options, estimate_s),
         person=at_the_terminal(signals, yes=options.yes),
-        options=structs.asdict(options),
+        options=asdict(options),
     )
     try:
         return conducted(watched, signals, preparing)

@@ -118,7 +118,7 @@ def main() -> None:
     # the model's matrices have some twenty rows: threads for them cost half as much again as the whole calibration
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # what a command loads stays; at Python's pace looking through it for garbage takes a tenth of a short run
-    gc.set_threshold(50_000)
+    gc.set_threshold(200_000)  # a short run stays below it
     open_streams()
     code = BenchError.exit_code
     with EarlyAndLate() as signals:

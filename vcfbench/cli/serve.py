@@ -10,7 +10,6 @@ from pathlib import Path  # noqa: TC003  # typer reads the annotations when it r
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
-from msgspec.structs import replace
 
 from vcfbench.errors import BenchError, ConfigError
 
@@ -95,12 +94,14 @@ def serve(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
+    from msgspec import structs  # noqa: PLC0415
+
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.bench.served import build_served  # noqa: PLC0415
     from vcfbench.sim.serve import BenchServer, ServedClock  # noqa: PLC0415
 
     description = load_bench(bench)
-    settings = replace(
+    settings = structs.replace(
         _settings(host, ports, faults),
         control_port=control_port,
         offers=_offers(offer or []),
@@ -119,6 +120,7 @@ def serve(
             _write_bench(write_bench, description, server, wires)
         _announce(server, description.title, json=json)
         gc.freeze()  # what is here now stays: collections in between the answers are short
+        gc.set_threshold(50_000)
         server.run()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
@@ -422,6 +422,7 @@ def profile_of(description: BenchDescription) -> dict[str, str]:
     return {"table_profile": profile_text(dialect)}
 
 
+@cache  # what is installed stays as it is, and asking opens a file of each package
 def _versions() -> Mapping[str, str]:
     import platform  # noqa: PLC0415
     from importlib.metadata import version  # noqa: PLC0415

@@ -91,8 +91,8 @@ class _Session:
     """An open resource."""
 
     __slots__ = (
-        *("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "stream", "terminator"),
-        "timeout_s",
+        *("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "sends_end", "stream"),
+        *("terminator", "timeout_s"),
     )
 
     def __init__(self, bench: _Bench, place: _Place) -> None:
@@ -120,7 +120,9 @@ class _Session:
         self._learn_names()
         self.terminator: int | None = None
         """The byte that ends a read, None when only END does."""
-        self.learn_terminator()
+        self.sends_end = True
+        """Whether END comes with the last byte of a write."""
+        self.learn_ends()
         self.line = place.device if isinstance(place.device, SerialLine) else None
         if self.line is not None:
             visa_serial.configure(self.line, self.attributes)
@@ -132,12 +134,13 @@ class _Session:
             if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
                 known[attribute] = convert(value)
 
-    def learn_terminator(self) -> None:
-        """Work out what ends a read."""
+    def learn_ends(self) -> None:
+        """Work out what ends a read, and a write."""
         known = self.attributes
         ends_at_character = known.get(ResourceAttribute.asrl_end_in) == constants.SerialTermination.termination_char
         enabled = known[ResourceAttribute.termchar_enabled] or ends_at_character
         self.terminator = known[ResourceAttribute.termchar] if enabled else None
+        self.sends_end = bool(known[ResourceAttribute.send_end_enabled]) and not self.stream
 
     def drop_buffer(self) -> None:
         """Forget what was received and not yet read."""
@@ -289,9 +292,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """Send bytes, with END after the last unless the session says otherwise."""
         opened = self._session(session)
         self._check_owner(session, opened)
-        end = bool(opened.attributes[ResourceAttribute.send_end_enabled]) and not opened.stream
         with opened.bench.lock:
-            opened.place.device.write(data, end=end)
+            opened.place.device.write(data, end=opened.sends_end)
         self._last_status = self._last_status_in_session[session] = StatusCode.success
         return len(data), StatusCode.success
 
@@ -483,7 +485,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         if not _known_attribute(opened, attribute).write:
             raise errors.VisaIOError(StatusCode.error_attribute_read_only)
         opened.attributes[attribute] = attribute_state
-        opened.learn_terminator()
+        opened.learn_ends()
         if opened.line is not None:
             visa_serial.changed(opened.line, opened.attributes, attribute)
         return self._done(session)

@@ -74,7 +74,7 @@ def deviation_v(bench: BenchParameters) -> float:
 def stepped(chain: NoisyChain, duration_s: float, seed: int) -> tuple[NoisePath, NoiseState, NoiseState, float]:
     """A stationary state, a step from it, and the path of that step."""
     random = np.random.default_rng(seed)
-    start, _ = chain.step(NoiseState(np.zeros(8, complex), np.zeros(COUNT)), 1e6, random)
+    start, _ = chain.step(NoiseState.of(np.zeros(8, complex), np.zeros(COUNT)), 1e6, random)
     end, integral = chain.step(start, duration_s, random)
     path = NoisePath(chain, start, end, integral_v_s=integral, duration_s=duration_s, key=(seed, 5))
     return path, start, end, integral

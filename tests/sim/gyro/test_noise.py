@@ -63,7 +63,7 @@ def test_covariance_meets_van_loan_of_the_plainly_written_system(interval_s: flo
 
 def test_a_step_is_what_the_state_becomes_by_itself_and_what_is_drawn() -> None:
     chain, random = noisy(), np.random.default_rng(5)
-    state = NoiseState(random.standard_normal(8) + 1j * random.standard_normal(8), random.standard_normal(COUNT))
+    state = NoiseState.of(random.standard_normal(8) + 1j * random.standard_normal(8), random.standard_normal(COUNT))
     once = chain.interval(0.2)
     drawn = once.factor @ np.random.default_rng(7).standard_normal(len(once.factor))
     wanted = once.later(state).plus(drawn)
@@ -89,9 +89,9 @@ def test_one_interval_has_the_distribution_of_a_thousand() -> None:
     """Propagated covariance: Phi Q Phi' + Q, a thousand times 1 ms against 1 s, for chain and flicker."""
     noise = noisy()
     n, k = 8, COUNT
-    basis = [NoiseState(np.eye(n, dtype=complex)[i], np.zeros(k)) for i in range(n)]
-    basis += [NoiseState(1j * np.eye(n)[i], np.zeros(k)) for i in range(n)]
-    basis += [NoiseState(np.zeros(n, complex), np.eye(k)[i]) for i in range(k)]
+    basis = [NoiseState.of(np.eye(n, dtype=complex)[i], np.zeros(k)) for i in range(n)]
+    basis += [NoiseState.of(1j * np.eye(n)[i], np.zeros(k)) for i in range(n)]
+    basis += [NoiseState.of(np.zeros(n, complex), np.eye(k)[i]) for i in range(k)]
 
     def transition(interval_s: float) -> np.ndarray:
         columns = []
@@ -110,7 +110,7 @@ def test_one_interval_has_the_distribution_of_a_thousand() -> None:
 
 def test_drawn_steps_have_the_covariance_they_claim() -> None:
     noise, random = noisy(), np.random.default_rng(7)
-    rest = NoiseState(np.zeros(8, complex), np.zeros(COUNT))
+    rest = NoiseState.of(np.zeros(8, complex), np.zeros(COUNT))
     drawn = [noise.step(rest, 0.2, random) for _ in range(4000)]
     claimed = noise.covariance(0.2)
     rates = np.array([state.rates_rad_s for state, _ in drawn])
@@ -141,7 +141,7 @@ def test_a_bench_begins_with_flicker_that_has_gone_on_for_ever() -> None:
 
 def test_a_bench_that_is_never_asked_at_equal_intervals_does_not_grow() -> None:
     noise, random = noisy(), np.random.default_rng(5)
-    state = NoiseState(np.zeros(8, complex), np.zeros(COUNT))
+    state = NoiseState.of(np.zeros(8, complex), np.zeros(COUNT))
     for interval_s in np.linspace(0.001, 0.003, 200):
         state, _ = noise.step(state, float(interval_s), random)
     assert len(noise._steps) == STEPS_KEPT  # nothing else shows it but memory
@@ -161,7 +161,7 @@ def test_long_step_and_short_steps_give_the_same_spread_of_the_mean() -> None:
     noise = noisy()
 
     def averages(parts: int, seed: int) -> np.ndarray:
-        random, state, out = np.random.default_rng(seed), NoiseState(np.zeros(8, complex), np.zeros(COUNT)), []
+        random, state, out = np.random.default_rng(seed), NoiseState.of(np.zeros(8, complex), np.zeros(COUNT)), []
         for _ in range(1500):
             total = 0.0
             for _ in range(parts):
@@ -294,7 +294,7 @@ def test_flutter_leaves_the_draws_of_the_gyro_as_they_are() -> None:
 def test_flutter_in_one_step_or_in_many_gathers_as_much() -> None:
     chain = locked_chain(PAPER)
     flutter, random = Flutter(chain), np.random.default_rng(2)
-    zero, gyro = NoiseState(np.zeros(8, complex), np.zeros(0)), NoisyChain(chain, Flicker(np.empty(0), 0.0), 0.0)
+    zero, gyro = NoiseState.of(np.zeros(8, complex), np.zeros(0)), NoisyChain(chain, Flicker(np.empty(0), 0.0), 0.0)
 
     def integrals(parts: int) -> np.ndarray:
         out = []

@@ -82,10 +82,12 @@ class Response(Struct, frozen=True, dict=True):
 
     def modal(self, time_s: float) -> NDArray[np.complex128]:
         """Return the eigenmodes' coordinates at `time_s`."""
-        moved = np.exp(self.exponents * time_s)
         modal = self.free * np.exp(self.chain.eigenmodes * time_s) + self.constant + self.slope * time_s
-        modal += _moved(self.forced, moved)
-        turned = self.turned_constant + self.turned_slope * time_s + _moved(self.turned_forced, moved)
+        turned = self.turned_constant + self.turned_slope * time_s
+        if len(self.exponents):
+            moved = np.exp(self.exponents * time_s)
+            modal += _moved(self.forced, moved)
+            turned += _moved(self.turned_forced, moved)
         modal[4:] += turned * cmath.exp(2j * self.chain.drive_rad_s * time_s)
         return np.asarray(modal)
 
@@ -217,10 +219,15 @@ class Chain(Struct, frozen=True, dict=True):
         else:
             slope, turned_slope = np.zeros_like(own), np.zeros_like(lag)
             constant = -steady / own
-        exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
-        forced, turned_forced = self._forced(forcing, exponents, turn)
-        free = modal - constant - forced.sum(axis=1)
-        free[4:] -= turned_constant + turned_forced.sum(axis=1)
+        if forcing.rate_terms or forcing.virtual_terms:
+            exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
+            forced, turned_forced = self._forced(forcing, exponents, turn)
+            free = modal - constant - forced.sum(axis=1)
+            free[4:] -= turned_constant + turned_forced.sum(axis=1)
+        else:
+            exponents, forced, turned_forced = np.empty(0, complex), _none(own), _none(lag)
+            free = modal - constant
+            free[4:] -= turned_constant
         return Response(
             self,
             turn,
@@ -252,6 +259,11 @@ class Chain(Struct, frozen=True, dict=True):
         sizes = [0j] * len(forcing.rate_terms) + [self.virtual_through * a for a, _ in forcing.virtual_terms]
         constant = self.carrier_through + self.virtual_through * forcing.virtual_v
         return constant, self.virtual_through * forcing.virtual_slope, np.array(sizes, complex)
+
+
+def _none(modes: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the motions that no term forces, a row each."""
+    return np.empty((len(modes), 0), complex)
 
 
 def _moved(forced: NDArray[np.complex128], moved: NDArray[np.complex128]) -> NDArray[np.complex128]:

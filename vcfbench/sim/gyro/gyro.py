@@ -96,7 +96,7 @@ class Gyro:
         self._noisy_chain: NoisyChain | None = None
         self._flutter: Flutter | None = None
         self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
-        self._noise = NoiseState(np.zeros_like(self._modal), self._flicker.drawn(self._random))
+        self._noise = NoiseState.of(np.zeros_like(self._modal), self._flicker.drawn(self._random))
         self._noise_s = now_s
 
     def imagined(self) -> Gyro:
@@ -288,7 +288,7 @@ class Gyro:
         modal = np.zeros_like(self._modal)
         if noisy is not None and self._noisy_chain is not None:
             modal = self._noisy_chain.chain.handed_over(self._noise.modal, 0j, noisy.chain)
-        self._noise = NoiseState(modal, self._noise.rates_rad_s)
+        self._noise = NoiseState.of(modal, self._noise.rates_rad_s)
         self._noisy_chain, self._flutter = noisy, flutter
 
     # -- noise --
@@ -309,7 +309,7 @@ class Gyro:
         duration = stop_s - self._noise_s
         if self._noisy_chain is None:
             rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
-            return NoiseState(self._noise.modal, rates), 0.0, 0.0
+            return NoiseState.of(self._noise.modal, rates), 0.0, 0.0
         noise, integral = self._noisy_chain.step(self._noise, duration, self._random)
         shaking = self._shaking_rad_sqrt_s(stop_s)
         if shaking and self._flutter is not None:

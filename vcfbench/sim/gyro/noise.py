@@ -55,21 +55,38 @@ class Flicker(Struct, frozen=True):
 
 
 class NoiseState(Struct, frozen=True):
-    """What noise has made so far of the chain's eigenmodes (first product only) and of each flicker rate, rad/s."""
+    """What noise has made so far of the chain's eigenmodes (first product only) and of each flicker rate, rad/s.
 
-    modal: NDArray[np.complex128]
-    rates_rad_s: NDArray[np.float64]
+    `made` has them as the matrices of a step take them: Re modal, Im modal, rates; `modes` is how many modes there are.
+    """
+
+    made: NDArray[np.float64]
+    modes: int
+
+    @classmethod
+    def of(cls, modal: NDArray[np.complex128], rates_rad_s: NDArray[np.float64]) -> NoiseState:
+        """Return the state with these modes and rates."""
+        return cls(np.concatenate((modal.real, modal.imag, rates_rad_s)), len(modal))
+
+    @property
+    def modal(self) -> NDArray[np.complex128]:
+        """The eigenmodes."""
+        modal = np.empty(self.modes, complex)
+        modal.real, modal.imag = self.made[: self.modes], self.made[self.modes : 2 * self.modes]
+        return modal
+
+    @property
+    def rates_rad_s(self) -> NDArray[np.float64]:
+        """The flicker rates."""
+        return self.made[2 * self.modes :]
 
     def plus(self, gathered: NDArray[np.float64]) -> NoiseState:
         """Return it with a vector (Re modal, Im modal, flicker...) added; what follows in the vector is not its own."""
-        n = len(self.modal)
-        modal = self.modal + gathered[:n] + 1j * gathered[n : 2 * n]
-        return NoiseState(modal, self.rates_rad_s + gathered[2 * n : 2 * n + len(self.rates_rad_s)])
+        return NoiseState(self.made + gathered[: len(self.made)], self.modes)
 
     def minus(self, other: NoiseState) -> NDArray[np.float64]:
         """Return the vector that leads here from another one."""
-        modal = self.modal - other.modal
-        return np.concatenate((modal.real, modal.imag, self.rates_rad_s - other.rates_rad_s))
+        return self.made - other.made
 
 
 class Interval(Struct, frozen=True, dict=True):
@@ -100,7 +117,7 @@ class Interval(Struct, frozen=True, dict=True):
     def later(self, state: NoiseState) -> NoiseState:
         """Return what a state has become by itself."""
         modal = state.modal * self.decay + self.carried @ state.rates_rad_s
-        return NoiseState(modal, state.rates_rad_s * self.fade)
+        return NoiseState.of(modal, state.rates_rad_s * self.fade)
 
 
 STEPS_KEPT = 64
@@ -158,18 +175,14 @@ class NoisyChain:
 
     def step(self, state: NoiseState, interval_s: float, random: np.random.Generator) -> tuple[NoiseState, float]:
         """Return the state after `interval_s` and the integral of the filtered noise over it, V s."""
-        once, n = self._kept_interval(interval_s), self._n
-        drawn = random.standard_normal(len(once.factor))
-        after = once.whole @ np.concatenate((state.modal.real, state.modal.imag, state.rates_rad_s, drawn))
-        modal = np.empty(n, complex)
-        modal.real, modal.imag = after[:n], after[n : 2 * n]
-        return NoiseState(modal, after[2 * n : -1]), float(after[-1])
+        once = self._kept_interval(interval_s)
+        after = once.whole @ np.concatenate((state.made, random.standard_normal(len(once.factor))))
+        return NoiseState(after[:-1], self._n), float(after[-1])
 
-    def gathered(self, interval_s: float, random: np.random.Generator) -> tuple[NDArray[np.complex128], float]:
-        """Return what a chain at rest has gathered in its modes after `interval_s`, and in the integral."""
-        once, n = self._kept_interval(interval_s), self._n
-        drawn = once.factor @ random.standard_normal(len(once.factor))
-        return drawn[:n] + 1j * drawn[n : 2 * n], float(drawn[-1])
+    def gathered(self, interval_s: float, random: np.random.Generator) -> NDArray[np.float64]:
+        """Return what a chain at rest has gathered after `interval_s`: Re modal, Im modal, flicker, integral."""
+        once = self._kept_interval(interval_s)
+        return once.factor @ random.standard_normal(len(once.factor))
 
     def _kept_interval(self, interval_s: float) -> Interval:
         key = round(interval_s * 1e9)
@@ -235,7 +248,7 @@ class NoisyChain:
 
     def unfreed(self, modes: NDArray[np.complex128]) -> NoiseState:
         """Return the state of such modes."""
-        return NoiseState(modes[: self._n] + self._follow @ modes[self._n :], modes[self._n :].real)
+        return NoiseState.of(modes[: self._n] + self._follow @ modes[self._n :], modes[self._n :].real)
 
     def freed_draws(self, drawn: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return what draws (rows: Re modal, Im modal, flicker, integral) add to the modes."""
@@ -301,8 +314,9 @@ class Flutter:
         self, state: NoiseState, integral_v_s: float, interval_s: float, rad_sqrt_s: float, random: np.random.Generator
     ) -> tuple[NoiseState, float]:
         """Return what the state after `interval_s`, and the integral over it, become with flutter of `rad_sqrt_s`."""
-        gathered, integral = self._unit.gathered(interval_s, random)
-        return NoiseState(state.modal + rad_sqrt_s * gathered, state.rates_rad_s), integral_v_s + rad_sqrt_s * integral
+        gathered, made = rad_sqrt_s * self._unit.gathered(interval_s, random), state.made.copy()
+        made[: 2 * state.modes] += gathered[:-1]
+        return NoiseState(made, state.modes), integral_v_s + float(gathered[-1])
 
 
 def _make_room(kept: dict[Any, Any]) -> None:
