@@ -6,6 +6,7 @@ import json
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from msgspec import structs
 from typer.testing import CliRunner
@@ -14,8 +15,11 @@ import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
-from vcfbench.errors import ConfigError, LimitError
-from vcfbench.procedures.steps import AskOperator, EnableTable, SampleModulated, SetRate, SetSine
+from vcfbench.errors import ConfigError, LimitError, MeasurementError
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.online import ONLINE, OnlineSettings
+from vcfbench.procedures.online_results import online_results
+from vcfbench.procedures.steps import AskOperator, EnableTable, ModulatedRecord, SampleModulated, SetRate, SetSine
 from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.report.document import Figure, Table
 
@@ -184,3 +188,57 @@ def test_the_command_has_a_dry_run() -> None:
     done = CliRunner().invoke(app, ["run", "online", "--dry-run", "--k-vc", "150", "--bench", "lab"])
     assert done.exit_code == 0, done.output
     assert "V_Vc = sine of 0.25 Hz, 0.333333 V peak" in done.stdout
+
+
+class Records:
+    """What a run would have measured, in numbers: 0.25 Hz, 50 deg/s, a little noise."""
+
+    def __init__(self) -> None:
+        self.random = np.random.default_rng(3)
+        bursts = [(0.0, 1.0), *((1.0 / 3.0, 1.0) for _ in range(5)), (0.0, 1.0)]
+        self.pairs = [(self.step(amplitude_v), self.record(amplitude_v, way)) for amplitude_v, way in bursts]
+
+    def step(self, amplitude_v: float) -> SampleModulated:
+        return SampleModulated(0.25, amplitude_v, 500, 0.2, "both", None, 0.05)
+
+    def record(self, amplitude_v: float, way: float = 1.0, noise_v: float = 1e-4) -> ModulatedRecord:
+        v_vc_v = amplitude_v * np.cos(0.1 * np.pi * np.arange(500)) + 1e-6 * self.random.standard_normal(500)
+        output_v = way * (-0.042 - 1.8825 * v_vc_v) + noise_v * self.random.standard_normal(500)
+        return ModulatedRecord(0.2, 0.2, 0.0, tuple(output_v.tolist()), 0.0, tuple(v_vc_v.tolist()), None)
+
+    def spoil(self, record: ModulatedRecord) -> Any:
+        """Put `record` in place of the third burst."""
+        self.pairs[3] = self.pairs[3][0], record
+        return self
+
+    def found(self, kind: type[Any]) -> list[Any]:
+        assert kind is ModulatedRecord
+        return self.pairs
+
+
+@pytest.fixture(scope="module")
+def chosen() -> OnlineSettings:
+    settings = settings_of(ONLINE, LAB, asked_in_python({"k_vc": "150", "duration_s": 500.0})).recalled()
+    return structs.replace(settings, station=structs.replace(settings.station, meter_resolution_v=1e-5))
+
+
+def test_bursts_that_are_alike_give_the_slope_that_was_put_in(chosen: OnlineSettings) -> None:
+    found = online_results(chosen, Records())  # type: ignore[arg-type]
+    assert found.scale_factor.value == pytest.approx(-1.8825 / 150.0 / (1.0 + 1e-6 * found.response_ppm), rel=1e-4)
+    assert abs(found.disturbance.value) < 4.0 * found.disturbance.u
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"way": -1.0}, "in burst 3 of 5 output and V_Vc are apart by"),
+        ({"noise_v": 1e-3}, r"burst 3 of 5 scatters by 0\.00\d+ V about its sine, the others by 0\.0001 V"),
+        ({"way": 1e-9, "noise_v": 1e-6}, "burst 3 of 5: "),
+        ({"way": 0.5}, r"burst 3 of 5 swings by 0\.315 V, the others by 0\.6301 V"),
+    ],
+    ids=["leads swapped", "disturbed", "lead off", "half"],
+)
+def test_a_burst_unlike_the_others_gives_no_result(change: dict[str, Any], said: str, chosen: OnlineSettings) -> None:
+    records = Records()
+    with pytest.raises(MeasurementError, match=said):
+        online_results(chosen, records.spoil(records.record(1.0 / 3.0, **change)))

@@ -10,13 +10,14 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
+from statistics import median
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.budgets import Measurand, Part, budget_table, measurand, said_of
 from vcfbench.procedures.k_vc_results import METER_GAIN, V_VC_GAIN, V_VC_NOISE
 from vcfbench.procedures.known_v_vc import meter_error, v_vc_error
@@ -38,6 +39,10 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 _U_SHARE = 0.05
 """Standard uncertainty of the share of the in-phase mode in the response at rest."""
+_SCATTER = 3.0
+"""Times by which a burst may scatter more than the others."""
+_SWING = 0.05
+"""Part by which its sine may be another than theirs: the scale factor of a gyroscope that is warm moves by far less."""
 _SURE = math.cos(math.radians(60.0))
 """Of a phase between output and V_Vc that tells the sign of the scale factor."""
 
@@ -153,7 +158,11 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
     modulated = [record for step, record in sampled if step.amplitude_v and step.of != "v_vc"]
     rest = [record for step, record in sampled if not step.amplitude_v and step.of != "v_vc"]
     frequency_hz, windows = settings.modulation_hz, settings.windows_a_burst
-    output = [demodulated(each.output_v, each.aperture_s, frequency_hz, windows) for each in modulated]
+    output = [
+        _demodulated(f"burst {number} of {len(modulated)}", each, frequency_hz, windows)
+        for number, each in enumerate(modulated, 1)
+    ]
+    _require_alike(output, settings.meter_resolution_v)
     by_hand = [record for step, record in sampled if step.of == "v_vc" and step.amplitude_v]
     sines = [each for each in modulated if each.v_vc_v] or by_hand
     v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
@@ -172,6 +181,31 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
     )
 
 
+def _demodulated(name: str, record: ModulatedRecord, frequency_hz: float, windows: int) -> Demodulated:
+    """Fit the output of a burst; MeasurementError where the sine is not in it: a lead may be off."""
+    try:
+        return demodulated(record.output_v, record.aperture_s, frequency_hz, windows)
+    except ConfigError as error:
+        raise MeasurementError(f"{name}: {error.what}", instrument="multimeter") from error
+
+
+def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
+    """See that no burst scatters, or swings, unlike the others: a lead that came off, a reading that was disturbed.
+
+    Raises:
+        MeasurementError: one does.
+    """
+    scatter_v, swing_v = median(each.residual_rms for each in output), median(each.phasors[0].real for each in output)
+    for number, each in enumerate(output, 1):
+        if each.residual_rms > _SCATTER * max(scatter_v, resolution_v):
+            said = f"scatters by {each.residual_rms:.2g} V about its sine, the others by {scatter_v:.2g} V"
+        elif abs(each.phasors[0].real - swing_v) > _SWING * swing_v:
+            said = f"swings by {each.phasors[0].real:.4g} V, the others by {swing_v:.4g} V"
+        else:
+            continue
+        raise MeasurementError(f"burst {number} of {len(output)} {said}", instrument="multimeter")
+
+
 def _sign(
     settings: OnlineSettings,
     records: Sequence[ModulatedRecord],
@@ -187,14 +221,17 @@ def _sign(
         cmath.exp(1j * (out.phase_rad - into.phase_rad - speed * (record.output_t_s - record.v_vc_t_s)))
         for record, out, into in zip(records, output, v_vc, strict=True)
     ]
-    mean = sum(turned) / len(turned)
-    if abs(mean.real) < _SURE:
-        angle = math.degrees(cmath.phase(mean))
-        raise ConfigError(
-            f"output and V_Vc are {angle:.0f} degrees apart at {settings.modulation_hz:g} Hz: neither in phase "
-            "nor opposed"
-        )
-    return math.copysign(1.0, mean.real)
+    sign = math.copysign(1.0, turned[0].real)
+    for number, each in enumerate(turned, 1):
+        if sign * each.real < _SURE:
+            own_deg, first_deg = (math.degrees(cmath.phase(angle)) for angle in (each, turned[0]))
+            angles = f"{own_deg:.0f} degrees, in the first {first_deg:.0f}"
+            raise MeasurementError(
+                f"in burst {number} of {len(turned)} output and V_Vc are apart by {angles}: they must be in phase, or "
+                "opposed, in all",
+                instrument="multimeter",
+            )
+    return sign
 
 
 @dataclass(frozen=True, slots=True)
