@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,6 +77,15 @@ def test_without_noise_and_errors_the_scale_factor_comes_out(quiet: tuple[Path, 
     assert abs(found.drift.change_ppm.value) < 1.0
 
 
+def test_a_cold_one_is_off_by_what_its_warm_up_is_stated_to_leave(tmp_path: Path) -> None:
+    """The drift of the gyroscope while it warms up: 104 ppm a kelvin, 0.3 K exp(-t / 300 s), mean of the run."""
+    cold = calibrated(tmp_path, still(LAB))
+    found = run(tmp_path, still(LAB), cold)
+    true, _ = truth(warm(physical_parameters(still(LAB))))
+    (left,) = [part.u for part in found.scale_factor.parts if part.source == "warm-up"]
+    assert 3e-6 < abs(found.scale_factor.value / true - 1.0) <= 1.5 * math.sqrt(3.0) * left / abs(true) < 50e-6
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -129,7 +139,7 @@ def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels
     assert second.drift.since.startswith("self-calibration 0002")
     assert second.drift.change_ppm.value == 0.0
     only = {part.source for part in second.drift.change_ppm.parts if abs(part.u) > 1e-9}
-    assert only == {"readings", "V_Vc's scatter", "then: readings", "then: V_Vc's scatter"}
+    assert only == {f"{when}{each}" for when in ("", "then: ") for each in ("readings", "V_Vc's scatter", "warm-up")}
     assert first.drift.change_ppm.u < first.scale_factor.u / abs(scale_factor) * 1e6
     kept = DeviceStore(tmp_path / "devices").history("G-1")[-1].record
     assert isinstance(kept, SelfCalibration)

@@ -13,7 +13,7 @@ from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, p
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budgets import Measurand, Part, budget_table, measurand, said_of
-from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, v_vc_error
+from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
 from vcfbench.procedures.measured import Measured
 from vcfbench.procedures.null_match import block
 from vcfbench.procedures.results import K_VC_UNIT, pooled_std_v
@@ -173,7 +173,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
         curve_parts={name: tuple(map(tuple, part.tolist())) for name, part in parts.items()},
         curvature=curve.curvature(),
         pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
-        scale_factor=_scale_factor(settings, levels, noise),
+        scale_factor=_scale_factor(settings, levels, noise, len(points)),
         bias=bias_at_rest(
             settings, [z for b in levels.blocks for z in (b.outputs_v[0], b.outputs_v[-1])], levels.noise
         ),
@@ -241,7 +241,7 @@ def _known_by(settings: KVcSettings, name: str) -> str:
     return f"the {name}" if settings.v_vc_role == "v_vc_meter" else f"the {name}, its leads moved by hand"
 
 
-def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats) -> Measurand:
+def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows: int) -> Measurand:
     """Return the slope at rate zero of a cubic through the outputs on the table."""
     found, covariance, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
     slope, meter = float(found[0]), meter_error(settings, "multimeter")
@@ -250,6 +250,7 @@ def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats) -> Meas
         Part(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
         Part(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
         Part(RATE, abs(slope) * settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
+        *(Part(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
     ]
     return measurand(slope, "V/(deg/s)", parts)
 

@@ -42,6 +42,7 @@ __all__ = [
     "meter_error",
     "ready_meters",
     "take_level",
+    "temperature_errors",
     "v_vc_error",
 ]
 
@@ -151,6 +152,24 @@ def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return InstrumentError(placed.name, u.reading, u.range * range_v)
+
+
+def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:
+    """Return by source what temperature and warm-up leave of a scale factor, relative standard uncertainties.
+
+    Of the warm-up it is the mean over a run of so many windows; nothing where the bench file does not know it.
+    """
+    known = settings.station.sources
+    if known.scale_factor_ppm_k is None:
+        return {}
+    per_k, found = 1e-6 * known.scale_factor_ppm_k / math.sqrt(3.0), {}
+    if known.temperature_k is not None:
+        found["temperature"] = per_k * known.temperature_k
+    if known.warm_up_k is not None:
+        lasted = windows * (settings.samples * settings.sample_interval_s + settings.settle_s) / known.warm_up_time_s
+        begun = math.exp(-settings.start_up_s / known.warm_up_time_s)
+        found["warm-up"] = per_k * known.warm_up_k * begun * -math.expm1(-lasted) / lasted
+    return found
 
 
 def v_vc_error(settings: KnownVvcSettings) -> InstrumentError:

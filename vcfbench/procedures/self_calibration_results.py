@@ -29,7 +29,7 @@ from vcfbench.procedures.k_vc_results import (
     levels_by_hand,
     noise_of,
 )
-from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, v_vc_error
+from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
 from vcfbench.procedures.null_match import block
 from vcfbench.record.devices import Kept, SelfCalibration
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -145,6 +145,8 @@ class _Measured:
     u_v_vc_v: float
     noise: BlockNoise
     covariance_v2: Floats
+    windows: int
+    """Of the whole run."""
 
     def rates(self, coefficients: Floats, v_vc_v: Floats) -> Floats:
         """Return the rates of the levels, from that of the zero on."""
@@ -213,6 +215,7 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
         math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
         noise,
         block_covariance(noise, len(magnitudes), settings.cycles),
+        len(points),
     )
 
 
@@ -255,6 +258,8 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
         ((V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None), None),
         ((METER_GAIN, gain, None), meter.name),
     ]
+    alike = np.array([abs(values[0]), abs(values[1]), 0.0])
+    found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
     same_meter = False
     for share in shares_of(settings.known.k_vc):
         name, of, dof, covariance = share
