@@ -28,7 +28,7 @@ def test_values_are_those_of_the_v_vc_that_was_measured(run: Run[Any]) -> None:
     assert {point.step for point in measured} == {2, 4}
     levels = [point.v_vc_measured_v for point in measured if point.step == 4]
     rates = [point.rate_deg_s for point in run.points if point.step == 3]
-    truth = study().truths(rates, levels, 10.0)
+    truth = study().truths(rates, levels, (10.0,))
     for each in run.results.uncertainty.values:
         assert abs(each.value - truth[each.name]) <= 4.0 * each.u, each.name
     assert run.results.k_vc.value == pytest.approx(run.results.uncertainty.value("k_vc").value, rel=1e-12)
