@@ -21,6 +21,7 @@ from vcfbench.errors import ConfigError, MeasurementError, PlanError
 from vcfbench.record.journal import read_journal
 from vcfbench.runs.asked import Asked, Checked
 from vcfbench.runs.resumed import broken_off
+from vcfbench.runs.run import breaks
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -113,6 +114,16 @@ def test_a_break_on_a_real_bench_is_as_long_as_it_was(whole: Run, tmp_path: Path
     now_s = prepared.now_s()
     assert now_s is not None
     assert timedelta(0) <= timedelta(seconds=now_s - then) - gone_s < timedelta(seconds=5)
+
+
+def test_a_run_without_points_says_how_many_records_were_taken() -> None:
+    instants = {"ended_utc": "2026-08-21T14:25:30.1+00:00", "resumed_utc": "2026-08-22T08:00:00.2+00:00"}
+    told = {"run": "a", "measurements": 12, "points": 0, **instants}
+    (said,) = breaks({"resumed_from": told}, 0)
+    before, after = said.split("; ")
+    assert before == "12 records were taken before the break of 2026-08-21 14:25:30 UTC, in a"
+    assert after == "the bench was started up again at 2026-08-22 08:00:00 UTC"
+    assert breaks({}, 3) == ()
 
 
 def test_a_resumed_run_is_resumed_again(whole: Run, tmp_path: Path) -> None:

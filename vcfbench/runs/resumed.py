@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
-from vcfbench.procedures.step import Outcome
+from vcfbench.procedures.step import Effect, Outcome
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
 
@@ -263,6 +263,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             "directory": str(self.earlier.directory.path.resolve()),
             "status": earlier.status.value,
             "steps": len(taken),
+            "measurements": sum(each.step.effect is Effect.MEASURES for each in taken),
             "points": sum(each.result.recorded_point is not None for each in taken),
             "ended_utc": taken[-1].line["utc"] if taken else earlier.header.get("utc"),
             "resumed_utc": utc_now().isoformat(timespec="microseconds"),

@@ -172,10 +172,17 @@ def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
         return ()
     simulated = "; the simulated world began anew" if header.get("simulated") else ""
     return tuple(
-        f"of {points} points {each.get('points')} were measured before the break of {_clock(each, 'ended_utc')}, in "
-        f"{each.get('run')}; the bench was started up again at {_clock(each, 'resumed_utc')}{simulated}"
+        f"{_measured(each, points)} before the break of {_clock(each, 'ended_utc')}, in {each.get('run')}; "
+        f"the bench was started up again at {_clock(each, 'resumed_utc')}{simulated}"
         for each in (*told.get("before", ()), told)
     )
+
+
+def _measured(told: Mapping[str, Any], points: int) -> str:
+    """Say how much was measured before a break: points, where the run has some."""
+    if points:
+        return f"of {points} points {told.get('points')} were measured"
+    return f"{told.get('measurements')} records were taken"
 
 
 def _clock(told: Mapping[str, Any], name: str) -> str:
