@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from vcfbench.record.schema import Point
 from vcfbench.report.text import text_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
@@ -158,13 +160,18 @@ class Drawn:
             set_v -= off / (K * K_VC)
         return set_v
 
-    def points(self, settings: VirtualCoriolisSettings) -> list[Point]:
+    def points(
+        self, settings: VirtualCoriolisSettings, held_v: Mapping[float, float] = MappingProxyType({})
+    ) -> list[Point]:
+        """Return the points of a run; at the rates of `held_v` V_Vc is set to that, whatever would match."""
+
         def point(step: int, rate: float, set_v: float | None, output_v: float) -> Point:
             return Point(step, rate, set_v or 0.0, output_v, self.noise_v * math.sqrt(10.0) + 1e-9, 10)
 
         found: list[Point] = []
         silent, self.noise_v = self.noise_v, 0.0
-        levels = {s * r: self.setting(s * r) for r in settings.magnitudes_deg_s for s in (1.0, -1.0)} | {0.0: 0.0}
+        levels = {s * r: self.setting(s * r) for r in settings.magnitudes_deg_s for s in (1.0, -1.0)}
+        levels |= {0.0: 0.0, **held_v}
         self.noise_v = silent
         for _ in range(settings.null_cycles):
             for size in settings.magnitudes_deg_s:
@@ -196,6 +203,18 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
     assert noisy is not None
     for name, values in drawn.items():
         assert noisy.value(name).u == pytest.approx(np.std(values), rel=0.25), name
+
+
+def test_a_match_next_to_the_end_of_a_range_has_the_errors_of_the_range_that_it_was_taken_on() -> None:
+    """At 50 deg/s the levels that would match lie between the ends of two ranges, where none can be set."""
+    settings = make_settings(k_vc_by=KvcBy.CURVE, **TOLD)
+    u = []
+    for held_v in (0.319, 0.322):  # where 0.333 V would match
+        stated = null_results(Drawn(0, 0.0).points(settings, {50.0: held_v}), settings).uncertainty
+        assert stated is not None
+        shares = stated.value("virtual.scale_factor").contributions
+        u.append(next(each.u for each in shares if each.source == "generator gain, 0.32 V range"))
+    assert u[0] > 5.0 * u[1]
 
 
 # --- the plan, and what is refused ---

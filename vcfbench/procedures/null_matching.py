@@ -46,6 +46,8 @@ class NullMatching:
     rate_deg_s: Floats
     v_vc_v: Floats
     """With the same zero-subtracted output as on the table."""
+    taken_v: Floats
+    """V_Vc at which the windows were taken: near an end of a generator's range it may be some per cent away."""
     left_v: Floats
     """What was left between the two outputs."""
     per_deg_s: Floats
@@ -139,6 +141,7 @@ def null_matching(settings: VirtualCoriolisSettings, points: Sequence[Point]) ->
         "match_rate_deg_s": settings.match_rate_deg_s,
         "rate_deg_s": rate,
         "v_vc_v": equal_v,
+        "taken_v": at_v,
         "left_v": left_v,
         "left_weights": driven - table,
         "readings": np.array([float(point.n) for point in points]),

@@ -533,9 +533,9 @@ class _NullLevels:
         by_pair = {"k_vc": of_match[0], "slope": -sloping @ powers @ of_match, "bias": -shifting @ powers @ of_match}
         by_level = {"k_vc": 0.0 * level_v, "slope": sloping * grows, "bias": shifting * grows}
         per_reading = float((np.maximum(matching.left_weights, 0.0) ** 2 / matching.readings).sum(axis=1).max())
-        u_pair = np.array([levels.u_mean_v(volts, per_reading) for volts in matching.v_vc_v])
+        u_pair = np.array([levels.u_mean_v(volts, per_reading) for volts in matching.taken_v])
         u_level = np.array([levels.u_besides_v(volts) for volts in level_v])
-        every_v = np.concatenate([matching.v_vc_v, level_v])
+        every_v = np.concatenate([matching.taken_v, level_v])  # what is left is interpolated, and has no such error
         own = np.array([levels.range_of(volts) for volts in every_v])
         sources, effects = [], {value: dict[str, float]() for value in by_pair}
         for place in np.unique(own).tolist():
