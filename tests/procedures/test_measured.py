@@ -151,7 +151,12 @@ def report(_settings: object, run: Measured, results: Seen) -> vcfbench.Report:
 def test_a_run_and_its_record_see_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan: Callable[[Any], Plan] = vcfbench.PROCEDURES["turntable"].plan
     own = vcfbench.Procedure(
-        name="see", title="See.", settings=vcfbench.ProcedureSettings, plan=plan, results=see, report=report
+        name="see",
+        title="See.",
+        settings=vcfbench.PROCEDURES["turntable"].settings,
+        plan=plan,
+        results=see,
+        report=report,
     )
     run = vcfbench.run(own, settings=QUICK, runs=tmp_path)
     assert run.results.readings == 4 * 70  # the zero is taken once more, and is no point

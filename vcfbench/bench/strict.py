@@ -152,7 +152,8 @@ def _shape(node: inspect.Type) -> str:
     if isinstance(node, inspect.TupleType):
         return f"a list of {len(node.item_types)} numbers"
     if isinstance(node, inspect.VarTupleType) and node.max_length is not None:
-        return f"a list of {node.min_length or 0} to {node.max_length} numbers"
+        items = "numbers" if isinstance(_bare(node.item_type), inspect.FloatType | inspect.IntType) else "texts"
+        return f"a list of {node.min_length or 0} to {node.max_length} {items}"
     if isinstance(node, inspect.VarTupleType | inspect.ListType | inspect.SetType | inspect.FrozenSetType):
         return "a list"
     return "a table"

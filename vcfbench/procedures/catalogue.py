@@ -83,6 +83,10 @@ BUILT_IN = {
         "vcfbench.procedures.online:ONLINE",
         "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
     ),
+    "characterize": (
+        "vcfbench.procedures.characterize:CHARACTERIZE",
+        "Do all of it in the right order, in one session: one data sheet.",
+    ),
 }
 """The procedures that come along: where each is, and its title, which a list shows without importing it."""
 

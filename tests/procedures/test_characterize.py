@@ -1,0 +1,266 @@
+"""All of it in one session: parts in their order, the supply on between them, one data sheet, what is left out said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import vcfbench
+from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.budgets import Part as Source
+from vcfbench.procedures.budgets import measurand
+from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
+from vcfbench.procedures.data_sheet import sheet_rows
+from vcfbench.procedures.steps import (
+    Acquire,
+    AskOperator,
+    DisableSupply,
+    Done,
+    EnableSupply,
+    NotChecked,
+    Note,
+    Outcome,
+    Settle,
+    Step,
+)
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.step import Plan
+
+FIELD = Path(__file__).parents[2] / "examples" / "field-bench.toml"
+QUICK: dict[str, Any] = {
+    "parts": ["zero", "polarity", "turntable", "temperature"],
+    "samples": 6,
+    "turntable": {"rates_deg_s": [200.0, 50.0, 0.0, -50.0, -200.0]},
+    "zero": {"duration_s": 200.0, "samples": 4},
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return vcfbench.run("characterize", seed=4, settings=QUICK, runs=tmp_path_factory.mktemp("runs"))
+
+
+def row(run: Any, procedure: str, quantity: str, unit: str) -> Any:
+    (found,) = [
+        each
+        for each in run.results.data_sheet
+        if (each.procedure, each.quantity, each.unit) == (procedure, quantity, unit)
+    ]
+    return found
+
+
+def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> None:
+    assert [part.name for part in run.results.parts] == ["zero", "polarity", "turntable"]
+    zero, polarity, turntable = (part.results for part in run.results.parts)
+    assert zero.samples == 200
+    assert polarity.wrong_signs == 0
+    assert len(turntable.residuals_v) == 5
+    factor = row(run, "turntable", "scale factor", "V/(deg/s)")
+    assert factor.value == pytest.approx(turntable.scale_factor.value, rel=1e-12)
+    assert abs(factor.value - -12.54e-3) < 1e-4 * 12.54e-3 + factor.u95
+    assert factor.u95 > factor.u > 0.0
+    assert factor.conditions == "5 rates to 200 deg/s"
+
+
+def test_what_a_calibration_finds_turns_volts_into_rates_for_the_others(run: Any) -> None:
+    zero, _, turntable = (part.results for part in run.results.parts)
+    assert zero.scale_factor_v_per_deg_s.value == turntable.scale_factor.value
+
+
+def test_what_is_told_to_the_whole_goes_to_every_part_unless_it_is_told_otherwise(run: Any) -> None:
+    assert {point.n for point in run.points} == {6, 200}
+    settings = vcfbench.PROCEDURES["characterize"].settings(turntable={"samples": 7}, samples=5)
+    assert settings.of("turntable").samples == 7
+    assert settings.of("kvc").samples == 5
+    assert settings.of("zero").duration_s == 600.0
+    assert settings.of("bandwidth").warm_up_s == 0.0
+
+
+def test_what_the_bench_cannot_do_is_said(run: Any) -> None:
+    assert [(each.name, each.reason) for each in run.results.not_measured] == [
+        ("temperature", "the bench has no chamber")
+    ]
+    assert run.not_checked == ("temperature: the bench has no chamber",)
+    assert "not measured: temperature: the bench has no chamber" in vcfbench.text_of(run.report())
+
+
+def test_the_record_tells_the_same(run: Any) -> None:
+    again = vcfbench.load_run(run.directory)
+    assert again.results == run.results
+    assert vcfbench.text_of(again.report()) == vcfbench.text_of(run.report())
+    assert (
+        again.results.acceptance_values()["scale_factor_v_per_deg_s"]
+        == again.results.parts[2].results.scale_factor.value
+    )
+
+
+# --- one session -----------------------------------------------------------------------------------------------
+
+
+def planned(bench: Any, **settings: Any) -> list[Step]:
+    return [each.step for each in vcfbench.dry_run("characterize", bench, settings=settings).steps]
+
+
+def test_the_supply_stays_on_from_part_to_part() -> None:
+    parts = ["polarity", "turntable", "bandwidth", "zero"]
+    steps = planned("lab", parts=parts)
+    off = [place for place, step in enumerate(steps) if isinstance(step, DisableSupply)]
+    assert off == [len(steps) - 1]
+    assert [step.name for step in steps if isinstance(step, BeginPart)] == [
+        "polarity",
+        "turntable",
+        "bandwidth",
+        "zero",
+    ]
+
+
+def test_a_part_that_wants_to_see_the_power_come_finds_it_off() -> None:
+    steps = planned("lab", parts=["polarity", "power"])
+    kinds = [type(step).__name__ for step in steps]
+    on = kinds.index("SuppliedAndLogged")
+    assert kinds[on - 2 : on] == ["DisableSupply", "Settle"]
+    assert kinds.count("DisableSupply") == 2
+
+
+def test_without_table_and_oscilloscope_the_rest_is_done() -> None:
+    steps = planned(FIELD)
+    left_out = {step.what: step.reason for step in steps if isinstance(step, NotChecked)}
+    assert left_out["turntable"] == left_out["virtual-coriolis"] == left_out["kvc"] == "the bench has no rate_table"
+    assert left_out["resonance"] == "the bench has no oscilloscope"
+    done = [step.name for step in steps if isinstance(step, BeginPart)]
+    assert done == ["warmup", "polarity", "power", "bandwidth", "zero"]
+    assert not any(isinstance(step, AskOperator) for step in steps)
+
+
+class Watched(EnableSupply, frozen=True):
+    """Switches on and looks."""
+
+
+def part(*steps: Step) -> Plan:
+    try:
+        for step in steps:  # noqa: UP028  # a tuple cannot be sent results
+            yield step
+    finally:
+        yield DisableSupply()
+    return Outcome("done")
+
+
+def performed(plan: Plan, fails_at: int | None = None) -> list[Step]:
+    """Perform a plan; the step of that number fails."""
+    steps: list[Step] = []
+    advance = lambda: next(plan)  # noqa: E731
+    while True:
+        try:
+            steps.append(advance())
+        except (StopIteration, MeasurementError):
+            return steps
+        if len(steps) == fails_at:
+            advance = lambda: plan.throw(MeasurementError("it fails"))  # noqa: E731
+        else:
+            advance = lambda: plan.send(Done())  # noqa: E731
+
+
+ON, OFF, LOOK = EnableSupply(), DisableSupply(), Note("look")
+
+
+def test_the_last_switching_off_of_a_part_alone_is_left_out() -> None:
+    session = _Session()
+    assert performed(_kept_on(part(ON, LOOK, OFF, ON, LOOK), session)) == [ON, LOOK, OFF, ON, LOOK]
+    assert session.left_on
+    assert performed(_kept_on(part(ON, LOOK), session)) == [ON, LOOK]
+    assert session.left_on
+    seen = performed(_kept_on(part(Watched(), LOOK), session))
+    assert [type(step) for step in seen] == [DisableSupply, Settle, Watched, Note]
+
+
+def test_once_something_has_failed_all_is_switched_off() -> None:
+    session = _Session()
+    assert performed(_kept_on(part(ON, LOOK, Note("never")), session), fails_at=2) == [ON, LOOK, OFF]
+    assert not session.left_on
+
+
+# --- settings --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"zero": {"durations": 3.0}}, r"procedure.characterize.zero.durations: expected a known key"),
+        ({"zero": {"duration_s": 100.0}}, r"zero.duration_s: expected at least 200 s"),
+        ({"kvc": {"nplc": 1}}, r"kvc.nplc: expected 10, that of the whole"),
+        ({"parts": ["zero", "nothing"]}, r"parts\[1\]: expected a procedure: warmup, "),
+        ({"parts": ["zero", "zero"]}, r"parts: expected each procedure once"),
+        ({"parts": ["characterize"]}, r"parts\[0\]: expected a procedure"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_place(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        vcfbench.dry_run("characterize", "lab", settings=settings)
+
+
+def test_a_part_is_told_by_the_bench_file_as_it_is_alone() -> None:
+    told = "[procedure.turntable]\nsamples = 12\n[procedure.characterize.turntable]\nsettle_s = 5.0\n"
+    steps = planned(parse_bench(f"{embedded_text('paper')}\n{told}", "own"), parts=["turntable"])
+    windows = [step for step in steps if isinstance(step, Acquire)]
+    assert {step.samples for step in windows} == {12}
+    assert any(isinstance(step, Settle) and step.seconds == 5.0 for step in steps)
+
+
+def test_every_part_is_a_procedure_with_a_setting_of_its_name() -> None:
+    kind = vcfbench.PROCEDURES["characterize"].settings
+    names = {each.name for each in PARTS}
+    assert names <= set(vcfbench.PROCEDURES)
+    assert names <= set(kind.__struct_encode_fields__)
+
+
+# --- the data sheet --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    q: Any
+    drive_hz: Any
+    residuals: tuple[float, ...] = (1.0, 2.0)
+
+    def acceptance_values(self) -> dict[str, float | None]:
+        return {"drive_hz": self.drive_hz.value, "nonlinearity_ppm": 742.0, "e_n": None}
+
+
+def test_the_sheet_has_every_value_once() -> None:
+    found = Found(measurand(1200.0, "", [Source("noise", 1.0)]), measurand(3488.9, "Hz", [Source("noise", 0.1)]))
+    rows = list(sheet_rows("own", found, "at rest"))
+    assert [(each.quantity, each.value, each.unit) for each in rows] == [
+        ("Q", 1200.0, ""),
+        ("drive", 3488.9, "Hz"),
+        ("nonlinearity", 742.0, "ppm"),
+    ]
+    assert rows[1].u95 == pytest.approx(0.196, rel=1e-3)
+    assert (rows[2].u, rows[2].u95) == (None, None)
+    assert list(sheet_rows("own", None, "")) == []
+
+
+@pytest.mark.exhaustive
+def test_the_whole_of_it_is_one_data_sheet(tmp_path: Path) -> None:
+    """About 17 s on a quiet machine; each value with an uncertainty lies where the simulated bench has it."""
+    limits = "min_temperature_c = -40\nmax_temperature_c = 85\nmax_ramp_k_min = 60\n"
+    chamber = '[chamber]\nmodel = "ATS-545"\nresource = "GPIB0::18::INSTR"\n'
+    bench = parse_bench(embedded_text("lab").replace("[limits]\n", f"{chamber}\n[limits]\n{limits}"), "all")
+    run = vcfbench.run("characterize", bench, seed=8, runs=tmp_path)
+    assert [each.name for each in run.results.parts] == [each.name for each in PARTS]
+    assert all(each.no_result is None for each in run.results.parts)
+    assert run.results.not_measured == ()
+    truths = [
+        ("resonance", "drive", "Hz", 3488.9 * (1.0 - 30e-6 * 0.3)),
+        ("bandwidth", "split", "Hz", 24.8 + 0.00272 * 0.3),
+        ("power", "scale factor by both rails", "ppm/V", 400.0),
+        ("temperature", "temperature coefficient of the drive frequency", "ppm/K", -30.0),
+    ]
+    for procedure, quantity, unit, truth in truths:
+        found = row(run, procedure, quantity, unit)
+        assert abs(found.value - truth) < 1.6 * found.u95, found
+    assert vcfbench.load_run("last", runs=tmp_path).results == run.results

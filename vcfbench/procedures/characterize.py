@@ -1,0 +1,389 @@
+"""All procedures of one gyroscope in their order, in one session: one start-up, one shut-down, one data sheet.
+
+Each part is a procedure as it is, with its own plan, settings and results; nothing here knows what any of them does.
+The supply stays on from part to part: that one plan switches off at its end is left out, unless the next wants to see
+the power come. What the bench cannot do is left out, and it is said why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from msgspec import Meta, Struct, field, structs, to_builtins
+
+from vcfbench.bench.layering import Layer, chosen_settings, setting_keys
+from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.errors import BenchError
+from vcfbench.files import dotted
+from vcfbench.interfaces import (
+    ForcesTemperature,
+    MeasuresWaveforms,
+    PowersRails,
+    ReadsVoltage,
+    Rotates,
+    SetsVoltage,
+    lacking,
+)
+from vcfbench.models import find_model, resolve
+from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
+from vcfbench.procedures.data_sheet import SheetRow, data_sheet_report, sheet_rows
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.step import Step
+from vcfbench.procedures.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.procedures.measured import Measured
+    from vcfbench.procedures.procedure import AnyProcedure, Made
+    from vcfbench.procedures.step import Context, StepResult
+    from vcfbench.record.devices import Kept
+    from vcfbench.report.document import Report
+
+__all__ = ["CHARACTERIZE", "BeginPart", "CharacterizeResult", "CharacterizeSettings", "Part", "PartResult", "plan"]
+
+_OFF_S = 10.0
+"""Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""
+_SCALE_FACTOR = "scale_factor_v_per_deg_s"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A procedure as a part of the whole: what a data sheet wants of it where nobody says otherwise.
+
+    `roles` must be on the bench beside those that the procedure needs.
+    """
+
+    name: str
+    defaults: Mapping[str, Any]
+    conditions: Callable[[Any], str]
+    roles: tuple[str, ...] = ()
+
+
+def _said(words: str) -> Callable[[Any], str]:
+    return lambda _: words
+
+
+WARM: Mapping[str, Any] = MappingProxyType({"warm_up_s": 0.0})
+"""The session is warm by then."""
+
+PARTS = (
+    Part("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
+    Part("polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"),
+    Part(
+        "power", WARM, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"
+    ),
+    Part("turntable", WARM, lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
+    Part(
+        "virtual-coriolis",
+        WARM,
+        lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc as set",
+    ),
+    Part("kvc", WARM, lambda own: f"matched to {max(map(abs, own.match_rates_deg_s)):g} deg/s, V_Vc {own.v_vc.value}"),
+    Part("bandwidth", WARM, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
+    Part("resonance", WARM, _said("ring-down and sweep, at rest")),
+    Part("phase", WARM, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
+    Part("zero", {"duration_s": 600.0, "powered_s": 0.0}, lambda own: f"at rest, {own.duration_s:g} s"),
+    Part(
+        "temperature",
+        WARM,
+        lambda own: f"{min(own.temperatures_c):g} to {max(own.temperatures_c):g} degC, by {own.by.value}",
+        roles=("chamber",),
+    ),
+)
+"""The parts in their order: what must be warm comes after what must be cold, and what heats or cools comes last."""
+
+_BY_NAME = {each.name: each for each in PARTS}
+
+Told = Annotated[dict[str, Any], Meta(description="settings of this part, as [procedure.NAME] has them")]
+
+
+class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """Which parts there are, and what each is told; what is told to the whole goes to every part."""
+
+    parts: Annotated[
+        tuple[str, ...], Meta(min_length=1, max_length=50, description="procedures, in the order in which they are run")
+    ] = tuple(each.name for each in PARTS)
+    warmup: Told = field(default_factory=dict)
+    polarity: Told = field(default_factory=dict)
+    power: Told = field(default_factory=dict)
+    turntable: Told = field(default_factory=dict)
+    virtual_coriolis: Told = field(default_factory=dict, name="virtual-coriolis")
+    kvc: Told = field(default_factory=dict)
+    bandwidth: Told = field(default_factory=dict)
+    resonance: Told = field(default_factory=dict)
+    phase: Told = field(default_factory=dict)
+    zero: Told = field(default_factory=dict)
+    temperature: Told = field(default_factory=dict)
+
+    def told(self, name: str) -> dict[str, Any]:
+        """Return what the part `name` is told of its own."""
+        found = getattr(self, name.replace("-", "_"), {})
+        return dict(found) if isinstance(found, dict) else {}
+
+    def of(self, name: str) -> ProcedureSettings:
+        """Return the settings of the part `name`: its defaults here, what the whole is told, what it is told itself.
+
+        Raises:
+            ConfigError: a key is unknown to it, or a value cannot be.
+        """
+        kind = PROCEDURES[name].settings
+        known = setting_keys(ProcedureSettings)
+        usual, here = (cast("dict[str, Any]", to_builtins(each)) for each in (ProcedureSettings(), self))
+        shared = {key: here[key] for key in known if here[key] != usual[key]}
+        layers = [
+            Layer(dict(_BY_NAME[name].defaults) if name in _BY_NAME else {}, _naming(name)),
+            Layer(shared, _naming(name)),
+            Layer(self.told(name), _naming(name)),
+        ]
+        own: ProcedureSettings = structs.replace(chosen_settings(kind, layers), station=self.station)
+        return own.recalled()
+
+    def lacking(self, name: str) -> str:
+        """Say what the bench lacks for the part `name`; empty where it has all."""
+        procedure = PROCEDURES[name]
+        roles = [*procedure.needs, *(_BY_NAME[name].roles if name in _BY_NAME else ())]
+        if missing := [role for role in roles if not self._has(role)]:
+            return f"the bench has no {' and no '.join(missing)}"
+        for role, capability in procedure.needs.items():
+            placed = self.station.instruments.get(role)
+            if placed is not None and (absent := _absent(placed.model, capability)):
+                return f"the {role} ({placed.model}) has no {', '.join(absent)}"
+        return ""
+
+    def _has(self, role: str) -> bool:
+        if role == "rate_table":
+            return self.station.limits.max_rate_deg_s is not None
+        return role in self.station.instruments
+
+    def contradictions(self) -> Iterator[Misfit]:
+        """Yield what the ranges cannot say, of every part that will be run too."""
+        yield from super().contradictions()
+        for index, name in enumerate(self.parts):
+            if name not in PROCEDURES or name == "characterize":
+                yield Misfit(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
+                return
+        if len(set(self.parts)) < len(self.parts):
+            yield Misfit("parts", "each procedure once", list(self.parts))
+        for name in self.parts:
+            if self.lacking(name):
+                continue
+            own = self.of(name)
+            for misfit in own.contradictions():
+                yield Misfit(f"{name}.{misfit.path}", misfit.expected, misfit.came)
+            for key in ("meter_range_v", "nplc"):
+                if getattr(own, key) != getattr(self, key):
+                    yield Misfit(f"{name}.{key}", f"{getattr(self, key)}, that of the whole", getattr(own, key))
+
+
+def _naming(name: str) -> Callable[[Any], str]:
+    return lambda keys: dotted(("procedure", "characterize", name, *keys))
+
+
+def _absent(model: str, capability: type) -> Sequence[str]:
+    row = find_model(model)
+    driver = None if row is None else resolve(row.driver)
+    return () if driver is None else lacking(getattr(driver, "driver_class", driver), capability)
+
+
+class BeginPart(Step, Struct, frozen=True):
+    """A heading: what follows is the part of this name; so results know what is whose."""
+
+    name: str
+
+    def describe(self) -> str:
+        """Name it."""
+        return f"Part: {self.name}"
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+@dataclass(slots=True)
+class _Session:
+    """Whether the supply was left on by a part that has ended."""
+
+    left_on: bool = False
+
+
+def plan(settings: CharacterizeSettings) -> Plan:
+    """Do the plan of every part that the bench allows, the supply on all the time; whatever happens, off in the end."""
+    session, done = _Session(), []
+    for name in settings.parts:
+        if why := settings.lacking(name):
+            yield NotChecked(name, why)
+    try:
+        for name in settings.parts:
+            if settings.lacking(name):
+                continue
+            yield BeginPart(name)
+            yield from _kept_on(PROCEDURES[name].plan(settings.of(name)), session)
+            done.append(name)
+    finally:
+        if session.left_on:
+            yield DisableSupply()
+    return Outcome(f"data sheet from {', '.join(done)}")
+
+
+def _kept_on(part: Plan, session: _Session) -> Plan:
+    """Pass on the steps of a part, but for the last switching off; to switch on what is on changes nothing.
+
+    Switching off is held back until the part asks for something else: then it was not its end, and is done. A step
+    that switches on and looks at it, a kind of its own, finds the supply off. Once something has failed, all is done.
+    """
+    held, failed = False, False
+    advance: Callable[[], Step] = partial(next, part)
+    while True:
+        try:
+            step = advance()
+        except StopIteration as end:
+            session.left_on = session.left_on or held
+            return cast("Outcome", end.value)
+        try:
+            if held:
+                held = False
+                yield DisableSupply()
+            if type(step) is DisableSupply and not failed:
+                held, session.left_on = True, False
+                advance = partial(part.send, Done())
+                continue
+            if isinstance(step, EnableSupply) and session.left_on:
+                session.left_on = False
+                if type(step) is not EnableSupply:
+                    yield DisableSupply()
+                    yield Settle(_OFF_S, "rails and gyro come to rest: the power is to be seen coming")
+            result: StepResult = yield step
+        except BenchError as error:
+            failed = True
+            advance = partial(_thrown, part, error)
+        else:
+            advance = partial(part.send, result)
+
+
+def _thrown(part: Plan, error: BenchError) -> Step:
+    return part.throw(error)
+
+
+@dataclass(frozen=True, slots=True)
+class PartResult:
+    """What a part came to: its results, None where its measurements gave none, and then why."""
+
+    name: str
+    conditions: str
+    results: Any
+    no_result: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NotMeasured:
+    """A part that this bench does not allow, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class CharacterizeResult:
+    """The data sheet, what it is made of, and what is not on it."""
+
+    data_sheet: tuple[SheetRow, ...]
+    not_measured: tuple[NotMeasured, ...]
+    parts: tuple[PartResult, ...]
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits; of what several parts tell, the first that tells it."""
+        return self._first("acceptance_values")
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these."""
+        return self._first("acceptance_u95")
+
+    def _first(self, method: str) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for part in self.parts:
+            tell = getattr(part.results, method, None)
+            found = {**(tell() if tell is not None else {}), **found}
+        return found
+
+
+def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeResult:
+    """Have each part make its results of what was measured in it; then put them together."""
+    by_name = {begin.name: part for begin, part in measured.parted(BeginPart)}
+    found: dict[str, PartResult] = {}
+    last = [name for name in by_name if hasattr(PROCEDURES[name].settings, _SCALE_FACTOR)]
+    for name in [*(each for each in by_name if each not in last), *last]:
+        found[name] = _part_result(PROCEDURES[name], _with_scale_factor(settings.of(name), found), by_name[name])
+    parts = tuple(found[name] for name in by_name)
+    skipped = tuple(NotMeasured(name, why) for name in settings.parts if (why := settings.lacking(name)))
+    failed = tuple(NotMeasured(part.name, part.no_result) for part in parts if part.no_result is not None)
+    rows = (row for part in parts for row in sheet_rows(part.name, part.results, part.conditions))
+    return CharacterizeResult(tuple(rows), (*skipped, *failed), parts)
+
+
+def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured) -> PartResult:
+    known = _BY_NAME.get(procedure.name)
+    conditions = "" if known is None else known.conditions(own)
+    try:
+        return PartResult(procedure.name, conditions, procedure.results(own, part))
+    except BenchError as error:
+        return PartResult(procedure.name, conditions, None, str(error))
+
+
+def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) -> ProcedureSettings:
+    """Return the settings of a part with the scale factor that an earlier one has found, unless it is told one."""
+    if getattr(own, _SCALE_FACTOR, None) != 0.0 or getattr(own, "scale_factor_from", "none") != "none":
+        return own
+    for part in found.values():
+        tell = getattr(part.results, "acceptance_values", None)
+        value = tell().get(_SCALE_FACTOR) if tell is not None else None
+        if value:
+            return structs.replace(own, **{_SCALE_FACTOR: value})
+    return own
+
+
+def report(settings: CharacterizeSettings, _measured: Measured, found: CharacterizeResult) -> Report:
+    """Report the data sheet."""
+    rails = f"rails {settings.positive_rail_v:+g} V and {settings.negative_rail_v:+g} V"
+    return data_sheet_report(found.data_sheet, [(each.name, each.reason) for each in found.not_measured], rails)
+
+
+def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Made) -> Kept | None:
+    """Return what the first part that keeps something of the device keeps of it."""
+    for part in found.parts:
+        keep = PROCEDURES[part.name].entry
+        kept = None if keep is None or part.results is None else keep(settings.of(part.name), part.results, made)
+        if kept is not None:
+            return kept
+    return None
+
+
+CHARACTERIZE = Procedure(
+    name="characterize",
+    title=BUILT_IN["characterize"][1],
+    settings=CharacterizeSettings,
+    plan=plan,
+    results=results,
+    report=report,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage},
+    uses={
+        "rate_source": SetsVoltage,
+        "oscilloscope": MeasuresWaveforms,
+        "rate_table": Rotates,
+        "v_vc_meter": ReadsVoltage,
+        "chamber": ForcesTemperature,
+    },
+    entry=entry,
+)
+"""All of it in one session."""

@@ -1,0 +1,114 @@
+"""The data sheet: every value with an uncertainty that results hold, and what else they say of themselves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.record.plain import field_names
+from vcfbench.report.document import Column, Report, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = ["SheetRow", "data_sheet_report", "sheet_rows"]
+
+_UNITS = (
+    *(("_v_per_deg_s", "V/(deg/s)"), ("_deg_s_per_v", "(deg/s)/V"), ("_deg_sqrt_h", "deg/sqrt(h)")),
+    *(("_deg_h", "deg/h"), ("_deg_s", "deg/s"), ("_percent", "%"), ("_ppm", "ppm"), ("_ms", "ms"), ("_deg", "deg")),
+    *(("_hz", "Hz"), ("_v", "V"), ("_s", "s")),
+)
+"""Ends of names and the unit that they tell, the longest first."""
+_SYMBOLS = MappingProxyType({"k_vc": "K_Vc", "e_n": "E_n", "q": "Q", "plus_3_db": "+3 dB", "minus_3_db": "-3 dB"})
+_SAME = 1e-5
+"""Two values so close, relative, are one that is told twice."""
+
+
+@dataclass(frozen=True, slots=True)
+class SheetRow:
+    """One line of the data sheet; `u` and `u95` are None where the procedure tells none."""
+
+    quantity: str
+    value: float
+    u: float | None
+    u95: float | None
+    unit: str
+    conditions: str
+    procedure: str
+
+
+def sheet_rows(procedure: str, results: Any, conditions: str) -> Iterator[SheetRow]:
+    """Yield what `results` of `procedure` put on a data sheet.
+
+    That is what its method ``quantities()`` yields, names and values, where it has one; else its statement of
+    uncertainties (``uncertainty.values``) or every field with a value and an uncertainty; then what acceptance judges.
+    """
+    if results is None:
+        return
+    seen: list[float] = []
+    quantities = getattr(results, "quantities", None)
+    named = list(quantities()) if quantities is not None else list(_quantities(results))
+    for name, found in named:
+        seen.append(found.value)
+        yield SheetRow(name, found.value, found.u, _u95(found), found.unit, conditions, procedure)
+    tell = getattr(results, "acceptance_values", None)
+    if quantities is not None or tell is None:
+        return
+    for key, value in tell().items():
+        if value is not None and not any(math.isclose(value, each, rel_tol=_SAME) for each in seen):
+            words, unit = _words_and_unit(key)
+            yield SheetRow(words, value, None, None, unit, conditions, procedure)
+
+
+def _quantities(results: Any) -> Iterator[tuple[str, Any]]:
+    stated = getattr(getattr(results, "uncertainty", None), "values", None)
+    if stated is not None:
+        yield from ((_words_and_unit(each.name)[0], each) for each in stated)
+        return
+    for name in field_names(results) or ():
+        found = getattr(results, name)
+        for each in found if isinstance(found, tuple) else (found,):
+            if _is_quantity(each):
+                yield getattr(each, "name", None) or _words_and_unit(name)[0], each
+
+
+def _is_quantity(found: Any) -> bool:
+    """Tell whether it is a value with uncertainty and unit."""
+    value, unit = getattr(found, "value", None), getattr(found, "unit", None)
+    return isinstance(value, float) and isinstance(unit, str) and hasattr(found, "u")
+
+
+def _u95(found: Any) -> float | None:
+    """Return the half width of 95 %, None where the value has none."""
+    told = [getattr(found, name, None) for name in ("expanded_u", "u95", "u_95")]
+    return next((each for each in told if each is not None), None)
+
+
+def _words_and_unit(name: str) -> tuple[str, str]:
+    """Return a field's name in words, and the unit that its end tells."""
+    for end, unit in _UNITS:
+        if name.endswith(end) and name.removesuffix(end):
+            return _words(name.removesuffix(end)), unit
+    return _words(name), ""
+
+
+def _words(name: str) -> str:
+    return _SYMBOLS.get(name) or name.replace(".", ": ").replace("_", " ").replace(" q ", " Q ")
+
+
+def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:
+    """Return the report of a data sheet."""
+    columns = (
+        *(Column("quantity", align="left"), Column("value", format=".7g"), Column("U95", format=".2g")),
+        *(Column("u", format=".2g"), Column("unit", align="left"), Column("conditions", align="left")),
+        Column("procedure", align="left"),
+    )
+    table = [(each.quantity, each.value, each.u95, each.u, each.unit, each.conditions, each.procedure) for each in rows]
+    said = [
+        f"all: {common}, one session",
+        "U95 holds the true value with 95 %; what it holds and what not, each procedure says in its own report",
+        *(f"not measured: {name}: {reason}" for name, reason in not_measured),
+    ]
+    return Report([Table(columns, table, "Data sheet"), Text("\n".join(said))])
