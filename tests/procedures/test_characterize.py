@@ -15,6 +15,7 @@ from vcfbench.procedures.budgets import Part as Source
 from vcfbench.procedures.budgets import measurand
 from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
 from vcfbench.procedures.data_sheet import sheet_rows
+from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.steps import (
     Acquire,
     AskOperator,
@@ -192,10 +193,10 @@ def test_once_something_has_failed_all_is_switched_off() -> None:
     [
         ({"zero": {"durations": 3.0}}, r"procedure.characterize.zero.durations: expected a known key"),
         ({"zero": {"duration_s": 100.0}}, r"zero.duration_s: expected at least 200 s"),
-        ({"kvc": {"nplc": 1}}, r"kvc.nplc: expected 10, that of the whole"),
         ({"parts": ["zero", "nothing"]}, r"parts\[1\]: expected a procedure: warmup, "),
         ({"parts": ["zero", "zero"]}, r"parts: expected each procedure once"),
         ({"parts": ["characterize"]}, r"parts\[0\]: expected a procedure"),
+        ({"parts": ["self-calibration"]}, r"parts\[0\]: expected a procedure that builds on nothing"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_place(settings: dict[str, Any], words: str) -> None:
@@ -209,6 +210,14 @@ def test_a_part_is_told_by_the_bench_file_as_it_is_alone() -> None:
     windows = [step for step in steps if isinstance(step, Acquire)]
     assert {step.samples for step in windows} == {12}
     assert any(isinstance(step, Settle) and step.seconds == 5.0 for step in steps)
+
+
+def test_a_part_with_a_meter_setting_of_its_own_has_its_resolution() -> None:
+    told = "[procedure.turntable]\nnplc = 1\n"
+    bench = parse_bench(f"{embedded_text('paper')}\n{told}", "own")
+    settings = settings_of(vcfbench.PROCEDURES["characterize"], bench)
+    assert settings.of("turntable").meter_resolution_v == pytest.approx(30e-6)
+    assert settings.of("zero").meter_resolution_v == pytest.approx(10e-6)
 
 
 def test_every_part_is_a_procedure_with_a_setting_of_its_name() -> None:

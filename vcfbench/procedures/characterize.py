@@ -16,7 +16,7 @@ from msgspec import Meta, Struct, field, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, setting_keys
 from vcfbench.bench.misfit import Misfit
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import ProcedureSettings, Station
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
 from vcfbench.interfaces import (
@@ -37,6 +37,7 @@ from vcfbench.procedures.steps import DisableSupply, Done, EnableSupply, NotChec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from typing import Self
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.measured import Measured
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Context, StepResult
     from vcfbench.record.devices import Kept
     from vcfbench.report.document import Report
+    from vcfbench.specifications import VoltmeterSpecification
 
 __all__ = ["CHARACTERIZE", "BeginPart", "CharacterizeResult", "CharacterizeSettings", "Part", "PartResult", "plan"]
 
@@ -141,8 +143,31 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             Layer(shared, _naming(name)),
             Layer(self.told(name), _naming(name)),
         ]
-        own: ProcedureSettings = structs.replace(chosen_settings(kind, layers), station=self.station)
-        return own.recalled()
+        own: ProcedureSettings = chosen_settings(kind, layers)
+        return structs.replace(own, station=self._station_of(own))
+
+    def _station_of(self, own: ProcedureSettings) -> Station:
+        """Return what the place gives a part: what its meter promises goes by its own range and integration time."""
+        station, meter = self.station, self.station.instruments.get("multimeter")
+        same = (own.meter_range_v, own.nplc) == (self.meter_range_v, self.nplc)
+        if same or station.meter_resolution_v is None or meter is None:
+            return station
+        row = find_model(meter.model)
+        sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
+        range_v, age_days = float(own.meter_range_v), station.sources.meter_age_days
+        sources = station.sources
+        if range_v in sheet.accuracy and age_days is not None:
+            promised = sheet.accuracy_of(range_v, age_days)
+            sources = structs.replace(sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v)
+        resolution_v = sheet.resolution_v(range_v, float(own.nplc))
+        return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
+
+    def recalled(self) -> Self:
+        """See that what the parts name can be looked up."""
+        for name in self.parts:
+            if not self.lacking(name):
+                self.of(name).recalled()
+        return self
 
     def lacking(self, name: str) -> str:
         """Say what the bench lacks for the part `name`; empty where it has all."""
@@ -165,20 +190,19 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         """Yield what the ranges cannot say, of every part that will be run too."""
         yield from super().contradictions()
         for index, name in enumerate(self.parts):
-            if name not in PROCEDURES or name == "characterize":
+            if name not in PROCEDURES or PROCEDURES[name].settings is type(self):
                 yield Misfit(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
+                return
+            if type(PROCEDURES[name].settings().station) is not Station:
+                yield Misfit(f"parts[{index}]", "a procedure that builds on nothing that is kept of the device", name)
                 return
         if len(set(self.parts)) < len(self.parts):
             yield Misfit("parts", "each procedure once", list(self.parts))
         for name in self.parts:
             if self.lacking(name):
                 continue
-            own = self.of(name)
-            for misfit in own.contradictions():
+            for misfit in self.of(name).contradictions():
                 yield Misfit(f"{name}.{misfit.path}", misfit.expected, misfit.came)
-            for key in ("meter_range_v", "nplc"):
-                if getattr(own, key) != getattr(self, key):
-                    yield Misfit(f"{name}.{key}", f"{getattr(self, key)}, that of the whole", getattr(own, key))
 
 
 def _naming(name: str) -> Callable[[Any], str]:
