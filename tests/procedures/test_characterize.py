@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec import structs
 
 import vcfbench
 from vcfbench.bench.file import embedded_text, parse_bench
@@ -30,6 +31,7 @@ from vcfbench.procedures.steps import (
 )
 
 if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.step import Plan
 
 FIELD = Path(__file__).parents[2] / "examples" / "field-bench.toml"
@@ -79,7 +81,22 @@ def test_what_is_told_to_the_whole_goes_to_every_part_unless_it_is_told_otherwis
     assert settings.of("turntable").samples == 7
     assert settings.of("kvc").samples == 5
     assert settings.of("zero").duration_s == 600.0
-    assert settings.of("bandwidth").warm_up_s == 0.0
+
+
+def test_the_first_part_alone_waits_until_it_is_warm() -> None:
+    kind = vcfbench.PROCEDURES["characterize"].settings
+    here = settings_of(vcfbench.PROCEDURES["characterize"], lab("warm_up_s = 900.0"))
+    assert here.of("bandwidth").warm_up_s == here.of("zero").powered_s == here.of("turntable").warm_up_s == 0.0
+    alone = structs.replace(here, parts=("turntable", "bandwidth"))
+    assert (alone.of("turntable").warm_up_s, alone.of("bandwidth").warm_up_s) == (900.0, 0.0)
+    assert isinstance(here, kind)
+    told = settings_of(vcfbench.PROCEDURES["characterize"], lab("", "[procedure.bandwidth]\nwarm_up_s = 60.0\n"))
+    assert told.of("bandwidth").warm_up_s == 60.0
+
+
+def lab(shared: str, own: str = "") -> BenchDescription:
+    text = embedded_text("lab").replace("[procedure.drive]", f"[procedure]\n{shared}\n{own}[procedure.drive]")
+    return parse_bench(text, "lab.toml")
 
 
 def test_what_the_bench_cannot_do_is_said(run: Any) -> None:

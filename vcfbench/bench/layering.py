@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.strict import Keys, Naming
 
-__all__ = ["Layer", "chosen_settings", "keys_of", "named", "setting_keys", "shared_layer", "shared_settings"]
+__all__ = ["Layer", "chosen_settings", "keys_of", "merged", "named", "setting_keys", "shared_layer", "shared_settings"]
 
 S = TypeVar("S", bound=ProcedureSettings)
 
@@ -70,7 +70,7 @@ def chosen_settings(kind: type[S], layers: Sequence[Layer]) -> S:
                 raise unknown_key(key, known, layer.naming((key,)))
         for keys, expected, came in unfit_numbers(dict(layer.values)):
             raise refusal(layer.naming(keys), expected, came)
-        values = _merged(values, layer.values)
+        values = merged(values, layer.values)
     return converted(values, kind, lambda keys: named(layers, keys))
 
 
@@ -85,9 +85,10 @@ def keys_of(path: str) -> Keys:
     return tuple(int(part[1:-1]) if part.startswith("[") else part for part in parts)
 
 
-def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables `base` with `changes` in them."""
+    table = dict(base)
     for name, value in changes.items():
-        below = merged.get(name)
-        merged[name] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged
+        below = table.get(name)
+        table[name] = merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return table

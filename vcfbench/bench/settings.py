@@ -264,6 +264,10 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             0.0 if expected.bias_v is None else _middle(expected.bias_v),
         )
 
+    def made_plain(self) -> Self:
+        """Return these settings with what follows from others of them written out; most have nothing of the kind."""
+        return self
+
     def recalled(self) -> Self:
         """Return these settings with what they name looked up: asked for once, before anything is opened.
 

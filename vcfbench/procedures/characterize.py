@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from msgspec import Meta, Struct, field, structs, to_builtins
@@ -71,29 +70,27 @@ def _said(words: str) -> Callable[[Any], str]:
     return lambda _: words
 
 
-WARM: Mapping[str, Any] = MappingProxyType({"warm_up_s": 0.0})
-"""The session is warm by then."""
+_WARM = ("warm_up_s", "powered_s")
+"""Keys for the time under power before something is measured: 0 for all parts but the first, the session is warm."""
 
 PARTS = (
     Part("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
     Part("polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"),
-    Part(
-        "power", WARM, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"
-    ),
-    Part("turntable", WARM, lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
+    Part("power", {}, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"),
+    Part("turntable", {}, lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
     Part(
         "virtual-coriolis",
-        WARM,
+        {},
         lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc as set",
     ),
-    Part("kvc", WARM, lambda own: f"matched to {max(map(abs, own.match_rates_deg_s)):g} deg/s, V_Vc {own.v_vc.value}"),
-    Part("bandwidth", WARM, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
-    Part("resonance", WARM, _said("ring-down and sweep, at rest")),
-    Part("phase", WARM, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
-    Part("zero", {"duration_s": 600.0, "powered_s": 0.0}, lambda own: f"at rest, {own.duration_s:g} s"),
+    Part("kvc", {}, lambda own: f"matched to {max(map(abs, own.match_rates_deg_s)):g} deg/s, V_Vc {own.v_vc.value}"),
+    Part("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
+    Part("resonance", {}, _said("ring-down and sweep, at rest")),
+    Part("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
+    Part("zero", {"duration_s": 600.0}, lambda own: f"at rest, {own.duration_s:g} s"),
     Part(
         "temperature",
-        WARM,
+        {},
         lambda own: f"{min(own.temperatures_c):g} to {max(own.temperatures_c):g} degC, by {own.by.value}",
         roles=("chamber",),
     ),
@@ -135,11 +132,12 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             ConfigError: a key is unknown to it, or a value cannot be.
         """
         kind = PROCEDURES[name].settings
-        known = setting_keys(ProcedureSettings)
-        usual, here = (cast("dict[str, Any]", to_builtins(each)) for each in (ProcedureSettings(), self))
-        shared = {key: here[key] for key in known if here[key] != usual[key]}
+        usual, here = _written(ProcedureSettings()), _written(self)
+        first = name == self.parts[0]
+        shared = {key: here[key] for key in usual if here[key] != usual[key] and (first or key not in _WARM)}
+        warm = {} if first else {key: 0.0 for key in _WARM if key in setting_keys(kind)}
         layers = [
-            Layer(dict(_BY_NAME[name].defaults) if name in _BY_NAME else {}, _naming(name)),
+            Layer({**_defaults(name), **warm}, _naming(name)),
             Layer(shared, _naming(name)),
             Layer(self.told(name), _naming(name)),
         ]
@@ -161,6 +159,23 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             sources = structs.replace(sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v)
         resolution_v = sheet.resolution_v(range_v, float(own.nplc))
         return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
+
+    def made_plain(self) -> Self:
+        """Return these settings with what each part is told written out: what is not its default, wherever it is said.
+
+        Raises:
+            ConfigError: a key is unknown to a part, or a value cannot be.
+        """
+        here, told = _written(self), {}
+        for part in PARTS:
+            own = self.of(part.name)
+            usual = _written(type(own)())
+            told[part.name.replace("-", "_")] = {
+                key: value
+                for key, value in _written(own).items()
+                if key in part.defaults or (value != usual[key] and (key in _WARM or here.get(key) != value))
+            }
+        return structs.replace(self, **told)
 
     def recalled(self) -> Self:
         """See that what the parts name can be looked up."""
@@ -203,6 +218,16 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
                 continue
             for misfit in self.of(name).contradictions():
                 yield Misfit(f"{name}.{misfit.path}", misfit.expected, misfit.came)
+
+
+def _written(settings: ProcedureSettings) -> dict[str, Any]:
+    """Return what can be set, as a bench file has it."""
+    values = cast("dict[str, Any]", to_builtins(settings))
+    return {key: values[key] for key in setting_keys(type(settings))}
+
+
+def _defaults(name: str) -> Mapping[str, Any]:
+    return _BY_NAME[name].defaults if name in _BY_NAME else {}
 
 
 def _naming(name: str) -> Callable[[Any], str]:

@@ -66,7 +66,7 @@ def settings_of(
         meter_resolution_v=_meter_resolution_v(description, chosen),
         sources=_sources(description, chosen),
     )
-    return structs.replace(chosen, station=station).recalled()
+    return structs.replace(chosen, station=station).made_plain().recalled()
 
 
 def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
-from vcfbench.bench.layering import chosen_settings, setting_keys
+from vcfbench.bench.layering import chosen_settings, merged, setting_keys
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.bench.writing import table_text
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -38,9 +38,9 @@ def _resolved_table(description: BenchDescription) -> dict[str, Any]:
     given = {key: value for key, value in description.procedure_table.items() if key not in shared}
     own = {}
     for each in PROCEDURES.loaded():
-        chosen = chosen_settings(each.settings, layers_of(each, description, description.name))
+        chosen = chosen_settings(each.settings, layers_of(each, description, description.name)).made_plain()
         table = plain_settings(chosen, setting_keys(each.settings))
         of_its_own = {key: value for key, value in table.items() if key not in everywhere or value != everywhere[key]}
         if of_its_own:
-            own[each.name] = {**of_its_own, **given.get(each.name, {})}
+            own[each.name] = merged(of_its_own, given.get(each.name, {}))
     return {**everywhere, **given, **own}
