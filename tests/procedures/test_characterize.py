@@ -155,6 +155,14 @@ def test_without_table_and_oscilloscope_the_rest_is_done() -> None:
     assert not any(isinstance(step, AskOperator) for step in steps)
 
 
+def test_a_part_that_this_place_does_not_bear_is_left_out_and_what_was_asked_for_refused() -> None:
+    narrow = parse_bench(embedded_text("lab").replace("min_rail_v = 9.5", "min_rail_v = 9.9"), "narrow")
+    (left_out,) = [step for step in planned(narrow, parts=["power", "zero"]) if isinstance(step, NotChecked)]
+    assert left_out.reason.startswith("rail_step_v: expected at most 0.1 V")
+    with pytest.raises(ConfigError, match=r"power.rail_step_v: expected at most 0.1 V"):
+        planned(narrow, parts=["power", "zero"], power={"rail_step_v": 0.3})
+
+
 class Watched(EnableSupply, frozen=True):
     """Switches on and looks."""
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from msgspec import Meta, Struct, field, structs, to_builtins
 
-from vcfbench.bench.layering import Layer, chosen_settings, setting_keys
+from vcfbench.bench.layering import Layer, chosen_settings, keys_of, setting_keys
 from vcfbench.bench.misfit import Misfit
 from vcfbench.bench.settings import ProcedureSettings, Station
 from vcfbench.errors import BenchError
@@ -194,6 +194,9 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             placed = self.station.instruments.get(role)
             if placed is not None and (absent := _absent(placed.model, capability)):
                 return f"the {role} ({placed.model}) has no {', '.join(absent)}"
+        for misfit in self.of(name).contradictions():
+            if keys_of(misfit.path)[0] not in self.told(name):  # nobody said it: this place does not bear the part
+                return f"{misfit.path}: expected {misfit.expected}, came {misfit.came}"
         return ""
 
     def _has(self, role: str) -> bool:
