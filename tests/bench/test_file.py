@@ -177,7 +177,7 @@ def test_the_embedded_benches_agree_with_themselves(name: str) -> None:
     """Which load_bench takes for granted, so that nothing heavy is imported to see it."""
     assert parse_bench(embedded_text(name), name) == load_bench(name)
     for procedure in PROCEDURES.values():
-        asked = asked_in_python({"k_vc": "150"} if procedure.name == "self-calibration" else {})
+        asked = asked_in_python({"k_vc": "150"} if procedure.name in {"online", "self-calibration"} else {})
         settings_of(procedure, load_bench(name), asked)
 
 
@@ -219,8 +219,17 @@ def test_a_close_key_is_suggested() -> None:
     assert said == ("lab.toml: limits.max_rate_degs: expected a known key ('max_rate_deg_s'?), came an unknown key")
 
 
+def _leaf(path: tuple[str, ...]) -> object:
+    table: Any = FULL
+    for key in path:
+        table = table[key]
+    return table
+
+
 @given(st.sampled_from(LEAVES), st.sampled_from([True, [[]], [{}], 1.5j]))
 def test_a_wrong_type_is_one_line_with_its_path(path: tuple[str, ...], value: object) -> None:
+    if value is True and isinstance(_leaf(path), bool):
+        return  # that is what it should be
     value = "1979-05-27" if value == 1.5j else value
     raw = changed(FULL, path, value)
     text = to_toml(raw).replace('"1979-05-27"', "1979-05-27")
