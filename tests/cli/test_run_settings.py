@@ -113,6 +113,14 @@ def test_help_has_every_key_with_default_range_and_meaning() -> None:
     assert "--match" not in call("turntable", "--help").stdout
 
 
+def test_help_of_an_option_leaves_symbols_as_they_are_written() -> None:
+    shown = " ".join(call("self-calibration", "--help").stdout.split())
+    assert "A certificate's file, or (deg/s)/V as a number;" in shown
+    assert "V_Vc is measured" in shown
+    assert "V_vc" not in shown
+    assert "K_vc" not in call("virtual-coriolis", "--help").stdout
+
+
 def test_a_list_of_the_procedures_imports_none() -> None:
     code = (
         "import sys; from typer.testing import CliRunner; from vcfbench.cli.main import app\n"

@@ -153,9 +153,14 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 
 def _option(name: str, key: SettableKey) -> Any:
     if key.expected == "true or false":
-        return Annotated[bool | None, typer.Option(name, help=f"{key.meaning.capitalize()}.")]
+        return Annotated[bool | None, typer.Option(name, help=_sentence(key.meaning))]
     metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
-    return Annotated[str | None, typer.Option(name, metavar=metavar, help=f"{key.meaning.capitalize()}.")]
+    return Annotated[str | None, typer.Option(name, metavar=metavar, help=_sentence(key.meaning))]
+
+
+def _sentence(meaning: str) -> str:
+    """Return `meaning` as a sentence; its symbols, such as K_Vc, stay as they are written."""
+    return f"{meaning[:1].upper()}{meaning[1:]}."
 
 
 def _sign(function: Callable[..., None], options: Mapping[str, Any]) -> None:
