@@ -172,6 +172,12 @@ def test_the_embedded_benches_load_and_none_is_the_paper_bench() -> None:
     assert [load_bench(name).name for name in EMBEDDED] == list(EMBEDDED)
 
 
+def test_a_directory_does_not_hide_an_embedded_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lab").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_bench("lab").name == "lab"
+
+
 @pytest.mark.parametrize("name", EMBEDDED)
 def test_the_embedded_benches_agree_with_themselves(name: str) -> None:
     """Which load_bench takes for granted, so that nothing heavy is imported to see it."""

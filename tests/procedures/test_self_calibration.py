@@ -168,7 +168,7 @@ def test_a_number_will_do(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({}, "self-calibration needs K_Vc"),
+        ({}, "K_Vc is not known: --dut SERIAL"),
         ({"dut": "G-404"}, "has no certificate"),
         ({"k_vc": "0"}, "other than 0"),
         ({"k_vc": "nowhere.json"}, "nowhere.json"),

@@ -26,14 +26,14 @@ settings: they are named here as the classes of a model are in its row, and impo
 def load_bench(path: Path | str | None = None) -> BenchDescription:
     """Return the bench described by the file at `path`; None is the embedded paper bench.
 
-    The name of an embedded bench serves as a path where no such file exists.
+    The name of an embedded bench serves as a path where no such file exists; a directory of that name is no bench file.
 
     Raises:
         ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
     """
     if path is None:
         return _embedded("paper")
-    if str(path) in EMBEDDED and not Path(path).exists():
+    if str(path) in EMBEDDED and (not Path(path).exists() or Path(path).is_dir()):
         return _embedded(str(path))
     return _beside(parse_bench(read_text(path, "a bench file"), shown(path)), Path(path))
 

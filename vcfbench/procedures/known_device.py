@@ -105,7 +105,7 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
         return _given(settings, settings.k_vc, reference, now)
     if settings.dut is None:
         raise ConfigError(
-            "self-calibration needs K_Vc: --dut SERIAL takes that of its certificate, --k-vc FILE or VALUE any",
+            "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
             hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
         )
     found = settings.store.certificate(settings.dut)
