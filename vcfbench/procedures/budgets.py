@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Measurand", "Part", "measurand"]
 
+_ROUNDING = 1e-9
+"""A part of u that is smaller, against all of it, is left by rounding."""
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -65,10 +68,22 @@ def measurand(value: float, unit: str, parts: Sequence[Part]) -> Measurand:
 
 
 def said_of(name: str, found: Measurand) -> str:
-    """Return a line: value, unit, standard and expanded uncertainty."""
-    relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if found.value else ""
+    """Return a line: value, unit, standard and expanded uncertainty; `u` is told in ppm where a ratio means something.
+
+    The share of a bias, whose zero is anywhere, or of what is in ppm itself, means nothing.
+    """
+    ratio = found.value and found.unit not in {"V", "deg/s", "ppm"}
+    relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if ratio else ""
     factor = f"k = {found.coverage_factor:.2f}"
-    return f"{name}: {found.value:.8g} {found.unit}, u {found.u:.2g}{relative}, U95 {found.expanded_u:.2g} ({factor})"
+    value = _to_the_digits_of_u(found)
+    return f"{name}: {value} {found.unit}, u {found.u:.2g}{relative}, U95 {found.expanded_u:.2g} ({factor})"
+
+
+def _to_the_digits_of_u(found: Measurand) -> str:
+    """Return the value with the digits that its uncertainty, of two digits, has."""
+    if not found.u:
+        return f"{found.value:.8g}"
+    return f"{found.value:.{max(0, 1 - math.floor(math.log10(abs(found.u))))}f}"
 
 
 def budget_table(name: str, found: Measurand) -> Table:
@@ -79,9 +94,14 @@ def budget_table(name: str, found: Measurand) -> Table:
     )
     rows = [
         (
-            *(part.source, abs(part.u), 1e6 * abs(part.u / found.value) if found.value else None),
+            *(part.source, _shown(part, found), 1e6 * abs(part.u / found.value) if found.value else None),
             *(100.0 * (part.u / found.u) ** 2 if found.u else None, part.dof, part.of or ""),
         )
         for part in found.parts
     ]
     return Table(columns, rows, f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}")
+
+
+def _shown(part: Part, found: Measurand) -> float:
+    """Return the u of a part; what rounding alone leaves of a part that cancels is none."""
+    return abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0
