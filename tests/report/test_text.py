@@ -39,6 +39,16 @@ def test_parts_have_an_empty_line_between_and_figures_are_left_out() -> None:
     assert text_of(Report()) == ""
 
 
+def test_long_lines_of_text_are_wrapped_under_their_indentation() -> None:
+    words = " ".join(["word"] * 60)
+    first, *rest = text_of(Report([Text(f"  {words}\nshort")])).splitlines()
+    assert first.startswith("  word")
+    assert [len(line) <= 130 for line in (first, *rest)] == [True] * len([first, *rest])
+    assert all(line.startswith("    word") for line in rest[:-1])
+    assert rest[-1] == "short"
+    assert " ".join(f"{first} {' '.join(rest[:-1])}".split()) == words
+
+
 @pytest.mark.parametrize(
     "part", [Heading("\x1b[2J"), Text("a\n\x1b[2J"), Table([Column("\x1b[2J")], [("\x1b[2J\n",)], "\x1b")]
 )

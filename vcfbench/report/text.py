@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from vcfbench.report.document import Column, Figure, Heading, Table, Text
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Part, Report
 
 __all__ = ["left_table", "table_text", "text_of"]
+
+WIDTH = 130
+"""Lines of text that are longer are wrapped. Tables are as wide as they are."""
 
 _RULES = ("=", "-")
 """What stands below headings of the first and the second level."""
@@ -30,7 +34,7 @@ def _part(part: Part) -> str:
         case Table():
             return table_text(part)
         case Text():
-            return "\n".join(map(_line, part.text.split("\n")))
+            return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(_line(line)))
         case Figure():  # left out
             return ""
 
@@ -42,6 +46,14 @@ def table_text(table: Table) -> str:
     sides = [str.ljust if column.align == "left" else str.rjust for column in table.columns]
     head, *lines = ("   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows)
     return "\n".join([*([_line(table.title)] if table.title else []), head, "-" * len(head), *lines])
+
+
+def _wrapped(line: str) -> list[str]:
+    """Return `line`, if it is too long, as several with its indentation and two more."""
+    if len(line) <= WIDTH:
+        return [line]
+    indent = line[: len(line) - len(line.lstrip())]
+    return wrap(line, WIDTH, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _aligned(cell: str, width: int, side: Callable[[str, int], str]) -> str:
