@@ -140,10 +140,10 @@ class Phases:
 NOT_HELD = (
     "The uncertainties hold the scatter of the records and, against the drive signal, the skew of the oscilloscope's "
     "channels. They do not hold: probes and the resistance of the nodes, the non-linearity of the converter, the "
-    "phase of the drive's own pick-off, the curvature of the filter's lag, a change of temperature. Not seen: signs, since combs, "
-    "pick-offs and output stage may have either (angles are known apart from half turns); the force itself, which is "
-    "no node: a delay between carrier and force is in the virtual phase, together with what unequal combs do; and the "
-    "in-phase and the anti-phase mode apart."
+    "phase of the drive's own pick-off, the curvature of the filter's lag, a change of temperature. Not seen: signs, "
+    "since combs, pick-offs and output stage may have either (angles are known apart from half turns); the force "
+    "itself, which is no node: a delay between carrier and force is in the virtual phase, together with what unequal "
+    "combs do; and the in-phase and the anti-phase mode apart."
 )
 
 
