@@ -19,9 +19,19 @@ from vcfbench.errors import LinkLost, MeasurementError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.executor import Execution, Executor
 from vcfbench.procedures.replay import is_left, rest_of, start_up_again, taken_over
-from vcfbench.procedures.routines import energised, power_up, take
+from vcfbench.procedures.routines import energised, power_up, take, window_of
 from vcfbench.procedures.step import Effect, Outcome, abandon
-from vcfbench.procedures.steps import ConfigureMeter, ConfigureRail, DisableVvc, SetVvc, move_leads
+from vcfbench.procedures.steps import (
+    Acquire,
+    ConfigureMeter,
+    ConfigureRail,
+    DisableVvc,
+    EnableSupply,
+    Settle,
+    SetVvc,
+    move_leads,
+)
+from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
 from vcfbench.record.journal import JournalRecord
 from vcfbench.record.schema import Status
 
@@ -262,6 +272,28 @@ def test_the_scatter_of_what_was_taken_over_is_remembered() -> None:
     number = max(place for place, line in enumerate(lines, 1) if "point" in line) - 1
     noisy = resumed(plan(told), told, lines[:number], FakeBench(Gyro(noise_v=4e-3)))
     assert "scatter" in str(noisy.execution.error)
+
+
+class LongOnes(VirtualCoriolisSettings, frozen=True, kw_only=True):
+    """A procedure that warms up otherwise than by waiting."""
+
+    @property
+    def warm_again_s(self) -> float:
+        return 1800.0
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_the_gyroscope_is_as_warm_as_before(*, measured: bool) -> None:
+    """Switching on again what is on already is no power-on."""
+    told = LongOnes(**{**msgspec.structs.asdict(make_settings(**QUICK)), "settle_s": 3.0})
+    window = Acquire(step=1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=None, **window_of(told))
+    start_up, later = list(power_up(told)), [EnableSupply(), Settle(2.0, "again"), DisableVvc()]
+    steps = [*start_up, *([window] if measured else []), *later]
+    again = list(start_up_again(steps, told))
+    waits = [step.seconds for step in again if isinstance(step, Settle)]
+    assert waits == ([3.0, 1797.0, 2.0] if measured else [3.0, 2.0])
+    assert [type(step) for step in again].count(EnableSupply) == 2
+    assert isinstance(again[-1], DisableVvc)
 
 
 def rails_moved(told: ProcedureSettings) -> Routine[Outcome]:

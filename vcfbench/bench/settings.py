@@ -219,6 +219,11 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return max(self.warm_up_s, self.settle_s)
 
     @property
+    def warm_again_s(self) -> float:
+        """Time under power with which a run begins that is resumed after something was measured, s."""
+        return self.start_up_s
+
+    @property
     def rails(self) -> tuple[RailSettings, ...]:
         """What the rails are set to."""
         wiring, limit_a = self.station.rails, self.rail_current_limit_a

@@ -167,9 +167,15 @@ def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routin
     """Bring a bench that was made safe to where `steps` had brought it.
 
     Of all steps that set the same the last is done again, in the order of the plan, with the waits after it and the
-    checks. What was set before the supply was switched on is set before that again.
+    checks. What was set before the supply was switched on is set before that again, and where something was measured
+    since, the gyroscope is given `warm_again_s` under power.
     """
-    for step in _to_repeat(steps):
+    powered = _powered(steps)
+    waited = next((n for n in range(powered, len(steps)) if steps[n].effect is not Effect.WAITS), len(steps))
+    cold_s = settings.warm_again_s - sum(step.physical_s for step in steps[powered:waited])
+    if powered and cold_s > 0.0 and any(step.effect is Effect.MEASURES for step in steps[waited:]):
+        steps = [*steps[:waited], Settle(cold_s, "as warm as before the break"), *steps[waited:]]
+    for step in _to_repeat(steps, powered):
         if isinstance(step, FindDrive | MeasureDrive):
             yield from check_drive(settings)
         else:
@@ -177,10 +183,22 @@ def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routin
                 yield each
 
 
-def _to_repeat(steps: Sequence[Step]) -> Iterator[Step]:
+def _powered(steps: Sequence[Step]) -> int:
+    """Return how many of `steps` come before the supply is on for the last time; 0 where it never was.
+
+    To switch on what is on already, or to switch off, is no such time.
+    """
+    powered, is_on = 0, False
+    for number, step in enumerate(steps, 1):
+        if isinstance(step, EnableSupply):
+            powered, is_on = (powered if is_on else number), True
+        elif EnableSupply.subject in step.sets:
+            is_on = False
+    return powered
+
+
+def _to_repeat(steps: Sequence[Step], powered: int) -> Iterator[Step]:
     """Yield those of `steps` that are done again; of the looks at the drive signal the first stands for them all."""
-    switched = [number for number, step in enumerate(steps, 1) if EnableSupply.subject in step.sets]
-    powered = switched[-1] if switched else 0
     lasting = _lasting(steps, 0, powered) | _lasting(steps, powered, len(steps))
     left_out, is_repeated, looked = set[str](), False, False
     for number, step in enumerate(steps):

@@ -112,9 +112,12 @@ class Prepared(Struct, frozen=True):
     def told(self) -> dict[str, Any]:
         """Return what the header says beside what every header does: where a procedure of one's own stands."""
         from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
-        from vcfbench.procedures.own_code import file_of  # noqa: PLC0415
 
-        return {} if self.procedure.name in PROCEDURES else {"procedure_file": file_of(self.procedure)}
+        if self.procedure.name in PROCEDURES:
+            return {}
+        from vcfbench.procedures.own_code import file_of  # noqa: PLC0415  # few are one's own
+
+        return {"procedure_file": file_of(self.procedure)}
 
     def perform(self, executor: Executor) -> Execution:
         """Let `executor` carry out what is to be done, on the open bench."""
