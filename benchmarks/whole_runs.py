@@ -14,7 +14,8 @@ import sys
 from measure import COMMAND, Child, Figure, child, median_child, report
 
 THIRD_PARTY = (
-    "import msgspec, numpy.fft, numpy.ma, numpy.polynomial, numpy.random, pyvisa, serial, typer, typer._adapters"
+    "import msgspec, numpy.fft, numpy.ma, numpy.polynomial, numpy.random, pyvisa, serial, typer, typer._adapters, "
+    "uncertainties.umath"
 )
 """All that a run takes from others; `typer._adapters` is what Typer loads when it reads a command line."""
 AGAIN_AND_AGAIN = """

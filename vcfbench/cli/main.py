@@ -12,13 +12,13 @@ import os
 import sys
 import traceback
 from contextlib import contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from vcfbench import __version__
-from vcfbench.cli import analyze, bench, device, resume, run, runs, safe, sim, talk
 from vcfbench.cli.ending import EarlyAndLate, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
 
@@ -28,8 +28,23 @@ if TYPE_CHECKING:
 __all__ = ["app", "main"]
 
 
+COMMANDS = ("resume", "analyze", "device", "talk", "safe", "run", "runs", "bench", "sim")
+"""Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name."""
+
+
 class Commands(TyperGroup):
-    """The root of all commands; errors of any of them end here."""
+    """The root of all commands, each imported when it is asked for; errors of any of them end here."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the commands."""
+        return [*COMMANDS, *(name for name in super().list_commands(ctx) if name not in COMMANDS)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; for a name that is none all are loaded, so that Typer can say which one is like it."""
+        for name in (cmd_name,) if cmd_name in COMMANDS else COMMANDS:
+            if name not in self.commands:
+                self.commands[name] = _loaded(name)
+        return super().get_command(ctx, cmd_name)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the command line; ``--help`` and ``--version`` are answered here."""
@@ -43,6 +58,15 @@ class Commands(TyperGroup):
             if sys.stdout is not None:  # it is None when it was closed before the start
                 sys.stdout.flush()
             return result
+
+
+def _loaded(name: str) -> Any:
+    module, alone = import_module(f"vcfbench.cli.{name}"), typer.Typer(rich_markup_mode=None)
+    if hasattr(module, "app"):
+        alone.add_typer(module.app, name=name)
+    else:
+        alone.command(name)(getattr(module, name))
+    return typer.main.get_group(alone).commands[name]
 
 
 @contextmanager
@@ -100,17 +124,6 @@ def root(
 ) -> None:
     """Calibrate MEMS vibratory gyroscopes on a rate table and by a virtual Coriolis force."""
     del version
-
-
-app.add_typer(run.app, name="run")
-app.command("resume")(resume.resume)
-app.command("analyze")(analyze.analyze)
-app.add_typer(runs.app, name="runs")
-app.command("device")(device.device)
-app.add_typer(bench.app, name="bench")
-app.add_typer(sim.app, name="sim")
-app.command("talk")(talk.talk)
-app.command("safe")(safe.safe)
 
 
 def main() -> None:
