@@ -278,6 +278,30 @@ def test_the_sheet_has_every_value_once() -> None:
     assert list(sheet_rows("own", None, "")) == []
 
 
+def cut(run: Any, before: str) -> None:
+    """Cut the record of a run before the first line that holds `before`, as a power failure would."""
+    journal = run.directory / "journal.jsonl"
+    lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    place = next(n for n, line in enumerate(lines) if before in line)
+    journal.write_text("".join(lines[:place]), encoding="utf-8")
+
+
+@pytest.mark.exhaustive
+def test_a_run_that_was_broken_off_goes_on_and_a_warm_up_in_two_pieces_is_none(tmp_path: Path) -> None:
+    settings = {"parts": ["warmup", "polarity"], "warmup": {"shortest_s": 240.0, "longest_s": 300.0}}
+    whole = vcfbench.run("characterize", seed=6, settings=settings, runs=tmp_path / "one")
+    cut(whole, "DisableTable")
+    again = vcfbench.resume(whole.directory, runs=tmp_path)
+    warmup, polarity = again.results.parts
+    assert warmup.results is None
+    assert "power-on" in warmup.no_result
+    assert polarity.results.wrong_signs == 0
+    whole = vcfbench.run("characterize", seed=6, settings=settings, runs=tmp_path / "two")
+    cut(whole, "EnableVvc")
+    again = vcfbench.resume(whole.directory, runs=tmp_path)
+    assert [part.no_result for part in again.results.parts] == [None, None]
+
+
 @pytest.mark.exhaustive
 def test_the_whole_of_it_is_one_data_sheet(tmp_path: Path) -> None:
     """About 17 s on a quiet machine; each value with an uncertainty lies where the simulated bench has it."""

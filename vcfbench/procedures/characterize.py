@@ -387,6 +387,8 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
 def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured) -> PartResult:
     known = _BY_NAME.get(procedure.name)
     conditions = "" if known is None else known.conditions(own)
+    if procedure.in_one_piece and part.broken_off:
+        return PartResult(procedure.name, conditions, None, procedure.in_one_piece)
     try:
         return PartResult(procedure.name, conditions, procedure.results(own, part))
     except BenchError as error:

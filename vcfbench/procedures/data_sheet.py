@@ -95,7 +95,9 @@ def _words_and_unit(name: str) -> tuple[str, str]:
 
 
 def _words(name: str) -> str:
-    return _SYMBOLS.get(name) or name.replace(".", ": ").replace("_", " ").replace(" q ", " Q ")
+    if name in _SYMBOLS:
+        return _SYMBOLS[name]
+    return name.replace("k_vc", "K_Vc").replace(".", ": ").replace("_", " ").replace(" q", " Q").replace("K Vc", "K_Vc")
 
 
 def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:

@@ -283,7 +283,7 @@ class Executor:
     def _count(self, step: Step, result: StepResult, asked_again: Sequence[str]) -> None:
         """Keep of a performed step what the run is told at its end."""
         self._asked_again += (f"step {self._number}: {said}" for said in asked_again)
-        if step.not_checked:
+        if step.not_checked and step.not_checked not in self._not_checked:  # parts of one run may leave out the same
             self._not_checked.append(step.not_checked)
         point = result.recorded_point
         if point is not None:

@@ -102,6 +102,15 @@ class Measured(Sequence[Point]):
         """
         return tuple((step, result) for step, result in self._kept[1] if isinstance(result, kind))
 
+    @property
+    def broken_off(self) -> bool:
+        """Whether it was broken off and taken up again in between: some of its steps are those of an earlier record.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return len({line.get("taken_over") for line in self._lines() if line.get("type") == "step"}) > 1
+
     def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
         """Return each step of `kind` with what was measured from it to the next of them, or to the end of the run.
 
