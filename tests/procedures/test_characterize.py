@@ -14,9 +14,10 @@ from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.budgets import Part as Source
 from vcfbench.procedures.budgets import measurand
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
 from vcfbench.procedures.data_sheet import sheet_rows
-from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.steps import (
     Acquire,
     AskOperator,
@@ -55,6 +56,15 @@ def row(run: Any, procedure: str, quantity: str, unit: str) -> Any:
         if (each.procedure, each.quantity, each.unit) == (procedure, quantity, unit)
     ]
     return found
+
+
+def test_resumed_it_is_warm_before_it_goes_on() -> None:
+    def warm_again_s(**told: Any) -> float:
+        return settings_of(PROCEDURES["characterize"], vcfbench.load_bench("lab"), asked_in_python(told)).warm_again_s
+
+    assert warm_again_s() == 1800.0
+    assert warm_again_s(warmup={"shortest_s": 240.0}) == 240.0
+    assert warm_again_s(parts=["turntable", "zero"], warm_up_s=60.0) == 60.0
 
 
 def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> None:

@@ -120,6 +120,11 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     zero: Told = field(default_factory=dict)
     temperature: Told = field(default_factory=dict)
 
+    @property
+    def warm_again_s(self) -> float:
+        """What its first part needs: the others have found the gyroscope warm."""
+        return self.of(self.parts[0]).warm_again_s
+
     def told(self, name: str) -> dict[str, Any]:
         """Return what the part `name` is told of its own."""
         found = getattr(self, name.replace("-", "_"), {})

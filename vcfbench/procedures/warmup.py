@@ -75,6 +75,11 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
         """How many readings make one mean."""
         return max(4, round(self.window_s / self.sample_interval_s))
 
+    @property
+    def warm_again_s(self) -> float:
+        """Where it is a part of a run: as long as it takes at least."""
+        return self.shortest_s
+
     def contradictions(self) -> Iterator[Misfit]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
