@@ -124,6 +124,8 @@ def test_a_run_without_points_says_how_many_records_were_taken() -> None:
     assert before == "12 records were taken before the break of 2026-08-21 14:25:30 UTC, in a"
     assert after == "the bench was started up again at 2026-08-22 08:00:00 UTC"
     assert breaks({}, 3) == ()
+    served = {"resumed_from": told, "simulated": True, "bench": {"served": {"control": "127.0.0.1:5000"}}}
+    assert breaks(served, 0) == (said,)
 
 
 def test_a_resumed_run_is_resumed_again(whole: Run, tmp_path: Path) -> None:

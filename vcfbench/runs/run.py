@@ -170,10 +170,11 @@ def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
     told = header.get("resumed_from")
     if not isinstance(told, dict):
         return ()
-    simulated = "; the simulated world began anew" if header.get("simulated") else ""
+    in_process = header.get("simulated") and header.get("bench", {}).get("served") is None
+    anew = "; the simulated world began anew" if in_process else ""
     return tuple(
         f"{_measured(each, points)} before the break of {_clock(each, 'ended_utc')}, in {each.get('run')}; "
-        f"the bench was started up again at {_clock(each, 'resumed_utc')}{simulated}"
+        f"the bench was started up again at {_clock(each, 'resumed_utc')}{anew}"
         for each in (*told.get("before", ()), told)
     )
 
