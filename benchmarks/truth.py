@@ -87,7 +87,7 @@ def calibrations(seed: int, v_vc: str = "set", k_vc_by: str = "one-point", **set
     driven = [point for point in four.points if point.step == 4]
     levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in driven]
     rates = [point.rate_deg_s for point in table.points if point.step == 1]
-    truth = truths(rates, levels, MATCHED_DEG_S[k_vc_by])
+    truth = truths(rates, levels, MATCHED_DEG_S[k_vc_by], at_input=v_vc == "measured")
     alone = {name.removeprefix("turntable."): value for name, value in truth.items() if name.startswith("turntable.")}
     return {
         "seed": seed,
@@ -107,12 +107,15 @@ def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> Line:
     }
 
 
-def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_s: Sequence[float]) -> dict[str, float]:
+def truths(
+    rates_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_s: Sequence[float], *, at_input: bool = False
+) -> dict[str, float]:
     """Return the true values: lines through the true outputs, K_Vc where the outputs are equal.
 
     From one rate K_Vc is rate over V_Vc, from two the slope between them, from more a cubic, whose constant counts not.
+    V_Vc is the level of the open generator, which its 50 ohm divide, or that at the input, where a meter sees it.
     """
-    output = true_output(paper_bench())
+    output = true_output(paper_bench(), 0.0 if at_input else 50.0)
     slope, bias = _line(rates_deg_s, [output(rate, None) for rate in rates_deg_s])
 
     def matched_v(rate_deg_s: float) -> float:
@@ -139,7 +142,7 @@ def truths(rates_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_
     }
 
 
-def true_output(bench: BenchParameters) -> Callable[[float, float | None], float]:
+def true_output(bench: BenchParameters, generator_ohm: float = 50.0) -> Callable[[float, float | None], float]:
     """Return the output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off."""
     thermal, path, virtual, stage = bench.thermal, bench.sense_path, bench.virtual_path, bench.output_stage
     rise = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
@@ -166,7 +169,7 @@ def true_output(bench: BenchParameters) -> Callable[[float, float | None], float
     def output(rate_deg_s: float, v_vc_v: float | None) -> float:
         modulated = 0.0
         if v_vc_v is not None:
-            node = v_vc_v * virtual.pull_down_ohm / (virtual.pull_down_ohm + 50.0)
+            node = v_vc_v * virtual.pull_down_ohm / (virtual.pull_down_ohm + generator_ohm)
             modulated = (
                 virtual.offset_v + node + virtual.second_order_per_v * node**2 + virtual.third_order_per_v2 * node**3
             )
