@@ -77,3 +77,11 @@ def test_a_fault_in_mid_run_ends_it_with_instrument_step_and_numbers(
     assert (error.instrument, error.resource) == ("multimeter", "GPIB0::22::INSTR")
     assert error.step
     assert " V" in error.what
+
+
+def test_a_supply_that_failed_while_the_meter_sampled_by_itself_ends_the_run() -> None:
+    """A record of a gyroscope without its rails is one of no response, and would be fitted as one."""
+    error = run("bandwidth", 1830.0, lambda lab: lab.fault("power", "current_limit", duration_s=60.0)).error
+    assert isinstance(error, MeasurementError)
+    assert error.instrument == "power"
+    assert "current limit" in error.what

@@ -25,9 +25,10 @@ from vcfbench.interfaces import (
 from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import answer, energised, look_at_drive, under_servo, v_vc_on
+from vcfbench.procedures.routines import answer, energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.procedures.steps import (
     CaptureSines,
+    CheckRails,
     ConfigureMeter,
     Note,
     Outcome,
@@ -181,7 +182,9 @@ def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[SineRe
     yield Settle(settings.settle_s, "gyro settles after the change of frequency")
     samples, split_hz = settings.record_samples, settings.split_guess_hz
     sample = SampleSine(frequency_hz, settings.sine_amplitude_v, samples, interval_s, split_hz)
-    return answer((yield sample), SineResponse)
+    response = answer((yield sample), SineResponse)
+    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    return response
 
 
 def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, SineResponse]]) -> float:

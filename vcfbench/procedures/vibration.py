@@ -24,6 +24,7 @@ from vcfbench.procedures.routines import (
     answer,
     energised,
     look_at_drive,
+    rails_of,
     set_v_vc,
     take,
     under_servo,
@@ -32,6 +33,7 @@ from vcfbench.procedures.routines import (
 )
 from vcfbench.procedures.steps import (
     AcquireWithVvc,
+    CheckRails,
     ConfigureMeter,
     ConfigureVvcMeter,
     DisableVibration,
@@ -217,6 +219,7 @@ def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
         None,
         settings.rate_tolerance_deg_s,
     )
+    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
 
 
 def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
