@@ -128,6 +128,9 @@ def test_the_coefficients_are_those_of_the_closed_form(run: Any) -> None:
     for name, (truth, most_u) in truths.items():
         value = getattr(found, name)
         assert abs(value.value - truth) < 3.0 * value.u < 3.0 * most_u, (name, value, truth)
+    assert found.scale_factor.parts[0].source == "V_Vc: gain of the generator"
+    assert found.scale_factor.u == pytest.approx(0.02 / 3**0.5 * abs(found.scale_factor.value), rel=0.01)
+    assert found.scale_factor_tc.parts[0].source == "readings and flicker"
     true_hz = 3488.9 * (1.0 - 30e-6 * (REFERENCE_C + 0.3 - 20.0))
     assert abs(found.frequency.value - true_hz) < 3.0 * found.frequency.u < 1.0
 
@@ -198,7 +201,7 @@ def test_what_the_bench_does_not_bear_is_refused(settings: dict[str, Any], words
 def test_after_a_sweep_v_vc_is_a_level_again() -> None:
     steps = planned(split=True, temperatures_c=(10.0, 20.0, 30.0))
     last = max(n for n, step in enumerate(steps) if isinstance(step, SampleSine))
-    assert any(isinstance(step, ConfigureGenerator) for step in steps[last : last + 4])
+    assert any(isinstance(step, ConfigureGenerator) for step in steps[last : last + 5])
 
 
 def test_directions_go_on_where_a_temperature_is_repeated() -> None:

@@ -16,6 +16,7 @@ from vcfbench.procedures import bandwidth
 from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.step import Step
 from vcfbench.procedures.steps import Done, SineRecords, SineResponse, TemperatureReading
+from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.procedures.zero import scale_factor_used
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
@@ -42,10 +43,12 @@ _SCOPE_TIME_BASE = 25e-6
 """DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
 
 NOT_HELD = (
-    "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h) and "
-    "the temperatures (u_temperature_k, the same at all; u_each_temperature_k). They do not hold: what the soak left, "
-    "a sensor whose error changes with temperature, the gyroscope's own heat (it is warmer than the air, by as much at "
-    "all temperatures), lack of fit, and what drift other than flicker does to the bias."
+    "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), the "
+    "temperatures (u_temperature_k, the same at all; u_each_temperature_k), and of a scale factor by V_Vc the gain of "
+    "the generator, which its coefficients do not see. They do not hold: the accuracy of multimeter and table, the "
+    "scale factor that turns volts into deg/s, what the soak left, a sensor whose error changes with temperature, the "
+    "gyroscope's own heat (it is warmer than the air, by as much at all temperatures), lack of fit, and what drift "
+    "other than flicker does to the bias."
 )
 BY_V_VC = (
     "The scale factor is that to V_Vc (V/V). K_Vc goes with 1 / drive frequency, so that to the rate has the "
@@ -203,7 +206,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
     of_slope = _Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
     mean = fmean(slopes)
-    factor = _found(settings, seen, slopes, [of_slope], ("V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean))
+    level = [] if table else [_of_level(settings, mean)]
+    factor = _found(settings, seen, slopes, [of_slope, *level], ("V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean))
     volts = mean if table else scale.value
     biases = [each.zero_v / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
@@ -280,6 +284,15 @@ def _noise(settings: TemperatureSettings, seen: Sequence[_Seen], points: Sequenc
     window_s = settings.samples * settings.sample_interval_s
     blocks = [block for each in seen for block in each.blocks]
     return block_noise(blocks, std_v, settings.samples, window_s, max(slot_s, window_s))
+
+
+def _of_level(settings: TemperatureSettings, slope: float) -> _Cause:
+    """Return what the generator's accuracy does to a scale factor by V_Vc as it is set: the same at all temperatures.
+
+    Both signs are of one range, whose offset cancels in their difference.
+    """
+    u = generator_sheet(settings).setting / math.sqrt(3.0) * abs(slope)
+    return _Cause("V_Vc: gain of the generator", np.zeros((len(settings.temperatures_c),) * 2), None, u)
 
 
 def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[_Cause]:
