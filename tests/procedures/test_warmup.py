@@ -107,7 +107,7 @@ def test_what_is_steady_ends_at_the_shortest_and_needs_no_exponential(tmp_path: 
     run = vcfbench.run("warmup", bench(0.0, 300.0), seed=2, settings=settings, runs=tmp_path)
     assert run.results.steady
     assert run.results.lasted_s < 500.0
-    assert (run.results.time_constant, run.results.warm_up) == (None, None)
+    assert (run.results.amplitude, run.results.time_constant, run.results.warm_up) == (None, None, None)
     assert abs(run.results.bias_end.value - np.mean(run.results.means_deg_s)) < 3.0 * run.results.bias_end.u
     assert run.results.turn_on_s is not None
     assert run.results.turn_on_s < 2.0

@@ -43,7 +43,10 @@ class WarmupFigure:
 
 @dataclass(frozen=True, slots=True)
 class WarmupResult:
-    """A warm-up; times count from power-on. Of an exponential that is not seen, time constant and warm-up are None."""
+    """A warm-up; times count from power-on.
+
+    Of an exponential that is not seen, amplitude, time constant and warm-up are None.
+    """
 
     turn_on_s: float | None
     """From then on the output stays within the tolerance; None: it had not come to that when the log ended."""
@@ -53,7 +56,7 @@ class WarmupResult:
     lasted_s: float
     bias_end: WarmupFigure
     """b_inf of b_inf + a exp(-t / tau)."""
-    amplitude: WarmupFigure
+    amplitude: WarmupFigure | None
     time_constant: WarmupFigure | None
     warm_up: WarmupFigure | None
     """When the exponential has fallen below the bias instability."""
@@ -71,7 +74,7 @@ class WarmupResult:
 
     def curve_deg_s(self, t_s: float) -> float:
         """Return the fitted output at `t_s` after power-on, deg/s."""
-        if self.time_constant is None:
+        if self.amplitude is None or self.time_constant is None:
             return self.bias_end.value
         return self.bias_end.value + self.amplitude.value * math.exp(-t_s / self.time_constant.value)
 
@@ -127,7 +130,7 @@ def warmup_results(
         steady=steady,
         lasted_s=float(end_s[-1]),
         bias_end=WarmupFigure(bias, u_bias, "deg/s"),
-        amplitude=WarmupFigure(amplitude, u_amplitude, "deg/s"),
+        amplitude=WarmupFigure(amplitude, u_amplitude, "deg/s") if seen else None,
         time_constant=WarmupFigure(tau_s, u_tau, "s") if seen else None,
         warm_up=_warm_up(fit, instability_deg_s) if seen else None,
         bias_instability_deg_s=instability_deg_s,
@@ -249,21 +252,24 @@ def warmup_report(results: WarmupResult) -> Report:
     rows: list[Any] = [
         ("turn-on", results.turn_on_s, None, "s"),
         ("b_inf", results.bias_end.value, results.bias_end.u, results.bias_end.unit),
-        ("a", results.amplitude.value, results.amplitude.u, results.amplitude.unit),
     ]
-    for name, found in (("tau", results.time_constant), ("warm-up", results.warm_up)):
-        rows.append((name, None, None, "s") if found is None else (name, found.value, found.u, found.unit))
+    named = (("a", results.amplitude, "deg/s"), ("tau", results.time_constant, "s"), ("warm-up", results.warm_up, "s"))
+    rows += [(name, found and found.value, found and found.u, unit) for name, found, unit in named]
     said = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
     ended = "three means in a row agree" if results.steady else "NOT steady: the last three means do not agree"
     said.append(f"{ended}, {results.lasted_s:.0f} s after power-on")
     if results.time_constant is None:
-        said.append("no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean")
+        said.append(
+            "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings"
+        )
     level_deg_h = 3600.0 * results.bias_instability_deg_s
     said.append(
         f"warm-up: until a exp(-t / tau) is below the bias instability, {level_deg_h:.3g} deg/h; turn-on is seen to "
         f"{results.turn_on_resolution_s:.2g} s"
     )
-    said.append("u: noise of the readings, and flicker of that size with its correlations; not the scale factor's")
+    said.append(
+        "u: noise of the readings, and flicker of that size about its mean over this record; not the scale factor's"
+    )
     return Report([Text("\n".join(said)), Table(columns, rows), _figure(results)])
 
 
