@@ -70,7 +70,7 @@ class VoltmeterSpecification(Struct, frozen=True):
             raise ValueError(f"a {self.model} has the ranges {_listed(self.accuracy)} V, not {range_v:g} V")
         age = min((each for each in ages if each >= age_days), default=None)
         if age is None:
-            raise ValueError(f"a {self.model} promises nothing {age_days:g} days after calibration, up to {max(ages)}")
+            raise ValueError(f"at most {max(ages)} days after calibration: a {self.model} promises nothing beyond")
         return ages[age]
 
     def standard_deviation(self, range_v: float, age_days: float) -> Accuracy:

@@ -156,3 +156,8 @@ def test_sines_of_several_channels_are_captured_together() -> None:
         assert record.amplitudes_v == pytest.approx((1.0, 2.0, 0.03))
         assert record.phases_deg == pytest.approx((0.0, -89.7, 92.9), abs=1e-6)
     assert "3: 0.03 V +92.90 deg" in found.describe()
+
+
+def test_a_rate_that_the_station_does_not_bear_is_a_setting_that_cannot_be() -> None:
+    with pytest.raises(ConfigError, match="rate_deg_s: expected a rate of at most 300 deg/s either way"):
+        vcfbench.dry_run("phase", settings={"rate_deg_s": 1000.0})

@@ -246,3 +246,10 @@ def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
     assert answer["device_entry"].endswith("0003.json")
     assert set(answer["results"]["scale_factor"]) >= {"value", "u", "dof", "coverage_factor", "expanded_u", "parts"}
     assert dataclasses.is_dataclass(vcfbench.load_run(tmp_path / "runs" / answer["run"]).results)
+
+
+def test_a_k_vc_that_is_a_number_says_what_it_does_not_know(tmp_path: Path) -> None:
+    few = {"k_vc": "150", "samples": 3, "virtual_rates_deg_s": [50.0, 100.0], "cycles": 1}
+    found = vcfbench.run("self-calibration", "lab", seed=1, settings=few, runs=tmp_path).results
+    assert any("k_vc_u_deg_s_per_v" in each for each in found.holds_not)
+    assert any("combs" in each for each in found.unseen)

@@ -13,6 +13,7 @@ from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, p
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budgets import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.known_device import UNSEEN
 from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
 from vcfbench.procedures.measured import Measured
 from vcfbench.procedures.null_match import block
@@ -38,14 +39,6 @@ TABLE, SEARCH, DRIVEN = 1, 2, 3
 """The steps, as in its points: the table's blocks, the search for V_Vc, the blocks of V_Vc."""
 
 _EARTH_DEG_S = 15.041067 / 3600.0
-UNSEEN = (
-    "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
-    "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",
-    "the phase of the carrier against the drive",
-    "the modulator: its gain, its reference, its curvature",
-    "masses and their shares in the modes",
-)
-"""What a self-calibration by K_Vc cannot see: all that K_Vc itself is made of (equation 16 of the paper)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,21 @@ if TYPE_CHECKING:
 __all__ = ["DeviceStation", "KnownDevice", "KnownDeviceSettings", "Reference", "level_for"]
 
 
+UNSEEN = (
+    "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
+    "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",
+    "the phase of the carrier against the drive",
+    "the modulator: its gain, its reference, its curvature",
+    "masses and their shares in the modes",
+)
+"""What a self-calibration by K_Vc cannot see: all that K_Vc itself is made of (equation 16 of the paper)."""
+
+_AS_TOLD = (
+    "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
+    "K_Vc itself, if k_vc_u_deg_s_per_v was not told: its u counts as 0",
+)
+
+
 class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the scale factor is compared with: an earlier entry of the device."""
 
@@ -42,7 +57,9 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Where the curve comes from: ``certificate 0001``, a file, a number."""
     certificate: str | None
     """Name of the device's own certificate; None where the curve comes from elsewhere."""
-    unseen: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = UNSEEN
+    holds_not: tuple[str, ...] = ()
+    """What is in no uncertainty because K_Vc comes from there."""
     reference: Reference | None = None
 
 
@@ -139,7 +156,8 @@ def _given(settings: KnownDeviceSettings, given: str, reference: Reference | Non
     curve = KvcCurve(
         coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
     )
-    return KnownDevice(k_vc=curve, source=f"K_Vc = {given} (deg/s)/V, as told", certificate=None, reference=reference)
+    source = f"K_Vc = {given} (deg/s)/V, as told"
+    return KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_TOLD, reference=reference)
 
 
 def _require_valid(record: Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:

@@ -353,7 +353,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         k_vc_from=settings.known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=settings.known.unseen,
-        holds_not=_HOLDS_NOT,
+        holds_not=(*settings.known.holds_not, *_HOLDS_NOT),
         drift=None if reference is None else drift_of(scale_factor, reference, None),
     )
 

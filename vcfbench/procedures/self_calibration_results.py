@@ -187,7 +187,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=known.unseen,
-        holds_not=_HOLDS_NOT,
+        holds_not=(*known.holds_not, *_HOLDS_NOT),
         drift=None if known.reference is None else drift_of(scale_factor, known.reference, settings.max_drift_ppm),
     )
 
