@@ -15,12 +15,12 @@ import pytest
 
 import vcfbench
 from vcfbench.bench.file import embedded_text
-from vcfbench.bench.settings import ProcedureSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench import Plan, Point, Run
+    from vcfbench.bench.settings import ProcedureSettings
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
 
@@ -54,7 +54,7 @@ def procedure(results: Callable[[Any, Sequence[Point]], Any], **changes: Any) ->
         return turntable.plan(settings)
 
     own = vcfbench.Procedure(
-        name="swing", title="Measure how far it swings.", settings=ProcedureSettings, plan=plan, results=results
+        name="swing", title="Measure how far it swings.", settings=turntable.settings, plan=plan, results=results
     )
     return replace(own, **changes)
 
@@ -84,7 +84,7 @@ def test_every_field_of_the_result_is_documented(own: Run) -> None:
     table = page.partition("## Beside the journal\n")[2].partition("\n## ")[0]
     documented = re.findall(r"^\| `(\w+)` ", table, re.MULTILINE)
     written = json.loads((own.directory / "result.json").read_text())
-    assert [name for name in documented if name not in {"not_checked", "error"}] == list(written)
+    assert [name for name in documented if name not in {"not_checked", "resumed", "error"}] == list(written)
 
 
 def test_a_procedure_without_a_report_has_points_and_fields(own: Run) -> None:
@@ -182,8 +182,8 @@ def test_a_report_that_fails_costs_nothing_but_itself(report: Any, words: str, t
     run = perform(tmp_path, swing, report=report)
     assert run.status == "complete"
     text = vcfbench.text_of(run.report())
-    last = text.splitlines()[-1]
-    assert last.startswith("the report of swing failed: ")
+    begin = text.rindex("the report of swing failed: ")
+    last = " ".join(text[begin:].split())
     assert last.endswith(words)
     assert (f"{__file__}, line " in last) == ("Error" in words)
     assert "\nwidth  " in text
