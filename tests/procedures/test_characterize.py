@@ -18,6 +18,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
 from vcfbench.procedures.data_sheet import sheet_rows
 from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.static_noise import NoiseCoefficient
 from vcfbench.procedures.steps import (
     Acquire,
     AskOperator,
@@ -77,7 +78,7 @@ def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> 
     assert factor.value == pytest.approx(turntable.scale_factor.value, rel=1e-12)
     assert abs(factor.value - -12.54e-3) < 1e-4 * 12.54e-3 + factor.u95
     assert factor.u95 > factor.u > 0.0
-    assert factor.conditions == "5 rates to 200 deg/s"
+    assert factor.conditions == "line through 5 rates to 200 deg/s"
 
 
 def test_what_a_calibration_finds_turns_volts_into_rates_for_the_others(run: Any) -> None:
@@ -332,3 +333,20 @@ def test_the_whole_of_it_is_one_data_sheet(tmp_path: Path) -> None:
         found = row(run, procedure, quantity, unit)
         assert abs(found.value - truth) < 1.6 * found.u95, found
     assert vcfbench.load_run("last", runs=tmp_path).results == run.results
+
+
+def test_of_what_was_not_seen_the_bound_is_told_and_not_zero() -> None:
+    @dataclass(frozen=True)
+    class Found:
+        walk: NoiseCoefficient
+
+    (only,) = sheet_rows("zero", Found(NoiseCoefficient("rate random walk", 0.0, None, 22.5, "(deg/h)/sqrt(h)")), "")
+    assert (only.quantity, only.value, only.u) == ("rate random walk, below (95 %)", 22.5, None)
+
+
+@pytest.mark.parametrize(("bench", "known"), [("paper", "as set"), ("lab", "measured")])
+def test_the_conditions_say_how_v_vc_is_known(bench: str, known: str) -> None:
+    procedure = PROCEDURES["virtual-coriolis"]
+    (part,) = [each for each in PARTS if each.name == "virtual-coriolis"]
+    own = settings_of(procedure, parse_bench(embedded_text(bench), bench), asked_in_python({}))
+    assert part.conditions(own).endswith(f"V_Vc {known}")

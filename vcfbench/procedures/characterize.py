@@ -73,17 +73,22 @@ def _said(words: str) -> Callable[[Any], str]:
 _WARM = ("warm_up_s", "powered_s")
 """Keys for the time under power before something is measured: 0 for all parts but the first, the session is warm."""
 
+
+def _known_by(own: ProcedureSettings) -> str:
+    return "measured" if "v_vc_meter" in own.station.instruments else "as set"
+
+
 PARTS = (
     Part("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
     Part("polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"),
     Part("power", {}, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"),
-    Part("turntable", {}, lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
+    Part("turntable", {}, lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
     Part(
         "virtual-coriolis",
         {},
-        lambda own: f"{len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc as set",
+        lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc {_known_by(own)}",
     ),
-    Part("kvc", {}, lambda own: f"matched to {max(map(abs, own.match_rates_deg_s)):g} deg/s, V_Vc {own.v_vc.value}"),
+    Part("kvc", {}, lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"),
     Part("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
     Part("resonance", {}, _said("ring-down and sweep, at rest")),
     Part("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),

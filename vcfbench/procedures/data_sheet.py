@@ -52,6 +52,9 @@ def sheet_rows(procedure: str, results: Any, conditions: str) -> Iterator[SheetR
     named = list(quantities()) if quantities is not None else list(_quantities(results))
     for name, found in named:
         seen.append(found.value)
+        if found.u is None and (most := getattr(found, "upper_95", None)) is not None:  # not seen: its bound is told
+            yield SheetRow(f"{name}, below (95 %)", most, None, None, found.unit, conditions, procedure)
+            continue
         yield SheetRow(name, found.value, found.u, _u95(found), found.unit, conditions, procedure)
     tell = getattr(results, "acceptance_values", None)
     if quantities is not None or tell is None:
