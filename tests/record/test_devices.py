@@ -232,6 +232,13 @@ def test_a_curve_whose_parts_do_not_fit_is_none(changes: dict[str, Any]) -> None
         KvcCurve(**{**values, **changes})
 
 
+def test_what_rounding_leaves_of_no_correlation_is_no_asymmetry() -> None:
+    """As of the ideal bench, whose levels are symmetric."""
+    covariance = ((1e-6, 3e-22, 0.0), (-1e-22, 4e-4, 1e-5), (0.0, 1e-5 * (1.0 + 1e-9), 1e-4))
+    values: dict[str, Any] = {name: getattr(CURVE, name) for name in KvcCurve.__struct_fields__}
+    assert KvcCurve(**{**values, "covariance": covariance}).u_rate_deg_s(1.0) > 0.0
+
+
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
