@@ -113,6 +113,15 @@ def test_help_has_every_key_with_default_range_and_meaning() -> None:
     assert "--match" not in call("turntable", "--help").stdout
 
 
+@pytest.mark.parametrize("said", ["together,positive", " together , positive", "['together', 'positive']"])
+def test_texts_of_a_list_may_do_without_brackets_and_quotes(said: str) -> None:
+    shown = call("power", "--dry-run", "--set", f"orders={said}").stdout
+    assert shown == call("power", "--dry-run", "--set", 'orders=["together", "positive"]').stdout
+    refused = call("power", "--dry-run", "--set", "orders=left")
+    assert refused.exit_code == 2
+    assert "--set orders[0]: expected 'negative' or 'positive' or 'together', came 'left'" in refused.stderr
+
+
 def test_help_of_an_option_leaves_symbols_as_they_are_written() -> None:
     shown = " ".join(call("self-calibration", "--help").stdout.split())
     assert "A certificate's file, or (deg/s)/V as a number;" in shown

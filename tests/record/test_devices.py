@@ -163,7 +163,9 @@ def test_two_devices_do_not_differ_in_case_alone(store: DeviceStore) -> None:
 
 def test_a_device_without_a_certificate_says_which_there_are(store: DeviceStore) -> None:
     store.add(CERTIFICATE)
-    with pytest.raises(ConfigError, match="device 'G-0043' has no certificate; known devices: G-0042"):
+    with pytest.raises(
+        ConfigError, match="device 'G-0043' has no certificate; known devices: G-0042; vcfbench run kvc"
+    ):
         store.certificate("G-0043")
 
 

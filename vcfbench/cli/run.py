@@ -134,13 +134,15 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
     own = {key.path: key.option for key in keys if key.option}
     texts = {key.path for key in keys if key.expected.startswith("a text")}  # a serial number may look like a number
 
+    lists = {key.path for key in keys if key.expected.startswith("a list") and key.expected.endswith("texts")}
+
     def run(context: typer.Context, **options: Any) -> None:
         from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
         from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
 
         given = {key: value for key in own if (value := options.pop(key)) is not None}
         given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
-        settings = asked_by_command(options.pop("settings") or (), given, own)
+        settings = asked_by_command(options.pop("settings") or (), given, own, lists)
         conduct(chosen, settings, RunOptions(**options, settings=settings.values), context.find_object(EarlyAndLate))
 
     _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.option})

@@ -9,18 +9,21 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Container, Iterable, Mapping
 
 __all__ = ["asked_by_command"]
 
 
-def asked_by_command(given: Iterable[str], options: Mapping[str, str], names: Mapping[str, str]) -> Layer:
+def asked_by_command(
+    given: Iterable[str], options: Mapping[str, str], names: Mapping[str, str], lists_of_texts: Container[str] = ()
+) -> Layer:
     """Return the settings of a command line.
 
     Args:
         given: what stands behind each ``--set``.
         options: values of options that stand for a key each.
         names: what the option of such a key is called.
+        lists_of_texts: keys whose value is a list of texts, which may do without brackets and quotes.
 
     Raises:
         ConfigError: a setting has no key or no value, or a key is given twice.
@@ -30,7 +33,8 @@ def asked_by_command(given: Iterable[str], options: Mapping[str, str], names: Ma
         key, equals, text = each.partition("=")
         if not equals or not all(part.strip() for part in key.split(".")):
             raise ConfigError(f"--set {each}: expected KEY=VALUE, as in --set samples=20")
-        _put(values, [part.strip() for part in key.split(".")], _value(text.strip()), each)
+        keys = [part.strip() for part in key.split(".")]
+        _put(values, keys, _texts(text) if dotted(keys) in lists_of_texts else _value(text.strip()), each)
 
     def naming(keys: tuple[str | int, ...]) -> str:
         path = dotted(keys)
@@ -60,3 +64,11 @@ def _value(text: str) -> object:
         if set(table) == {"value"}:
             return table["value"]
     return text
+
+
+def _texts(text: str) -> object:
+    """Return the list of texts that `text` stands for: TOML, or texts without quotes between commas."""
+    found = _value(text.strip())
+    if not isinstance(found, str) or text.strip()[:1] in {"'", '"', "["}:
+        return found
+    return [each.strip() for each in found.split(",")]

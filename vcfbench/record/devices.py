@@ -311,7 +311,7 @@ class DeviceStore:
         if not found:
             raise ConfigError(
                 f"{shown(self.root)}: device {serial!r} has no certificate",
-                hint=f"known devices: {', '.join(self.serials()) or 'none'}",
+                hint=f"known devices: {', '.join(self.serials()) or 'none'}; vcfbench run kvc --dut {serial} makes one",
             )
         return found[-1]
 
