@@ -42,7 +42,7 @@ __all__ = [
     "SetsVoltage",
     "SwitchesOutput",
     "TemperatureChamber",
-    "Told",
+    "UnprovedCommand",
     "Waveform",
     "lacking",
 ]
@@ -59,11 +59,11 @@ class Identity:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What an instrument was told without waiting for an answer, and what was last read back of it."""
+class UnprovedCommand:
+    """A command sent to an instrument without waiting for an answer, and what was last read back of it."""
 
     words: str
-    """What it was told: ``to stop``, ``to switch off``; empty for one that drives nothing."""
+    """The command: ``to stop``, ``to switch off``; empty for one that drives nothing."""
     sent: bool
     """Whether the wire took the words. That the instrument heard them is not known."""
     last_read: str | None = None
@@ -81,13 +81,13 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class SafeReport:
-    """What making an instrument safe came to, proved by read-back; `told` is there when it could not be proved."""
+    """What making an instrument safe came to, proved by read-back; `unproved` is there when it could not be proved."""
 
     instrument: str
     resource: str
     safe: bool
     detail: str
-    told: Told | None = None
+    unproved: UnprovedCommand | None = None
 
 
 class Regulation(Enum):
@@ -128,7 +128,7 @@ class Instrument(Protocol):
         """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
         ...
 
-    def command_safe(self) -> Told:
+    def command_safe(self) -> UnprovedCommand:
         """Send the stop or off words at once, without waiting for an answer, and tell what is known.
 
         They go out whatever state the session is in and whoever is in the middle of an exchange; a connection that is

@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConnectFailed, LinkLost
-from vcfbench.interfaces import Identity, SafeReport, Told
+from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
@@ -37,11 +37,11 @@ class FakeInstrument:
     def check_errors(self) -> None:
         self.log.append(f"{self.name} errors")
 
-    def command_safe(self) -> Told:
+    def command_safe(self) -> UnprovedCommand:
         self.told += 1
         if self.behaviour in {"obeys", "dumb", "hangs"}:
             self.energised = False
-        return Told("to switch off", self.behaviour != "fails", "on", 3.0)
+        return UnprovedCommand("to switch off", self.behaviour != "fails", "on", 3.0)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         self.log.append(f"{self.name} safe")

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.consistency import LIMITS_OF, misfits
+from vcfbench.bench.consistency import LIMITS_OF, invalid_values
 from vcfbench.bench.console import open_console
 from vcfbench.bench.description import BenchDescription, ChamberRole, Limits
 from vcfbench.bench.file import load_bench, parse_bench
@@ -49,7 +49,7 @@ def _locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @given(st.sets(st.sampled_from(ALL), min_size=1))
 def test_any_of_the_roles_are_a_bench_and_come_back_from_its_file(roles: set[str]) -> None:
     bench = bench_with(*roles)
-    assert list(misfits(bench)) == []
+    assert list(invalid_values(bench)) == []
     assert parse_bench(bench_text(bench), "lab.toml") == bench
 
 
@@ -101,8 +101,8 @@ def test_a_limit_of_what_is_missing_is_checked_where_it_is_told() -> None:
 def test_the_drive_need_be_wired_to_an_oscilloscope_only() -> None:
     wiring = structs.replace(PAPER.wiring.oscilloscope, channel_1=None)
     unwired = structs.replace(PAPER, wiring=structs.replace(PAPER.wiring, oscilloscope=wiring))
-    assert [each.path for each in misfits(unwired)] == ["wiring.oscilloscope"]
-    assert list(misfits(structs.replace(unwired, oscilloscope=None))) == []
+    assert [each.path for each in invalid_values(unwired)] == ["wiring.oscilloscope"]
+    assert list(invalid_values(structs.replace(unwired, oscilloscope=None))) == []
 
 
 @pytest.mark.parametrize("role", ["rate_table", "oscilloscope", "vibration_source"])

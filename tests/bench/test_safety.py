@@ -15,7 +15,7 @@ from tests.bench.fakes import FakeInstrument
 from vcfbench.bench.safety import LeaveNow, SafeAction, SafetyStack, Stage, not_safe
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import NotSafe
-from vcfbench.interfaces import SafeReport, Told
+from vcfbench.interfaces import SafeReport, UnprovedCommand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -178,7 +178,7 @@ def test_all_are_told_in_order_before_anything_is_proved(log: list[str]) -> None
     told: list[str] = []
 
     class Listening(FakeInstrument):
-        def command_safe(self) -> Told:
+        def command_safe(self) -> UnprovedCommand:
             told.append(self.name)
             return super().command_safe()
 
@@ -189,7 +189,7 @@ def test_all_are_told_in_order_before_anything_is_proved(log: list[str]) -> None
     crowd = {stage: Listening(stage.name, log) for stage in (Stage.POWER, Stage.STIMULUS, Stage.MOTION)}
     reports = stack_of(*(action(instrument, stage) for stage, instrument in crowd.items())).make_safe()
     assert told == ["MOTION", "STIMULUS", "POWER"]
-    assert all(report.safe and report.told is None for report in reports)
+    assert all(report.safe and report.unproved is None for report in reports)
 
 
 def test_one_that_hears_but_does_not_answer_is_off_and_named_with_what_is_known(log: list[str]) -> None:
@@ -213,7 +213,7 @@ def test_one_whose_words_hang_keeps_nothing_from_the_others(log: list[str]) -> N
     over = threading.Event()
 
     class Stuck(FakeInstrument):
-        def command_safe(self) -> Told:
+        def command_safe(self) -> UnprovedCommand:
             over.wait(30.0)
             return super().command_safe()
 
@@ -223,12 +223,12 @@ def test_one_whose_words_hang_keeps_nothing_from_the_others(log: list[str]) -> N
     finally:
         over.set()
     assert not dumb.energised
-    assert [report.told is None for report in reports] == [True, False]
+    assert [report.unproved is None for report in reports] == [True, False]
 
 
 def test_one_whose_words_raise_keeps_nothing_from_the_others(log: list[str]) -> None:
     class Careless(FakeInstrument):
-        def command_safe(self) -> Told:
+        def command_safe(self) -> UnprovedCommand:
             raise ZeroDivisionError
 
     dumb = FakeInstrument("power", log, "dumb")
@@ -243,11 +243,11 @@ def test_one_whose_connection_comes_back_is_told_then(log: list[str]) -> None:
     back = threading.Event()
 
     class Away(FakeInstrument):
-        def command_safe(self) -> Told:
+        def command_safe(self) -> UnprovedCommand:
             super().command_safe()
             if self.told == 3:
                 back.set()
-            return Told("to switch off", sent=self.told >= 3)
+            return UnprovedCommand("to switch off", sent=self.told >= 3)
 
     stack = stack_of(action(Away("power", log)))
     stack.command_safe()

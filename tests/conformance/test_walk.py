@@ -102,9 +102,9 @@ def _usable(command: Command) -> bool:
 def test_every_spelling_is_taken(model: str, command: Command) -> None:
     expected = command.reply if command.reset is None or command.query else command.reset
     for spelling in all_spellings(command):
-        for led in (spelling, f":{spelling}") if not spelling.startswith("*") else (spelling,):
+        for spelled in (spelling, f":{spelling}") if not spelling.startswith("*") else (spelling,):
             bench = begun(model, command)
-            message, answers = first_message(command, led)
+            message, answers = first_message(command, spelled)
             bench.write(message)
             answer = bench.read() if answers else None
             assert (answer is not None) is answers, message

@@ -145,8 +145,8 @@ def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
     assert dumb.told[0] == dumb.told[-1] == OFF_BLIND[0]
     assert b"*IDN?\n" in dumb.told[1:]
     assert not report.safe
-    assert report.told is not None
-    assert (report.told.sent, report.told.last_read) == (True, "outputs on")
+    assert report.unproved is not None
+    assert (report.unproved.sent, report.unproved.last_read) == (True, "outputs on")
     first.require_done()
 
 

@@ -101,7 +101,7 @@ class Served:
         """Put the bench back to what it was first."""
         self.control.request("reset")
 
-    def bench_file(self, resources: Mapping[str, str], *, led: bool = False) -> str:
+    def bench_file(self, resources: Mapping[str, str], *, lockstep: bool = False) -> str:
         """Return a bench file whose roles are at `resources`: of a bench on the wall clock, unless a run shall lead."""
         text = self.text.split("\n[simulation]")[0]
         for role, resource in resources.items():
@@ -109,7 +109,7 @@ class Served:
             first, _, others = rest.partition("\nresource = ")
             pause = "\nserial_pause_s = 0.0" if resource.startswith("ASRL") else ""
             text = f'{head}{table}{first}\nresource = "{resource}"{pause}\n{others.partition(chr(10))[2]}'
-        return text + (f'\n[served]\ncontrol = "127.0.0.1:{self.port}"\n' if led else "")
+        return text + (f'\n[served]\ncontrol = "127.0.0.1:{self.port}"\n' if lockstep else "")
 
     def resources(self, wires: str) -> dict[str, str]:
         """Return the resource of each role on ``tcp`` or ``pty``."""

@@ -10,7 +10,7 @@ import numpy as np
 from vcfbench.bench.settings import DriveWindow, Expected, Station
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import LinkLost, MeasurementError
-from vcfbench.interfaces import Identity, Regulation, SafeReport, Told, Waveform
+from vcfbench.interfaces import Identity, Regulation, SafeReport, UnprovedCommand, Waveform
 from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
 
 if TYPE_CHECKING:
@@ -62,8 +62,8 @@ class FakeInstrument:
     def check_errors(self) -> None:
         pass
 
-    def command_safe(self) -> Told:
-        return Told("to switch off", sent=True)
+    def command_safe(self) -> UnprovedCommand:
+        return UnprovedCommand("to switch off", sent=True)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         del deadline

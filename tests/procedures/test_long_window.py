@@ -251,7 +251,7 @@ from vcfbench.procedures.executor import Executor, ReadingTaken
 from vcfbench.procedures.steps import ConfigureMeter
 from vcfbench.record.journal import Journal
 
-class Told:
+class Tick:
     count = 0
 
     def handle(self, event):
@@ -262,7 +262,7 @@ class Told:
 journal = Journal(Path(sys.argv[1]))
 journal.header({"procedure": "own"})
 with open_bench(load_bench(None), speed="1000") as bench:
-    Executor(bench, journal, [Told()]).execute(plan(ConfigureMeter(10.0, 1.0), acquire(10, 1.0), acquire(360_000, 0.1)))
+    Executor(bench, journal, [Tick()]).execute(plan(ConfigureMeter(10.0, 1.0), acquire(10, 1.0), acquire(360_000, 0.1)))
 """
 
 

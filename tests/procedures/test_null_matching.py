@@ -233,7 +233,7 @@ def test_the_dry_run_has_the_blocks_of_both_signs_in_both_steps(by: str, blocks:
 
 def test_what_cannot_be_is_refused() -> None:
     absolute = make_settings(k_vc_by=KvcBy.PLUS_MINUS, match=Match.ABSOLUTE)
-    assert [misfit.path for misfit in absolute.contradictions()] == ["match"]
+    assert [invalid_value.path for invalid_value in absolute.contradictions()] == ["match"]
     short = make_settings(k_vc_by=KvcBy.CURVE, match_rates_deg_s=(10.0, 20.0, 100.0))
-    assert [misfit.path for misfit in short.contradictions()] == ["match_rates_deg_s"]
+    assert [invalid_value.path for invalid_value in short.contradictions()] == ["match_rates_deg_s"]
     assert not list(make_settings(k_vc_by=KvcBy.CURVE).contradictions())

@@ -203,12 +203,12 @@ def test_where_whole_turns_cannot_be_the_window_is_the_ordinary_one_and_the_word
 
 def test_abba_without_pairs_is_refused() -> None:
     settings = make_settings(order=Order.ABBA, rates_deg_s=(0.0, 10.0, 20.0))
-    assert [misfit.path for misfit in settings.contradictions()] == ["rates_deg_s"]
+    assert [invalid_value.path for invalid_value in settings.contradictions()] == ["rates_deg_s"]
 
 
 def test_the_earth_s_rate_needs_a_latitude() -> None:
     settings = make_settings(earth=Earth.RATE)
-    assert [misfit.path for misfit in settings.contradictions()] == ["earth"]
+    assert [invalid_value.path for invalid_value in settings.contradictions()] == ["earth"]
     at = make_settings(earth=Earth.RATE, station=Station(latitude_deg=38.0, meter_resolution_v=1e-5))
     assert not list(at.contradictions())
     assert 3600.0 * at.earth_rate_deg_s == pytest.approx(15.041067 * math.sin(math.radians(38.0)))

@@ -8,7 +8,7 @@ import pytest
 
 from vcfbench.drivers.session import Session
 from vcfbench.errors import BenchError
-from vcfbench.interfaces import SafeReport, Told
+from vcfbench.interfaces import SafeReport, UnprovedCommand
 from vcfbench.models import MODELS
 from vcfbench.testing import ConformanceCase, conformance_cases, conformance_problems
 
@@ -69,11 +69,11 @@ def test_a_safe_action_that_only_says_so_is_noticed() -> None:
 
 
 def test_one_that_cannot_be_told_blind_to_switch_off_is_noticed() -> None:
-    def asking(self: Any) -> Told:
+    def asking(self: Any) -> UnprovedCommand:
         """Ask instead of telling."""
         with suppress(BenchError):
             self.session.query("OUTP?")
-        return Told("to switch off", sent=True)
+        return UnprovedCommand("to switch off", sent=True)
 
     problems = problems_of(command_safe=asking)
     assert any("well, command_safe() asked" in problem for problem in problems)

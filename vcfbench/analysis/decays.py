@@ -156,10 +156,10 @@ def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> Dec
 def _let_go(logarithm: Floats) -> int:
     """Return the first window that lies wholly in the decay: a constant and then a line fit best about there."""
     places = np.arange(logarithm.size)
-    misfits = []
+    invalid_values = []
     for place in range(logarithm.size - 4):
         after = places >= place
         kinked = np.column_stack([np.ones(places.size), np.where(after, places - place, 0.0)])
         found, *_ = np.linalg.lstsq(kinked, logarithm, rcond=None)
-        misfits.append(float(np.sum((logarithm - kinked @ found) ** 2)))
-    return int(np.argmin(misfits)) + 1
+        invalid_values.append(float(np.sum((logarithm - kinked @ found) ** 2)))
+    return int(np.argmin(invalid_values)) + 1

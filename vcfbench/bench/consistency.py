@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import structs
 
-from vcfbench.bench.misfit import Misfit, lost_digits, turned_windows
+from vcfbench.bench.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.parts import LimitKey, Node
 
-__all__ = ["misfits"]
+__all__ = ["invalid_values"]
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
@@ -33,7 +33,7 @@ LIMITS_OF: Mapping[str, tuple[LimitKey, ...]] = MappingProxyType(
 """The limits that an instrument must have before it may be on a bench, by its role."""
 
 
-def misfits(description: BenchDescription) -> Iterator[Misfit]:
+def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
     """Yield every contradiction within `description`."""
     return chain(
         _roles(description),
@@ -50,24 +50,24 @@ def misfits(description: BenchDescription) -> Iterator[Misfit]:
     )
 
 
-def _roles(description: BenchDescription) -> Iterator[Misfit]:
+def _roles(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check that there is an instrument, and that what drives something has its limits."""
     filled = [role for role in (*ROLES, "rate_table") if getattr(description, role) is not None]
     if not filled:
-        yield Misfit("power", f"at least one instrument: {', '.join((*ROLES, 'rate_table'))}", None)
+        yield InvalidValue("power", f"at least one instrument: {', '.join((*ROLES, 'rate_table'))}", None)
     for role in filled:
         for key in LIMITS_OF.get(role, ()):
             if getattr(description.limits, key) is None:
-                yield Misfit(f"limits.{key}", f"a limit for the {role} of this bench", None)
+                yield InvalidValue(f"limits.{key}", f"a limit for the {role} of this bench", None)
 
 
-def _temperatures(description: BenchDescription) -> Iterator[Misfit]:
+def _temperatures(description: BenchDescription) -> Iterator[InvalidValue]:
     low, high = description.limits.min_temperature_c, description.limits.max_temperature_c
     if low is not None and high is not None and low >= high:
-        yield Misfit("limits.min_temperature_c", f"less than limits.max_temperature_c = {high:g} degC", low)
+        yield InvalidValue("limits.min_temperature_c", f"less than limits.max_temperature_c = {high:g} degC", low)
 
 
-def _models(description: BenchDescription) -> Iterator[Misfit]:
+def _models(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check that each role has a model that can fill it, the table a language that somebody speaks."""
     for role in ROLES:
         part = getattr(description, role)
@@ -76,40 +76,40 @@ def _models(description: BenchDescription) -> Iterator[Misfit]:
     dialect = "" if description.rate_table is None else description.rate_table.dialect
     if dialect and not dialect.endswith(".toml") and find_language(dialect) is None:
         expected = f"a text: one of {', '.join(languages())}, or the name of a profile, FILE.toml"
-        yield Misfit("rate_table.dialect", expected, dialect)
+        yield InvalidValue("rate_table.dialect", expected, dialect)
 
 
-def _unfit(role: str, key: str, model: str) -> Iterator[Misfit]:
+def _unfit(role: str, key: str, model: str) -> Iterator[InvalidValue]:
     row = find_model(model)
     if row is None or role not in row.places:
         known = " or ".join(map(repr, models_for(role)))
         speaks = "" if key == "like" else ", or one that speaks the same words (like = ...)"
-        yield Misfit(f"{role}.{key}", f"{known}{speaks}", model)
+        yield InvalidValue(f"{role}.{key}", f"{known}{speaks}", model)
 
 
-def _rails(description: BenchDescription) -> Iterator[Misfit]:
+def _rails(description: BenchDescription) -> Iterator[InvalidValue]:
     low, high = description.limits.min_rail_v, description.limits.max_rail_v
     if low is not None and high is not None and low >= high:
-        yield Misfit("limits.min_rail_v", f"less than limits.max_rail_v = {high:g} V", low)
+        yield InvalidValue("limits.min_rail_v", f"less than limits.max_rail_v = {high:g} V", low)
 
 
-def _wiring(description: BenchDescription) -> Iterator[Misfit]:
+def _wiring(description: BenchDescription) -> Iterator[InvalidValue]:
     rails = description.wiring.rails
     if rails.positive == "N25V":
-        yield Misfit("wiring.rails.positive", "'P6V' or 'P25V', outputs above ground", rails.positive)
+        yield InvalidValue("wiring.rails.positive", "'P6V' or 'P25V', outputs above ground", rails.positive)
     if rails.negative != "N25V":
-        yield Misfit("wiring.rails.negative", "'N25V', the output below ground", rails.negative)
+        yield InvalidValue("wiring.rails.negative", "'N25V', the output below ground", rails.negative)
     for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if description.wiring.oscilloscope.channel_of(node) is None:
-            yield Misfit("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)
+            yield InvalidValue("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)
 
 
-def _windows(description: BenchDescription) -> Iterator[Misfit]:
+def _windows(description: BenchDescription) -> Iterator[InvalidValue]:
     yield from turned_windows(description.expected, "expected")
     yield from turned_windows(description.acceptance, "acceptance")
 
 
-def _resources(description: BenchDescription) -> Iterator[Misfit]:
+def _resources(description: BenchDescription) -> Iterator[InvalidValue]:
     seen: dict[str, str] = {}
     for role in (*ROLES, "rate_table"):
         part = getattr(description, role)
@@ -117,26 +117,26 @@ def _resources(description: BenchDescription) -> Iterator[Misfit]:
             continue
         other = seen.setdefault(part.resource.upper(), role)
         if other != role:
-            yield Misfit(f"{role}.resource", f"a resource of its own, not that of {other}", part.resource)
+            yield InvalidValue(f"{role}.resource", f"a resource of its own, not that of {other}", part.resource)
 
 
-def _simulation(description: BenchDescription) -> Iterator[Misfit]:
+def _simulation(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check names and types of single parameters and instrument errors; most bench files have none."""
     simulation = description.simulation
     errors = {} if simulation is None else structs.asdict(simulation.errors)
     if simulation is None or not (simulation.override or any(isinstance(each, dict) for each in errors.values())):
         return
-    from vcfbench.bench.overrides import override_misfits  # noqa: PLC0415  # loads what it needs of the simulation
+    from vcfbench.bench.overrides import invalid_overrides  # noqa: PLC0415  # loads what it needs of the simulation
     from vcfbench.bench.simulated import named_parameters, twins  # noqa: PLC0415
 
-    single = list(override_misfits(named_parameters(simulation), simulation.override, "simulation.override"))
+    single = list(invalid_overrides(named_parameters(simulation), simulation.override, "simulation.override"))
     yield from single or _contradictions(description)
     for role, twin in twins(description).items():
         if isinstance(errors[role], dict):
-            yield from override_misfits(twin.errors_class.none(), errors[role], f"simulation.errors.{role}")
+            yield from invalid_overrides(twin.errors_class.none(), errors[role], f"simulation.errors.{role}")
 
 
-def _contradictions(description: BenchDescription) -> Iterator[Misfit]:
+def _contradictions(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check that physical parameters, each of them one, fit together."""
     from vcfbench.bench.simulated import physical_parameters  # noqa: PLC0415  # loads the simulation
     from vcfbench.sim.parameters import Contradiction  # noqa: PLC0415
@@ -144,21 +144,23 @@ def _contradictions(description: BenchDescription) -> Iterator[Misfit]:
     try:
         physical_parameters(description)
     except Contradiction as error:
-        yield Misfit("simulation.override", error.expected, error.came)
+        yield InvalidValue("simulation.override", error.expected, error.came)
 
 
-def _served(description: BenchDescription) -> Iterator[Misfit]:
+def _served(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check that the simulation is either here or elsewhere, and that the port of the latter is one."""
     if description.served is None:
         return
     if description.simulation is not None:
-        yield Misfit("served", "no [served] beside [simulation]: the bench is simulated here or elsewhere", "both")
+        yield InvalidValue(
+            "served", "no [served] beside [simulation]: the bench is simulated here or elsewhere", "both"
+        )
     host, port = description.served.address()
     if not 0 < port < 65536:
-        yield Misfit("served.control", "a port from 1 to 65535", description.served.control)
+        yield InvalidValue("served.control", "a port from 1 to 65535", description.served.control)
     if not _is_this_host(host):
         expected = "this host (127.0.0.1, ::1 or localhost): control ports listen nowhere else"
-        yield Misfit("served.control", expected, description.served.control)
+        yield InvalidValue("served.control", expected, description.served.control)
 
 
 def _is_this_host(host: str) -> bool:
@@ -170,14 +172,14 @@ def _is_this_host(host: str) -> bool:
         return False
 
 
-def _table(description: BenchDescription) -> Iterator[Misfit]:
+def _table(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check what the table's dialect needs to be told."""
     table = description.rate_table
     if table is not None and table.dialect == "zaber" and table.steps_per_deg is None:
-        yield Misfit("rate_table.steps_per_deg", "the stage's microsteps per degree", None)
+        yield InvalidValue("rate_table.steps_per_deg", "the stage's microsteps per degree", None)
 
 
-def _lost_digits(description: BenchDescription) -> Iterator[Misfit]:
+def _lost_digits(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check all but physical parameters, which have units of their own, and settings of procedures."""
     for name, part in structs.asdict(description).items():
         if name not in {"simulation", "procedure_table"}:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from vcfbench.bench.consistency import misfits
+from vcfbench.bench.consistency import invalid_values
 from vcfbench.bench.description import BenchDescription
 from vcfbench.bench.strict import converted, refusal, words
 from vcfbench.files import dotted, parse_toml, read_text, shown
@@ -67,8 +67,8 @@ def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
 def parse_bench(text: str, source: str) -> BenchDescription:
     """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
     description = _described(text, source)
-    for misfit in misfits(description):
-        raise refusal(f"{source}: {misfit.path}", misfit.expected, words(misfit.came))
+    for invalid_value in invalid_values(description):
+        raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
     resolve(CHECK_OF_PROCEDURES)(description, source)
     return description
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         Regulation,
         SafeReport,
         TemperatureChamber,
-        Told,
+        UnprovedCommand,
     )
 
 __all__ = ["LimitChecks", "LimitedChamber", "LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
@@ -118,7 +118,7 @@ class _Limited:
         """Read the error queue until it is empty."""
         self._instrument.check_errors()
 
-    def command_safe(self) -> Told:
+    def command_safe(self) -> UnprovedCommand:
         """Send the stop or off words at once, without waiting for an answer."""
         return self._instrument.command_safe()
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.record.plain import field_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["overridden", "override_misfits"]
+__all__ = ["invalid_overrides", "overridden"]
 
 T = TypeVar("T")
 
@@ -36,29 +36,29 @@ def overridden(base: T, changes: Mapping[str, Any]) -> T:
         return msgspec.convert(merged, type(base))
 
 
-def override_misfits(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[Misfit]:
+def invalid_overrides(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[InvalidValue]:
     """Yield what in `changes` is no value of `base`, a dataclass or struct; `path` is where the bench file has them."""
     known = {name: getattr(base, name) for name in field_names(base) or ()}
     for name, value in changes.items():
         here = f"{path}.{name}"
         if name not in known:
-            yield Misfit(here, _suggestion(name, list(known)), value)
+            yield InvalidValue(here, _suggestion(name, list(known)), value)
         elif (below := field_names(known[name])) is None:
-            yield from _value_misfits(base, name, value, here)
+            yield from _invalid_values(base, name, value, here)
         elif isinstance(value, dict):
-            yield from override_misfits(known[name], value, here)
+            yield from invalid_overrides(known[name], value, here)
         else:
-            yield Misfit(here, f"a table with {', '.join(below)}", value)
+            yield InvalidValue(here, f"a table with {', '.join(below)}", value)
 
 
-def _value_misfits(base: Any, name: str, value: object, path: str) -> Iterator[Misfit]:
+def _invalid_values(base: Any, name: str, value: object, path: str) -> Iterator[InvalidValue]:
     try:
         overridden(base, {name: value})
     except (msgspec.ValidationError, ValueError) as error:
-        yield Misfit(path, _expected(str(error)), value)
+        yield InvalidValue(path, _expected(str(error)), value)
         return
     if type(value) in (int, float) and not (value == 0 or _LEAST <= abs(value) <= _MOST):  # type: ignore[arg-type]
-        yield Misfit(path, f"0, or a number from {_LEAST:g} to {_MOST:g} either sign", value)
+        yield InvalidValue(path, f"0, or a number from {_LEAST:g} to {_MOST:g} either sign", value)
 
 
 def _expected(message: str) -> str:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from vcfbench.clock import Clock
-    from vcfbench.interfaces import Instrument, Told
+    from vcfbench.interfaces import Instrument, UnprovedCommand
 
 __all__ = ["LeaveNow", "SafeAction", "SafetyStack", "Stage", "not_safe"]
 
@@ -139,7 +139,7 @@ class _Telling:
     """Tells one instrument to stop or to switch off, again and again while its connection is gone."""
 
     def __init__(self, instrument: Instrument, over: threading.Event) -> None:
-        self.told: Told | None = None
+        self.command: UnprovedCommand | None = None
         self._instrument = instrument
         self._over = over
         self._tried = threading.Event()
@@ -162,12 +162,12 @@ class _Telling:
 
     def _tell_once(self) -> bool:
         with suppress(Exception):  # a driver is anyone's code; the next must be told
-            self.told = self._instrument.command_safe()
+            self.command = self._instrument.command_safe()
         self._tried.set()
-        return self.told is not None and self.told.sent
+        return self.command is not None and self.command.sent
 
 
-def _tell(actions: Sequence[SafeAction], over: threading.Event) -> list[Told | None]:
+def _tell(actions: Sequence[SafeAction], over: threading.Event) -> list[UnprovedCommand | None]:
     """Tell the instruments of `actions` in this order; None for one that hangs. `over` ends what still goes on."""
     wall = WallClock()
     tellings = [_Telling(action.instrument, over) for action in actions]
@@ -176,7 +176,7 @@ def _tell(actions: Sequence[SafeAction], over: threading.Event) -> list[Told | N
         telling.wait(min(_TURN_S, _TELLING_S - wall.now()))
     for telling in tellings:
         telling.wait(_TELLING_S - wall.now())
-    return [telling.told for telling in tellings]
+    return [telling.command for telling in tellings]
 
 
 def _with_last_words(
@@ -185,10 +185,10 @@ def _with_last_words(
     """Tell once more what is not safe, and add to its report what is known of it."""
     unsafe = [action for action, report in zip(actions, reports, strict=True) if not report.safe]
     try:
-        told = iter(_tell(unsafe, over))
+        sent = iter(_tell(unsafe, over))
     except LeaveNow:  # it is raised once
-        told = iter(_tell(unsafe, over))
-    return [report if report.safe else replace(report, told=next(told) or report.told) for report in reports]
+        sent = iter(_tell(unsafe, over))
+    return [report if report.safe else replace(report, unproved=next(sent) or report.unproved) for report in reports]
 
 
 def _close(instrument: Instrument) -> None:
@@ -210,7 +210,7 @@ def _located(report: SafeReport) -> str:
     """Say once where `report` comes from: its detail may be an error that names the instrument too."""
     where = f"{report.instrument} at {report.resource}: "
     detail = report.detail.removeprefix(where)
-    return where + (detail if report.told is None else f"{report.told}; {detail}")
+    return where + (detail if report.unproved is None else f"{report.unproved}; {detail}")
 
 
 def _report(instrument: Instrument, detail: str) -> SafeReport:

@@ -129,7 +129,7 @@ def _stage(role: Role) -> Stage:
 
 
 def _safed(report: SafeReport, found: str | None) -> Safed:
-    detail = report.detail if report.told is None else f"{report.told}; {report.detail}"
+    detail = report.detail if report.unproved is None else f"{report.unproved}; {report.detail}"
     return Safed(report.instrument, report.resource, found, report.safe, detail)
 
 

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from vcfbench.models import Wire
     from vcfbench.sim.serve import Control, RemoteClock, ServedBench, ServedClock
 
-__all__ = ["Led", "LedClock", "build_served", "led_bench", "on_wires"]
+__all__ = ["Lockstep", "LockstepClock", "build_served", "lockstep_bench", "on_wires"]
 
 _CONTROL = "control port"
 
 
-class LedClock:
+class LockstepClock:
     """The clock of the served bench, with the bench's own errors: a `vcfbench.clock.Clock`."""
 
     __slots__ = ("_address", "_remote")
@@ -58,10 +58,10 @@ class LedClock:
             raise LinkLost(str(error), instrument=_CONTROL, resource=self._address) from error
 
 
-class Led(Struct, frozen=True):
+class Lockstep(Struct, frozen=True):
     """A served bench whose time this program leads."""
 
-    clock: LedClock
+    clock: LockstepClock
     seed: int | None
     """What it was built from."""
     rate_table: str | None
@@ -71,7 +71,7 @@ class Led(Struct, frozen=True):
 
 
 @contextmanager
-def led_bench(served: Served, rate_table: str | None) -> Iterator[Led]:
+def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]:
     """Lead the time of a served bench whose table is at the resource `rate_table`; None when it has none.
 
     Raises:
@@ -92,9 +92,9 @@ def led_bench(served: Served, rate_table: str | None) -> Iterator[Led]:
             remote, seed = RemoteClock(control, awaits=known == rate_table), status["seed"]
         except ControlError as error:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
-        clock = LedClock(remote, served.control)
+        clock = LockstepClock(remote, served.control)
         with nullcontext(rate_table) if known is None else _led_port(control, clock, known) as url:
-            yield Led(clock, seed, url, partial(_adjust, control, served.control))
+            yield Lockstep(clock, seed, url, partial(_adjust, control, served.control))
 
 
 def _adjust(control: Control, address: str, name: str, value: Any) -> None:
@@ -107,13 +107,13 @@ def _adjust(control: Control, address: str, name: str, value: Any) -> None:
 
 
 @contextmanager
-def _led_port(control: Control, clock: LedClock, resource: str) -> Iterator[str]:
+def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator[str]:
     """Yield the URL of a port at `resource` that tells the server when it is waited on."""
     from vcfbench.sim import serial_backend  # noqa: PLC0415
-    from vcfbench.sim.serve.led_port import LedPort  # noqa: PLC0415
+    from vcfbench.sim.serve.lockstep_port import LockstepPort  # noqa: PLC0415
 
     handle = resource.removeprefix("socket://")
-    serial_backend.register_port(handle, LedPort(control, clock, "rate_table", resource))
+    serial_backend.register_port(handle, LockstepPort(control, clock, "rate_table", resource))
     try:
         yield f"sim://{handle}"
     finally:

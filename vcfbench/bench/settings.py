@@ -31,8 +31,8 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
     VoltageTolerance,
     WarmUp,
 )
+from vcfbench.bench.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.misfit import Misfit, lost_digits, turned_windows
 from vcfbench.bench.parts import Acceptance, Expected, Limits, OscilloscopeWiring, RailWiring
 from vcfbench.errors import ConfigError
 
@@ -284,40 +284,40 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         """
         return self
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say: values that contradict each other, or the limits of the station."""
         yield from lost_digits(structs.replace(self, station=Station()), "")
         yield from turned_windows(self.drive, "drive")
         if len(set(self.rates_deg_s)) < 3:
-            yield Misfit("rates_deg_s", "at least three different rates", list(self.rates_deg_s))
+            yield InvalidValue("rates_deg_s", "at least three different rates", list(self.rates_deg_s))
         if self.station.rails.positive == "P6V" and self.positive_rail_v > 6.18:  # E3631A: programming range of +6 V
-            yield Misfit("positive_rail_v", "at most 6.18 V from output P6V", self.positive_rail_v)
+            yield InvalidValue("positive_rail_v", "at most 6.18 V from output P6V", self.positive_rail_v)
         reading_s = 2.0 * self.nplc / self.station.mains_hz  # with its autozero it is two integration times long
         if reading_s > self.sample_interval_s:
             expected = f"at least {reading_s:g} s, which a reading of {self.nplc} power-line cycles with autozero takes"
-            yield Misfit("sample_interval_s", expected, self.sample_interval_s)
+            yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
         yield from self._beyond(self.station.limits)
 
-    def _beyond(self, limits: Limits) -> Iterator[Misfit]:
+    def _beyond(self, limits: Limits) -> Iterator[InvalidValue]:
         """Yield what the limits of the station do not bear; it has those of what is on it."""
         if limits.max_rate_deg_s is not None:
             for index, rate_deg_s in enumerate(self.rates_deg_s):
                 if abs(rate_deg_s) > limits.max_rate_deg_s:
-                    yield Misfit(f"rates_deg_s[{index}]", rate_words(limits.max_rate_deg_s), rate_deg_s)
+                    yield InvalidValue(f"rates_deg_s[{index}]", rate_words(limits.max_rate_deg_s), rate_deg_s)
         fastest, current_a = limits.max_acceleration_deg_s2, limits.max_rail_current_a
         if fastest is not None and self.acceleration_deg_s2 > fastest:
             expected = f"at most {fastest:g} deg/s^2 (limits.max_acceleration_deg_s2)"
-            yield Misfit("acceleration_deg_s2", expected, self.acceleration_deg_s2)
+            yield InvalidValue("acceleration_deg_s2", expected, self.acceleration_deg_s2)
         if current_a is not None and self.rail_current_limit_a > current_a:
             expected = f"at most {current_a:g} A (limits.max_rail_current_a)"
-            yield Misfit("rail_current_limit_a", expected, self.rail_current_limit_a)
+            yield InvalidValue("rail_current_limit_a", expected, self.rail_current_limit_a)
         low_v, high_v = limits.min_rail_v, limits.max_rail_v
         if low_v is None or high_v is None:
             return
         window = f"a rail of {low_v:g} to {high_v:g} V either sign (limits)"
         for key, voltage_v in (("positive_rail_v", self.positive_rail_v), ("negative_rail_v", self.negative_rail_v)):
             if not low_v <= abs(voltage_v) <= high_v:
-                yield Misfit(key, window, voltage_v)
+                yield InvalidValue(key, window, voltage_v)
 
 
 def rate_words(limit_deg_s: float) -> str:

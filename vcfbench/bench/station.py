@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from vcfbench.bench.lock import instrument_locks
 from vcfbench.bench.roles import filled_roles
-from vcfbench.bench.served import led_bench
+from vcfbench.bench.served import lockstep_bench
 from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
@@ -93,8 +93,10 @@ def table_port(description: BenchDescription) -> str | None:
 
 @contextmanager
 def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[Station]:
-    with _locks(description, roles), led_bench(served, table_port(description)) as led:
-        yield Station(led.clock, description.visa_library, led.rate_table, led.seed, adjust=led.adjust)
+    with _locks(description, roles), lockstep_bench(served, table_port(description)) as lockstep:
+        yield Station(
+            lockstep.clock, description.visa_library, lockstep.rate_table, lockstep.seed, adjust=lockstep.adjust
+        )
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.interfaces import Told
+from vcfbench.interfaces import UnprovedCommand
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
@@ -26,12 +26,12 @@ class LastRead:
         """Remember what was just read back, in words."""
         self._what, self._at_s = what, self._clock.now()
 
-    def told(self, words: str, *, sent: bool) -> Told:
+    def unproved(self, words: str, *, sent: bool) -> UnprovedCommand:
         """Return what the instrument was told, beside what was last read back of it."""
         if self._what is None:
-            return Told(words, sent)
+            return UnprovedCommand(words, sent)
         try:
             age_s = self._clock.now() - self._at_s
         except Exception:  # noqa: BLE001 - a bench's clock may be gone with the bench; what was read is still known
-            return Told(words, sent, self._what)
-        return Told(words, sent, self._what, age_s)
+            return UnprovedCommand(words, sent, self._what)
+        return UnprovedCommand(words, sent, self._what, age_s)

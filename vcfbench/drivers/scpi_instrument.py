@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
 from vcfbench.errors import BenchError, ConnectFailed, LimitError, WrongInstrument
-from vcfbench.interfaces import Identity, SafeReport, Told
+from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS
 
 if TYPE_CHECKING:
@@ -117,9 +117,9 @@ class ScpiInstrument:
         """Return the safe words as this interface needs them."""
         return self.safe_words
 
-    def command_safe(self) -> Told:
+    def command_safe(self) -> UnprovedCommand:
         """Send the safe words at once, without waiting for an answer; tell what was last read back."""
-        return self._last_read.told("to switch off" if self.safe_words else "", sent=self._session.command_safe())
+        return self._last_read.unproved("to switch off" if self.safe_words else "", sent=self._session.command_safe())
 
     def _identity(self, deadline: Deadline | None) -> Identity:
         return Identity(*self._session.identify(deadline))
@@ -163,7 +163,7 @@ class _Named(Protocol):
     @property
     def resource(self) -> str: ...
 
-    def command_safe(self) -> Told: ...
+    def command_safe(self) -> UnprovedCommand: ...
 
 
 _SHARES = (1.0 / 3.0, 1.0 / 2.0, 1.0)
@@ -194,7 +194,9 @@ def safely(
             failure, left = str(error), left[1:]
         else:
             return SafeReport(instrument.name, instrument.resource, safe=True, detail=detail)
-    return SafeReport(instrument.name, instrument.resource, safe=False, detail=failure, told=instrument.command_safe())
+    return SafeReport(
+        instrument.name, instrument.resource, safe=False, detail=failure, unproved=instrument.command_safe()
+    )
 
 
 def decimal(value: float) -> str:

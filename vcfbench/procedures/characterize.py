@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from msgspec import Meta, Struct, field, structs, to_builtins
 
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, setting_keys
-from vcfbench.bench.misfit import Misfit
 from vcfbench.bench.settings import ProcedureSettings, Station
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
@@ -104,7 +104,7 @@ PARTS = (
 
 _BY_NAME = {each.name: each for each in PARTS}
 
-Told = Annotated[dict[str, Any], Meta(description="settings of this part, as [procedure.NAME] has them")]
+PartSettings = Annotated[dict[str, Any], Meta(description="settings of this part, as [procedure.NAME] has them")]
 
 
 class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
@@ -113,24 +113,24 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     parts: Annotated[
         tuple[str, ...], Meta(min_length=1, max_length=50, description="procedures, in the order in which they are run")
     ] = tuple(each.name for each in PARTS)
-    warmup: Told = field(default_factory=dict)
-    polarity: Told = field(default_factory=dict)
-    power: Told = field(default_factory=dict)
-    turntable: Told = field(default_factory=dict)
-    virtual_coriolis: Told = field(default_factory=dict, name="virtual-coriolis")
-    kvc: Told = field(default_factory=dict)
-    bandwidth: Told = field(default_factory=dict)
-    resonance: Told = field(default_factory=dict)
-    phase: Told = field(default_factory=dict)
-    zero: Told = field(default_factory=dict)
-    temperature: Told = field(default_factory=dict)
+    warmup: PartSettings = field(default_factory=dict)
+    polarity: PartSettings = field(default_factory=dict)
+    power: PartSettings = field(default_factory=dict)
+    turntable: PartSettings = field(default_factory=dict)
+    virtual_coriolis: PartSettings = field(default_factory=dict, name="virtual-coriolis")
+    kvc: PartSettings = field(default_factory=dict)
+    bandwidth: PartSettings = field(default_factory=dict)
+    resonance: PartSettings = field(default_factory=dict)
+    phase: PartSettings = field(default_factory=dict)
+    zero: PartSettings = field(default_factory=dict)
+    temperature: PartSettings = field(default_factory=dict)
 
     @property
     def warm_again_s(self) -> float:
         """What its first part needs: the others have found the gyroscope warm."""
         return self.of(self.parts[0]).warm_again_s
 
-    def told(self, name: str) -> dict[str, Any]:
+    def given(self, name: str) -> dict[str, Any]:
         """Return what the part `name` is told of its own."""
         found = getattr(self, name.replace("-", "_"), {})
         return dict(found) if isinstance(found, dict) else {}
@@ -149,7 +149,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         layers = [
             Layer({**_defaults(name), **warm}, _naming(name)),
             Layer(shared, _naming(name)),
-            Layer(self.told(name), _naming(name)),
+            Layer(self.given(name), _naming(name)),
         ]
         own: ProcedureSettings = chosen_settings(kind, layers)
         return structs.replace(own, station=self._station_of(own))
@@ -204,9 +204,11 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             placed = self.station.instruments.get(role)
             if placed is not None and (absent := _absent(placed.model, capability)):
                 return f"the {role} ({placed.model}) has no {', '.join(absent)}"
-        for misfit in self.of(name).contradictions():
-            if keys_of(misfit.path)[0] not in self.told(name):  # nobody said it: this place does not bear the part
-                return f"{misfit.path}: expected {misfit.expected}, came {misfit.came}"
+        for invalid_value in self.of(name).contradictions():
+            if keys_of(invalid_value.path)[0] not in self.given(
+                name
+            ):  # nobody said it: this place does not bear the part
+                return f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came}"
         return ""
 
     def _has(self, role: str) -> bool:
@@ -214,23 +216,25 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             return self.station.limits.max_rate_deg_s is not None
         return role in self.station.instruments
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say, of every part that will be run too."""
         yield from super().contradictions()
         for index, name in enumerate(self.parts):
             if name not in PROCEDURES or PROCEDURES[name].settings is type(self):
-                yield Misfit(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
+                yield InvalidValue(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
                 return
             if type(PROCEDURES[name].settings().station) is not Station:
-                yield Misfit(f"parts[{index}]", "a procedure that builds on nothing that is kept of the device", name)
+                yield InvalidValue(
+                    f"parts[{index}]", "a procedure that builds on nothing that is kept of the device", name
+                )
                 return
         if len(set(self.parts)) < len(self.parts):
-            yield Misfit("parts", "each procedure once", list(self.parts))
+            yield InvalidValue("parts", "each procedure once", list(self.parts))
         for name in self.parts:
             if self.lacking(name):
                 continue
-            for misfit in self.of(name).contradictions():
-                yield Misfit(f"{name}.{misfit.path}", misfit.expected, misfit.came)
+            for invalid_value in self.of(name).contradictions():
+                yield InvalidValue(f"{name}.{invalid_value.path}", invalid_value.expected, invalid_value.came)
 
 
 def _written(settings: ProcedureSettings) -> dict[str, Any]:

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.k_vc_results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
 from vcfbench.procedures.known_v_vc import KnownVvcSettings, measured_levels, ready_meters, take_level
-from vcfbench.procedures.null_match import NullTerms, match_rate_misfits, nulled
+from vcfbench.procedures.null_match import NullTerms, invalid_match_rates, nulled
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
 from vcfbench.procedures.routines import powered, v_vc_on
 from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
@@ -63,14 +63,14 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         """The rates without sign, each once, rising: the search goes on from what the rate before found."""
         return tuple(sorted({abs(rate) for rate in self.match_rates_deg_s}))
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say; every rate must have a V_Vc within the limits."""
         yield from super().contradictions()
-        yield from match_rate_misfits(self, self.match_rates_deg_s, self.curve_order)
+        yield from invalid_match_rates(self, self.match_rates_deg_s, self.curve_order)
         largest_v = self.fastest_deg_s / max(abs(self.k_vc_guess_deg_s_per_v), 1e-9)
         if self.v_vc_role is not None and largest_v > _OVER_RANGE * self.v_vc_range_v:
             expected = f"a range for {largest_v:.4g} V, the V_Vc of {self.fastest_deg_s:g} deg/s"
-            yield Misfit("v_vc_range_v", expected, self.v_vc_range_v)
+            yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
 
 
 def k_vc(settings: KVcSettings) -> Plan:

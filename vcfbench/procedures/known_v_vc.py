@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
@@ -101,7 +101,7 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
             return None
         return "v_vc_meter" if "v_vc_meter" in self.station.instruments else "multimeter"
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         for key, role in (("multimeter_age_days", "multimeter"), ("v_vc_meter_age_days", self.v_vc_role)):
@@ -109,7 +109,7 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
                 if role in self.station.instruments:
                     meter_error(self, role)
             except ConfigError as error:
-                yield Misfit(key, error.what, getattr(self, key))
+                yield InvalidValue(key, error.what, getattr(self, key))
 
 
 @dataclass(frozen=True, slots=True)

@@ -146,8 +146,8 @@ def layers_of(procedure: AnyProcedure, description: BenchDescription, source: st
 def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
     """Return the settings that `layers` come to at `station`, which must bear them."""
     chosen = structs.replace(chosen_settings(kind, layers), station=station)
-    for misfit in chosen.contradictions():
-        raise refusal(named(layers, keys_of(misfit.path)), misfit.expected, words(misfit.came))
+    for invalid_value in chosen.contradictions():
+        raise refusal(named(layers, keys_of(invalid_value.path)), invalid_value.expected, words(invalid_value.came))
     return chosen
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.bench.bounds import LEAST_V_VC_V
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.agreement import MATCH_DRIFT, require_agreement, require_expected_k_vc
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["NullTerms", "Nulled", "TakesLevel", "block", "match_rate_misfits", "nulled"]
+__all__ = ["NullTerms", "Nulled", "TakesLevel", "block", "invalid_match_rates", "nulled"]
 
 _CLOSE = 1e-3
 """What the search may leave of the output's span; the rest is interpolated, with a slope good to some parts in 1000."""
@@ -98,25 +98,29 @@ def block(points: Sequence[Point]) -> Block:
     return Block(tuple(point.output_v for point in points))
 
 
-def match_rate_misfits(settings: ProcedureSettings, rates_deg_s: Sequence[float], order: int) -> Iterator[Misfit]:
+def invalid_match_rates(
+    settings: ProcedureSettings, rates_deg_s: Sequence[float], order: int
+) -> Iterator[InvalidValue]:
     """Yield what is wrong with rates at which V_Vc is matched for a curve of `order`, the key `match_rates_deg_s`."""
     magnitudes = sorted({abs(rate) for rate in rates_deg_s})
     limits, guess = settings.station.limits, abs(settings.k_vc_guess_deg_s_per_v)
     if 2 * len(magnitudes) < order + 2:
         expected = f"at least {order // 2 + 1} different rates for a curve of order {order}"
-        yield Misfit("match_rates_deg_s", expected, list(rates_deg_s))
+        yield InvalidValue("match_rates_deg_s", expected, list(rates_deg_s))
     most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
     for index, rate_deg_s in enumerate(rates_deg_s):
         if not settings.rate_tolerance_deg_s < abs(rate_deg_s) <= most_deg_s:
             at_rest = f"above {settings.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
-            yield Misfit(f"match_rates_deg_s[{index}]", f"{rate_words(most_deg_s)}, and {at_rest}", rate_deg_s)
+            yield InvalidValue(f"match_rates_deg_s[{index}]", f"{rate_words(most_deg_s)}, and {at_rest}", rate_deg_s)
     largest, least = magnitudes[-1], magnitudes[0]
     if limits.max_v_vc_v is not None and guess * limits.max_v_vc_v < largest:
         expected = f"at least {largest / limits.max_v_vc_v:g}, so that {largest:g} deg/s needs at most "
-        yield Misfit("k_vc_guess_deg_s_per_v", f"{expected}{limits.max_v_vc_v:g} V of V_Vc (limits.max_v_vc_v)", guess)
+        yield InvalidValue(
+            "k_vc_guess_deg_s_per_v", f"{expected}{limits.max_v_vc_v:g} V of V_Vc (limits.max_v_vc_v)", guess
+        )
     if guess * LEAST_V_VC_V > least:
         needs = f"{least:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
-        yield Misfit("k_vc_guess_deg_s_per_v", f"at most {least / LEAST_V_VC_V:g}, so that {needs}", guess)
+        yield InvalidValue("k_vc_guess_deg_s_per_v", f"at most {least / LEAST_V_VC_V:g}, so that {needs}", guess)
 
 
 def _table_block(settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float) -> Routine[list[Point]]:

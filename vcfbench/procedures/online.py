@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msgspec import Meta
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -118,7 +118,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         """Amplitude of the sine on V_Vc, V."""
         return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s))
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         most_hz = 1.0 / (_LEAST_READINGS * self.aperture_s)
@@ -129,16 +129,18 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
                 f"{least_hz:.3g} to {most_hz:.3g} Hz: {_LEAST_PERIODS:g} periods a window and {_LEAST_BURST:g} a burst "
                 f"of {burst_s:g} s, {_LEAST_READINGS} readings of {self.aperture_s:g} s a period (nplc)"
             )
-            yield Misfit("modulation_hz", expected, self.modulation_hz)
+            yield InvalidValue("modulation_hz", expected, self.modulation_hz)
         if self.window_readings > _MEMORY:
-            yield Misfit("window_s", f"at most {_MEMORY} readings of {self.aperture_s:g} s", self.window_s)
+            yield InvalidValue("window_s", f"at most {_MEMORY} readings of {self.aperture_s:g} s", self.window_s)
         if self.modulation_hz > 0.1 * self.split_hz:
-            yield Misfit("modulation_hz", f"at most a tenth of split_hz, {self.split_hz:g} Hz", self.modulation_hz)
+            yield InvalidValue(
+                "modulation_hz", f"at most a tenth of split_hz, {self.split_hz:g} Hz", self.modulation_hz
+            )
         limit_deg_s = self.station.limits.max_rate_deg_s
         if self.rate_deg_s and limit_deg_s is None and self.station.instruments:
-            yield Misfit("rate_deg_s", "0 on a bench without a rate table", self.rate_deg_s)
+            yield InvalidValue("rate_deg_s", "0 on a bench without a rate table", self.rate_deg_s)
         if limit_deg_s is not None and abs(self.rate_deg_s) > limit_deg_s:
-            yield Misfit("rate_deg_s", rate_words(limit_deg_s), self.rate_deg_s)
+            yield InvalidValue("rate_deg_s", rate_words(limit_deg_s), self.rate_deg_s)
 
 
 def online(settings: OnlineSettings) -> Plan:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from msgspec import Meta
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
@@ -92,16 +92,18 @@ class PhaseSettings(ProcedureSettings, frozen=True, kw_only=True):
         """The fastest that the table is asked to turn, deg/s, either way."""
         return self.rate_deg_s
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say; every node that is looked at needs a channel."""
         yield from super().contradictions()
         most_deg_s = self.station.limits.max_rate_deg_s
         if most_deg_s is not None and self.rate_deg_s > most_deg_s:
-            yield Misfit("rate_deg_s", rate_words(most_deg_s), self.rate_deg_s)
+            yield InvalidValue("rate_deg_s", rate_words(most_deg_s), self.rate_deg_s)
         if self.station.oscilloscope is not None:
             for node in ("sense", "output"):
                 if self.station.oscilloscope.channel_of(node) is None:
-                    yield Misfit("station.oscilloscope", f"a channel that sees {node!r} (bench file, wiring)", None)
+                    yield InvalidValue(
+                        "station.oscilloscope", f"a channel that sees {node!r} (bench file, wiring)", None
+                    )
 
 
 class CaptureSense(CaptureSines, frozen=True):

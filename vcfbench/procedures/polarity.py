@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import Limit, ProcedureSettings, rate_words
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -94,12 +94,12 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
         """Whether the bench has a table."""
         return self.station.limits.max_rate_deg_s is not None
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         limit_deg_s = self.station.limits.max_rate_deg_s
         if limit_deg_s is not None and self.polarity_rate_deg_s > limit_deg_s:
-            yield Misfit("polarity_rate_deg_s", rate_words(limit_deg_s), self.polarity_rate_deg_s)
+            yield InvalidValue("polarity_rate_deg_s", rate_words(limit_deg_s), self.polarity_rate_deg_s)
 
 
 @dataclass(frozen=True, slots=True)

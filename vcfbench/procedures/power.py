@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from msgspec import Meta, structs
 
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -104,7 +104,7 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
             self, positive_rail_v=self.positive_rail_v + positive, negative_rail_v=self.negative_rail_v - negative
         )
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         limits = self.station.limits
@@ -113,11 +113,13 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
             for rail_v in (self.positive_rail_v, -self.negative_rail_v):
                 if not low_v <= rail_v - self.rail_step_v <= rail_v + self.rail_step_v <= high_v:
                     most_v = min(rail_v - low_v, high_v - rail_v)
-                    yield Misfit("rail_step_v", f"at most {most_v:g} V, for the limits of the rails", self.rail_step_v)
+                    yield InvalidValue(
+                        "rail_step_v", f"at most {most_v:g} V, for the limits of the rails", self.rail_step_v
+                    )
         if self.by is By.TABLE and limits.max_rate_deg_s is None:
-            yield Misfit("by", "v-vc: the bench has no rate table", self.by.value)
+            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
         if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
-            yield Misfit("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
+            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
 
 
 class SuppliedAndLogged(EnableSupply, frozen=True):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from msgspec import Meta
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.agreement import SWEEP_DRIFT
 
@@ -146,14 +146,14 @@ class SweepSettings(ProcedureSettings, frozen=True, kw_only=True):
             return 0.0
         return EARTH_DEG_S * math.sin(math.radians(self.station.latitude_deg))
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         if self.order is Order.ABBA and sorted(self.rates_deg_s) != sorted(-rate for rate in self.rates_deg_s):
             expected = "each rate with both signs, equally often (order abba takes pairs)"
-            yield Misfit("rates_deg_s", expected, list(self.rates_deg_s))
+            yield InvalidValue("rates_deg_s", expected, list(self.rates_deg_s))
         if self.earth is Earth.RATE and self.station.latitude_deg is None:
-            yield Misfit("earth", "a latitude in the bench file (site.latitude_deg)", "rate")
+            yield InvalidValue("earth", "a latitude in the bench file (site.latitude_deg)", "rate")
 
 
 def ordered(rates_deg_s: Sequence[float], order: Order) -> tuple[float, ...]:

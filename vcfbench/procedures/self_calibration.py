@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.agreement import MATCH_DRIFT, require_agreement
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -62,12 +62,12 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         """The rates without sign, each once, rising."""
         return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
             expected = "at least two rates of different size, none of them 0"
-            yield Misfit("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
+            yield InvalidValue("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
 
 
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:

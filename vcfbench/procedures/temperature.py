@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta, structs
 
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import (
     ForcesTemperature,
@@ -148,25 +148,25 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
             }
         )
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         limits = self.station.limits
         if len(set(self.temperatures_c)) < 3:
-            yield Misfit("temperatures_c", "at least three different ones", list(self.temperatures_c))
+            yield InvalidValue("temperatures_c", "at least three different ones", list(self.temperatures_c))
         low_c, high_c = limits.min_temperature_c, limits.max_temperature_c
         for index, each_c in enumerate(self.temperatures_c):
             if low_c is not None and high_c is not None and not low_c <= each_c <= high_c:
-                yield Misfit(f"temperatures_c[{index}]", f"{low_c:g} to {high_c:g} degC (limits)", each_c)
+                yield InvalidValue(f"temperatures_c[{index}]", f"{low_c:g} to {high_c:g} degC (limits)", each_c)
         if limits.max_ramp_k_min is not None and self.ramp_k_min > limits.max_ramp_k_min:
-            yield Misfit("ramp_k_min", f"at most {limits.max_ramp_k_min:g} K/min (limits)", self.ramp_k_min)
+            yield InvalidValue("ramp_k_min", f"at most {limits.max_ramp_k_min:g} K/min (limits)", self.ramp_k_min)
         if self.longest_soak_s < self.soak_s + _LAST * self.soak_window_s:
             least_s = self.soak_s + _LAST * self.soak_window_s
-            yield Misfit("longest_soak_s", f"at least {least_s:g} s: soak_s and three means", self.longest_soak_s)
+            yield InvalidValue("longest_soak_s", f"at least {least_s:g} s: soak_s and three means", self.longest_soak_s)
         if self.by is By.TABLE and limits.max_rate_deg_s is None:
-            yield Misfit("by", "v-vc: the bench has no rate table", self.by.value)
+            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
         if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
-            yield Misfit("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
+            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
 
 
 def plan(settings: TemperatureSettings) -> Plan:

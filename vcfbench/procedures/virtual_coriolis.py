@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import V_VC_RANGE_V, Match, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
@@ -98,30 +98,32 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
         """The fastest that the table is asked to turn, deg/s, either way."""
         return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say; every rate must have a V_Vc within the limits, |rate| / |K_Vc|."""
         yield from super().contradictions()
         limits, guess, match_deg_s = self.station.limits, self.k_vc_guess_deg_s_per_v, abs(self.match_rate_deg_s)
         most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
         if not self.rate_tolerance_deg_s < match_deg_s <= most_deg_s:
             at_rest = f"above {self.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
-            yield Misfit("match_rate_deg_s", f"{rate_words(most_deg_s)}, and {at_rest}", self.match_rate_deg_s)
+            yield InvalidValue("match_rate_deg_s", f"{rate_words(most_deg_s)}, and {at_rest}", self.match_rate_deg_s)
         limit_v, largest = limits.max_v_vc_v, max(map(abs, self.rates_deg_s))
         if limit_v is not None and abs(guess) * limit_v < largest:
             expected = f"at least {largest / limit_v:g}, so that {largest:g} deg/s needs at most {limit_v:g} V of V_Vc"
-            yield Misfit("k_vc_guess_deg_s_per_v", f"{expected} (limits.max_v_vc_v)", guess)
+            yield InvalidValue("k_vc_guess_deg_s_per_v", f"{expected} (limits.max_v_vc_v)", guess)
         if abs(guess) * LEAST_V_VC_V > match_deg_s:
             needs = f"{match_deg_s:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
-            yield Misfit("k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess)
+            yield InvalidValue(
+                "k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess
+            )
         if self.k_vc_by is not KvcBy.ONE_POINT and self.match is Match.ABSOLUTE:
-            yield Misfit("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
+            yield InvalidValue("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
         if self.k_vc_by is KvcBy.CURVE:
-            from vcfbench.procedures.null_match import match_rate_misfits  # noqa: PLC0415  # numpy comes with it
+            from vcfbench.procedures.null_match import invalid_match_rates  # noqa: PLC0415  # numpy comes with it
 
-            yield from match_rate_misfits(self, self.match_rates_deg_s, 3)
+            yield from invalid_match_rates(self, self.match_rates_deg_s, 3)
             if self.magnitudes_deg_s[-1] < largest:
                 expected = f"at least one of {largest:g} deg/s or more: a curve tells nothing beyond its rates"
-                yield Misfit("match_rates_deg_s", expected, list(self.match_rates_deg_s))
+                yield InvalidValue("match_rates_deg_s", expected, list(self.match_rates_deg_s))
 
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -80,13 +80,13 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
         """Where it is a part of a run: as long as it takes at least."""
         return self.shortest_s
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         if self.longest_s < self.shortest_s:
-            yield Misfit("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
+            yield InvalidValue("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
         if self.shortest_s < 3.0 * self.window_s:
-            yield Misfit("shortest_s", f"at least three windows of {self.window_s:g} s", self.shortest_s)
+            yield InvalidValue("shortest_s", f"at least three windows of {self.window_s:g} s", self.shortest_s)
 
 
 @dataclass(frozen=True, slots=True)

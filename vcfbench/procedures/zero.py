@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
-from vcfbench.bench.misfit import Misfit
+from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
@@ -144,27 +144,27 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
         means = round(self.duration_s / self.sample_interval_s)
         return means * self.readings_a_mean if self.mode is Mode.GAPLESS else means
 
-    def contradictions(self) -> Iterator[Misfit]:
+    def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
         if self.duration_s < _LEAST_READINGS * self.sample_interval_s * (1.0 - _EXACTLY):
             least_s = _LEAST_READINGS * self.sample_interval_s
             expected = f"at least {least_s:g} s, {_LEAST_READINGS} times sample_interval_s"
-            yield Misfit("duration_s", expected, self.duration_s)
+            yield InvalidValue("duration_s", expected, self.duration_s)
         if self.duration_s > 1e6 * self.aperture_s:
             expected = f"at most {1e6 * self.aperture_s:g} s, a million integration times"
-            yield Misfit("duration_s", expected, self.duration_s)
+            yield InvalidValue("duration_s", expected, self.duration_s)
         least_hz = 0.5 / self.aperture_s
         if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:
             expected = f"at least the {least_hz:g} Hz of an integration time of {self.aperture_s:g} s, or 0: not known"
-            yield Misfit("noise_bandwidth_hz", expected, self.noise_bandwidth_hz)
+            yield InvalidValue("noise_bandwidth_hz", expected, self.noise_bandwidth_hz)
         whole_s = self.readings_a_mean * self.aperture_s
         if self.mode is Mode.GAPLESS and abs(whole_s - self.sample_interval_s) > _EXACTLY * whole_s:
             expected = f"a whole number of integration times of {self.aperture_s:g} s, without gaps"
-            yield Misfit("sample_interval_s", expected, self.sample_interval_s)
+            yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
         if self.mode is Mode.GAPLESS and self.readings_a_mean > self.burst_readings:
             expected = f"at least the {self.readings_a_mean} readings of one interval"
-            yield Misfit("burst_readings", expected, self.burst_readings)
+            yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
 class ScaleFactorRead(StepResult, Struct, frozen=True):

@@ -19,7 +19,7 @@ from msgspec import structs
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.consistency import misfits
+from vcfbench.bench.consistency import invalid_values
 from vcfbench.bench.description import BenchDescription, Simulation, SimulationErrors
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench, chosen_seed
@@ -84,8 +84,8 @@ def _checked(description: BenchDescription) -> BenchDescription:
     for asked in structs.asdict(simulation.errors).values():
         if isinstance(asked, str) and asked not in {"none", "drawn"}:
             raise ConfigError(f"errors: expected none or drawn, came {asked!r}")
-    for misfit in misfits(description):
-        raise ConfigError(f"{misfit.path}: expected {misfit.expected}, came {misfit.came!r}")
+    for invalid_value in invalid_values(description):
+        raise ConfigError(f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came!r}")
     return description
 
 

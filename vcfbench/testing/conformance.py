@@ -23,7 +23,7 @@ from vcfbench.interfaces import (
     RateTable,
     SafeReport,
     TemperatureChamber,
-    Told,
+    UnprovedCommand,
 )
 from vcfbench.models import MODELS, resolve
 
@@ -280,7 +280,7 @@ def _telling_problems(case: ConformanceCase) -> Iterator[str]:
             told = driver.command_safe()
         except Exception as error:  # noqa: BLE001  # the driver under test is anyone's code
             told = error
-        if not isinstance(told, Told):
+        if not isinstance(told, UnprovedCommand):
             yield f"on a wire that is {state}, command_safe() told {told!r}"
         elif drives and state != "broken" and not (told.sent and wire.sent):
             yield f"on a wire that is {state}, command_safe() sent nothing"

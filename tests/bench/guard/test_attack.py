@@ -92,7 +92,7 @@ def messages(commands: st.SearchStrategy[str]) -> st.SearchStrategy[list[str]]:
     return st.lists(joined, min_size=1, max_size=6)
 
 
-class Told:
+class Guarded:
     """An instrument to which only those messages get that its guard lets through."""
 
     def __init__(self, role: str, talk: Conversation, bench: BenchDescription) -> None:
@@ -122,7 +122,7 @@ class NoPcb:
     def drive_v_vc(self, source: object) -> None: ...
 
 
-def peak_v(told: Told) -> float:
+def peak_v(told: Guarded) -> float:
     """The highest voltage of the generator's setting into an open circuit, as its high and low level say."""
     load_ohm = float(told.ask("OUTP:LOAD?"))
     factor = 1.0 if load_ohm > 1e30 else (load_ohm + 50.0) / load_ohm
@@ -135,7 +135,7 @@ def peak_v(told: Told) -> float:
 @given(messages(GENERATOR))
 def test_no_words_make_the_generator_exceed_the_limit(typed: list[str]) -> None:
     world = NoPcb()
-    told = Told("rate_source", Conversation(Agilent33220A(world, GeneratorErrors.none()), world.clock), BENCH)
+    told = Guarded("rate_source", Conversation(Agilent33220A(world, GeneratorErrors.none()), world.clock), BENCH)
     for message in typed:
         told.say(message)
         assert peak_v(told) <= MAX_V * (1 + 1e-3), message  # settings are rounded to four digits
@@ -147,7 +147,7 @@ def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
     world = FakeWorld()
     supply = E3631A(world, errors=SupplyErrors.none(), interface="gpib")  # type: ignore[arg-type]
     world.clock.attend(supply)
-    told = Told("power", Conversation(supply, world.clock), BENCH)
+    told = Guarded("power", Conversation(supply, world.clock), BENCH)
     for message in typed:
         told.say(message)
         for name, sign in (("P6V", 0.0), ("P25V", 1.0), ("N25V", -1.0)):
@@ -170,7 +170,7 @@ def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
 )
 def test_a_unit_that_is_changed_on_the_way_counts(message: str) -> None:
     world = NoPcb()
-    told = Told("rate_source", Conversation(Agilent33220A(world, GeneratorErrors.none()), world.clock), BENCH)
+    told = Guarded("rate_source", Conversation(Agilent33220A(world, GeneratorErrors.none()), world.clock), BENCH)
     told.say("OUTP:LOAD INF;:VOLT 5")
     told.say(message)
     assert peak_v(told) <= MAX_V * (1 + 1e-3)

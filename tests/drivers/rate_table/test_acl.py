@@ -296,7 +296,7 @@ def test_a_table_that_goes_on_turning_is_aborted_and_not_called_safe() -> None:
         assert ":Interlock:Open 1" in endless.sent
         assert endless.sent[0] == ":Demand:Rate 1,0"
         assert endless.sent[-3:] == [":Limit:Acceleration R,1,50;:Demand:Rate 1,0", ":Mode:Off 1", ":Interlock:Open 1"]
-        assert str(report.told) == "told to stop, not proved; last read back: 7 deg/s 0 s ago"
+        assert str(report.unproved) == "told to stop, not proved; last read back: 7 deg/s 0 s ago"
         assert driver.clock.now() <= 6.0
 
 

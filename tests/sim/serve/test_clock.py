@@ -95,7 +95,7 @@ def test_max_runs_like_the_wall_clock_and_jumps(wall: HandWound) -> None:
 def test_a_led_clock_does_not_run(wall: HandWound) -> None:
     clock = ServedClock(5.0, wall)
     clock.start()
-    clock.led = True
+    clock.lockstep = True
     wall.time_s += 1.0
     assert clock.reached() == 0.0
     assert clock.jumps

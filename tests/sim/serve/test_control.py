@@ -194,7 +194,7 @@ def test_one_leads_at_a_time_and_time_runs_again_after(served: Served, control: 
         with pytest.raises(ControlError, match="leads the clock"):
             other.request("advance", seconds=1.0)
         control.close()
-        eventually(lambda: not other.request("status")["led"])
+        eventually(lambda: not other.request("status")["lockstep"])
         now = other.request("now")
         eventually(lambda: other.request("now") > now)
 

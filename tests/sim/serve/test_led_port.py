@@ -16,7 +16,7 @@ from vcfbench.sim.rate_tables.aaaa import AaaaTable
 from vcfbench.sim.rate_tables.dd16 import Dd16Table, TableErrors
 from vcfbench.sim.rate_tables.ruya import RuyaTable
 from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, RemoteClock, ServedClock
-from vcfbench.sim.serve.led_port import LedPort
+from vcfbench.sim.serve.lockstep_port import LockstepPort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,9 +48,9 @@ def frames() -> Iterator[tuple[Served, Control]]:
     yield from table_bench(Dd16Table)
 
 
-def port_of(served: Served, control: Control, wire: str) -> LedPort:
+def port_of(served: Served, control: Control, wire: str) -> LockstepPort:
     clock = RemoteClock(control, awaits=True)
-    return LedPort(control, clock, "table", served.resource(wire, "table")).connect()
+    return LockstepPort(control, clock, "table", served.resource(wire, "table")).connect()
 
 
 def test_time_goes_to_the_next_status_and_no_further(talking: tuple[Served, Control], wire: str) -> None:

@@ -204,7 +204,7 @@ def exchanges(ask: Any) -> list[str]:
     ]
 
 
-def test_a_led_bench_gives_the_readings_of_a_simulation_in_one_process_to_the_last_digit() -> None:
+def test_a_lockstep_bench_gives_the_readings_of_a_simulation_in_one_process_to_the_last_digit() -> None:
     clock = VirtualClock()
     alone = SimulatedBench.build(load_bench(None), 0, clock)
 

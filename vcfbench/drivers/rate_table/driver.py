@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.interfaces import Identity, SafeReport, Told
+    from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
 __all__ = ["RateTableDriver"]
 
@@ -224,10 +224,10 @@ class RateTableDriver:
 
     # Safe state
 
-    def command_safe(self) -> Told:
+    def command_safe(self) -> UnprovedCommand:
         """Tell the table to stop, at once and without waiting for an answer; tell what was last read back."""
         sent = self._line.say_blind(self._stop_words(), self._dialect.gap_s)
-        return self._last_read.told("to stop", sent=sent)
+        return self._last_read.unproved("to stop", sent=sent)
 
     def _stop_words(self) -> tuple[bytes, ...]:
         """Return the words that stop it; with more acceleration than it has, within the limit, where that is slow."""

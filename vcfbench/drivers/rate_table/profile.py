@@ -278,7 +278,7 @@ def parse_profile(text: str, source: str) -> Profile:
     raw = parse_toml(text, source)
     _convert_parts(raw, source)
     profile = _convert(raw, Profile, (), source)
-    for path, expected, came in _misfits(profile):
+    for path, expected, came in _invalid_values(profile):
         raise _error(source, path, expected, came)
     return profile
 
@@ -359,25 +359,25 @@ def _error(source: str, path: str, expected: str, came: object) -> ConfigError:
 
 # What the types cannot say
 
-_Misfit = tuple[str, str, object]
+_InvalidValue = tuple[str, str, object]
 
 
-def _misfits(profile: Profile) -> Iterator[_Misfit]:
-    yield from _frame_misfits("frame", profile.frame)
+def _invalid_values(profile: Profile) -> Iterator[_InvalidValue]:
+    yield from _invalid_frames("frame", profile.frame)
     if profile.reply_frame is not None:
-        yield from _frame_misfits("reply_frame", profile.reply_frame)
+        yield from _invalid_frames("reply_frame", profile.reply_frame)
         if (profile.reply_frame.kind == "line") is profile.binary:
             expected = "line where messages are lines, and not where they are bytes"
             yield "reply_frame.kind", expected, profile.reply_frame.kind
-    yield from _reply_misfits(profile)
-    yield from _command_misfits(profile)
-    yield from _field_misfits(profile)
-    yield from _flag_misfits(profile)
-    yield from _circle_misfits(profile)
-    yield from _safety_misfits(profile)
+    yield from _invalid_replys(profile)
+    yield from _invalid_commands(profile)
+    yield from _invalid_fields(profile)
+    yield from _invalid_flags(profile)
+    yield from _invalid_circles(profile)
+    yield from _invalid_safetys(profile)
 
 
-def _frame_misfits(path: str, frame: Frame) -> Iterator[_Misfit]:
+def _invalid_frames(path: str, frame: Frame) -> Iterator[_InvalidValue]:
     if frame.kind != "line" and not frame.header:
         yield f"{path}.header", "hexadecimal bytes", frame.header
     if frame.kind == "fixed" and frame.length is None:
@@ -391,7 +391,7 @@ def _frame_misfits(path: str, frame: Frame) -> Iterator[_Misfit]:
         yield f"{path}.checksum", f"for lines one of {names}", frame.checksum
 
 
-def _reply_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_replys(profile: Profile) -> Iterator[_InvalidValue]:
     patterns = {f"replies.{name}.pattern": reply.pattern for name, reply in profile.replies.items()}
     patterns |= {"refusals.pattern": profile.refusals.pattern, "refusals.good": profile.refusals.good}
     for path, pattern in patterns.items():
@@ -408,12 +408,12 @@ def _reply_misfits(profile: Profile) -> Iterator[_Misfit]:
         yield "stream.reply", "one of [replies]", profile.stream.reply
 
 
-def _command_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_commands(profile: Profile) -> Iterator[_InvalidValue]:
     for name, steps in profile.commands.items():
         if name not in COMMANDS:
             yield f"commands.{name}", f"one of {', '.join(COMMANDS)}", "an unknown key"
         for number, step in enumerate(steps):
-            yield from _step_misfits(f"commands.{name}[{number}]", name, step, profile)
+            yield from _invalid_steps(f"commands.{name}[{number}]", name, step, profile)
     for name in ("stop", "start"):
         if not profile.commands.get(name):
             yield f"commands.{name}", "at least one step", "nothing"
@@ -421,7 +421,7 @@ def _command_misfits(profile: Profile) -> Iterator[_Misfit]:
         yield "commands.identify", "a question that a table answers, or [stream]", "nothing"
 
 
-def _step_misfits(path: str, name: str, step: Step, profile: Profile) -> Iterator[_Misfit]:
+def _invalid_steps(path: str, name: str, step: Step, profile: Profile) -> Iterator[_InvalidValue]:
     if step.retry and name not in QUESTIONS:
         yield f"{path}.retry", f"0: only questions are asked again ({', '.join(QUESTIONS)})", step.retry
     if step.repeat > 1 and name not in ("stop", "estop", *QUESTIONS):
@@ -438,7 +438,7 @@ def _step_misfits(path: str, name: str, step: Step, profile: Profile) -> Iterato
         yield f"{path}.send", f"a template ({error})", step.send
 
 
-def _stop_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_stops(profile: Profile) -> Iterator[_InvalidValue]:
     """See that the table can be told to stop whatever is known of it: these words are sent before all else."""
     known = {name: value for name, value in templates.sample_values().items() if name in _ALWAYS_KNOWN}
     steps = [step for name in profile.safety.stop for step in profile.commands.get(name, ()) if step.send is not None]
@@ -464,7 +464,7 @@ def _sources(profile: Profile) -> set[str]:
     )
 
 
-def _field_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_fields(profile: Profile) -> Iterator[_InvalidValue]:
     if "position" not in profile.fields:
         yield "fields.position", "a field", "nothing"
     known = _sources(profile)
@@ -477,10 +477,10 @@ def _field_misfits(profile: Profile) -> Iterator[_Misfit]:
         elif each.source not in known:
             yield f"{path}.from", f"one of {', '.join(sorted(known))}", each.source
         else:
-            yield from _place_misfits(path, each, profile)
+            yield from _invalid_places(path, each, profile)
 
 
-def _place_misfits(path: str, each: Field | Flag, profile: Profile) -> Iterator[_Misfit]:
+def _invalid_places(path: str, each: Field | Flag, profile: Profile) -> Iterator[_InvalidValue]:
     if profile.binary and each.at is None:
         yield f"{path}.at", "the place of the first byte", "nothing"
     if profile.binary and each.type in ("decimal", "hex"):
@@ -491,7 +491,7 @@ def _place_misfits(path: str, each: Field | Flag, profile: Profile) -> Iterator[
         yield f"{path}.type", "decimal or hex", each.type
 
 
-def _flag_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_flags(profile: Profile) -> Iterator[_InvalidValue]:
     known = _sources(profile)
     for name, flag in profile.status.items():
         path = f"status.{name}"
@@ -499,7 +499,7 @@ def _flag_misfits(profile: Profile) -> Iterator[_Misfit]:
             yield f"{path}.from", f"one of {', '.join(sorted(known))}", flag.source
         if [flag.bit, flag.among, flag.contains, flag.above, flag.below].count(None) == 5:
             yield path, "one of bit, in, contains, above, below", "nothing"
-        yield from _place_misfits(path, flag, profile)
+        yield from _invalid_places(path, flag, profile)
     for name, need in profile.requires.items():
         if name not in profile.commands:
             yield f"requires.{name}", "one of [commands]", "an unknown key"
@@ -509,11 +509,11 @@ def _flag_misfits(profile: Profile) -> Iterator[_Misfit]:
             yield f"requires.{name}.by", "one of [commands]", need.by
 
 
-def _circle_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_circles(profile: Profile) -> Iterator[_InvalidValue]:
     """Find commands that need themselves, straight or by way of others: such a table would be asked for ever."""
     done: set[str] = set()
 
-    def walk(name: str, way: tuple[str, ...]) -> Iterator[_Misfit]:
+    def walk(name: str, way: tuple[str, ...]) -> Iterator[_InvalidValue]:
         for path, came, needed in _needs(name, profile):
             if needed in (*way, name):
                 circle = " -> ".join((*way, name, needed)[(*way, name).index(needed) :])
@@ -544,11 +544,11 @@ def _needs(name: str, profile: Profile) -> Iterator[tuple[str, str, str]]:
             yield f"requires.{name}.by", str(need.by), str(need.by)
 
 
-def _safety_misfits(profile: Profile) -> Iterator[_Misfit]:
+def _invalid_safetys(profile: Profile) -> Iterator[_InvalidValue]:
     for name in profile.safety.stop:
         if name not in profile.commands:
             yield "safety.stop", "names of [commands]", name
-    yield from _stop_misfits(profile)
+    yield from _invalid_stops(profile)
     units = profile.units
     if units.rate_quantum > units.rate_max:
         yield "units.rate_quantum", f"at most rate_max, {units.rate_max:g}", units.rate_quantum

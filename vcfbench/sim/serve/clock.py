@@ -22,14 +22,14 @@ class ServedClock:
     """Bench time at `speed` times the wall clock's; it stands at 0 until :meth:`start`.
 
     At :data:`MAX_SPEED` it runs like the wall clock, for programs that wait by themselves, and jumps to the end of
-    whatever a client waits for. A *led* clock does not run at all: one client says how far it goes, and the results
-    are those of a simulation in one process.
+    whatever a client waits for. A *lockstep* clock does not run at all: one client says how far it goes, and the
+    results are those of a simulation in one process.
     """
 
     __slots__ = (
         "_anchor_s",
         "_anchor_wall_s",
-        "_led",
+        "_lockstep",
         "_now",
         "_paused",
         "_rate",
@@ -45,7 +45,7 @@ class ServedClock:
         self._speed = _checked(speed)
         self._started = False
         self._paused = False
-        self._led = False
+        self._lockstep = False
         self.attended = False
         """Whether anybody has been here since time began."""
         self._anchor()
@@ -100,7 +100,7 @@ class ServedClock:
     @property
     def jumps(self) -> bool:
         """Whether time jumps to what a client waits for."""
-        return (self._led or math.isinf(self._speed)) and not self._paused
+        return (self._lockstep or math.isinf(self._speed)) and not self._paused
 
     @property
     def speed(self) -> float:
@@ -123,20 +123,20 @@ class ServedClock:
         self._anchor()
 
     @property
-    def led(self) -> bool:
+    def lockstep(self) -> bool:
         """Whether a client says how far time goes."""
-        return self._led
+        return self._lockstep
 
-    @led.setter
-    def led(self, led: bool) -> None:
-        self._led = led
+    @lockstep.setter
+    def lockstep(self, lockstep: bool) -> None:
+        self._lockstep = lockstep
         self._anchor()
 
     def _anchor(self) -> None:
         """Let time go on from here, at the rate that holds now."""
         self._anchor_s = self._now
         self._anchor_wall_s = self._wall_now()
-        if self._paused or self._led or not self._started:
+        if self._paused or self._lockstep or not self._started:
             self._rate = 0.0
         else:
             self._rate = 1.0 if math.isinf(self._speed) else self._speed

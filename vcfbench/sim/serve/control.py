@@ -183,7 +183,7 @@ class _Control(Connection):
         """End the lead, if it was this one's."""
         if self._control.leader is self:
             self._control.leader = None
-            self._server.clock.led = self._server.passage.tells = False
+            self._server.clock.lockstep = self._server.passage.tells = False
         for client in self._heard:
             client.heard = False
         if self._again is not None:
@@ -280,7 +280,7 @@ class _Control(Connection):
         self._server.passage.tells = awaits is True
         self._server.begin_anew()
         self._server.clock.start()
-        self._server.clock.led = True
+        self._server.clock.lockstep = True
         return self._server.clock.now()
 
     def _require_lead(self) -> None:

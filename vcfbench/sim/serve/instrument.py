@@ -50,7 +50,7 @@ _NOTHING = math.inf
 _BLANK = re.compile(rb"[\r\n]*")
 _NONE_BLANK = re.compile(b"")
 _PATIENCE_S = 0.005
-"""Wall time without a word from anybody after which a led clock goes on to the next status that comes unasked."""
+"""Wall time without a word from anybody after which a lockstep clock goes on to the next status that comes unasked."""
 
 
 class Client:
@@ -694,7 +694,7 @@ class Passage:
             self.jump_to(due)
 
     def _next_unasked_s(self) -> float:
-        if not self.clock.led or self.tells:
+        if not self.clock.lockstep or self.tells:
             return _NOTHING
         return min((each.due_s for each in self.instruments if each.listened_to), default=_NOTHING)
 

@@ -90,7 +90,7 @@ class RemoteClock:
     Args:
         control: the connection that leads.
         awaits: whether the program says so when it waits for what an instrument says unasked
-            (:class:`~vcfbench.sim.serve.led_port.LedPort`); else the server guesses.
+            (:class:`~vcfbench.sim.serve.lockstep_port.LockstepPort`); else the server guesses.
     """
 
     def __init__(self, control: Control, *, awaits: bool = False) -> None:

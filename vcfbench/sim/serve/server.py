@@ -20,9 +20,9 @@ from vcfbench.sim.serve.control import ControlServer, Refused
 from vcfbench.sim.serve.hislip import HislipServer
 from vcfbench.sim.serve.instrument import CONVERTER, SOCKET, Instrument, Passage
 from vcfbench.sim.serve.loop import Loop
-from vcfbench.sim.serve.mishaps import Mishaps, require_roles
 from vcfbench.sim.serve.raw import Pty, Stream, TcpStream, has_ptys
 from vcfbench.sim.serve.serial_pty import SerialPty
+from vcfbench.sim.serve.served_faults import ServedFaults, require_roles
 from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
 from vcfbench.sim.serve.wire import Listener
 
@@ -143,8 +143,8 @@ class BenchServer:
         self._open.callback(self.loop.close)
         try:
             require_roles(self.instruments, self.settings.offers, "offer")
-            self.mishaps = Mishaps(self.instruments, self._listeners, self.passage, self.settings.faults)
-            self._open.callback(self.mishaps.close)
+            self.faults = ServedFaults(self.instruments, self._listeners, self.passage, self.settings.faults)
+            self._open.callback(self.faults.close)
             self._listen()
         except BaseException:
             self._open.close()
@@ -190,7 +190,7 @@ class BenchServer:
             self.wires[role] = self._wire(instrument, ports)
         if self.settings.port_mapper is not None:
             self._map_ports(self.settings.port_mapper, ports)
-        self.mishaps.begin()
+        self.faults.begin()
 
     def _control(self, ports: _Ports) -> ControlServer:
         address = _loopback(self.settings.host)
@@ -283,13 +283,13 @@ class BenchServer:
             "seed": self.bench.seed,
             "speed": "max" if math.isinf(clock.speed) else clock.speed,
             "paused": clock.paused,
-            "led": clock.led,
+            "lockstep": clock.lockstep,
             "instruments": {
                 role: {
                     **self.wires[role].as_json(),
                     "clients": sum(client.comes_and_goes for client in instrument.clients),
                     "busy": instrument.busy,
-                    "faults": self.mishaps.kinds(role),
+                    "faults": self.faults.kinds(role),
                 }
                 for role, instrument in self.instruments.items()
             },
@@ -324,11 +324,11 @@ class BenchServer:
         Raises:
             ValueError: the bench has no such instrument, or the instrument cannot suffer that.
         """
-        self.mishaps.add(fault)
+        self.faults.add(fault)
 
     def end_faults(self, role: str | None = None) -> None:
         """End the faults of an instrument, or of all, and forget those that are planned."""
-        self.mishaps.end(role)
+        self.faults.end(role)
 
     def reset(self, seed: int | None = None) -> None:
         """Put the bench back to what it was when it was served first, of its first seed or another; connections stay.
@@ -339,7 +339,7 @@ class BenchServer:
         if self.bench.rebuild is None:
             raise Refused("this bench cannot be built anew")
         first_seed, first_speed = self._first
-        self.mishaps.end()
+        self.faults.end()
         self.clock.restart()
         self.bench = self.bench.rebuild(first_seed if seed is None else seed)
         self._adjustments = None
@@ -348,7 +348,7 @@ class BenchServer:
             self._leave_in_remote(role)
         self.clock.speed = first_speed
         self.passage.restart()
-        self.mishaps.begin()
+        self.faults.begin()
 
     def begin_anew(self) -> None:
         """Put the bench back to its beginning if time has passed there though nobody was here."""

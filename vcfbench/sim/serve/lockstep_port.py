@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.serve.remote import Control
 
-__all__ = ["LedPort"]
+__all__ = ["LockstepPort"]
 
 _ARRIVAL_S = 10.0
 """Wall time for what has been sent already."""
 _DAY_S = 86400.0
 
 
-class LedPort:
+class LockstepPort:
     """A wire to an instrument that says things unasked.
 
     Args:
@@ -44,11 +44,11 @@ class LedPort:
         self._taken = self._said = 0
 
     @property
-    def device(self) -> LedPort:
+    def device(self) -> LockstepPort:
         """The other end is what this one writes to and reads from."""
         return self
 
-    def connect(self) -> LedPort:
+    def connect(self) -> LockstepPort:
         """Open the wire; raises SerialException."""
         self._wire = _opened(self._resource)
         self._wanted["address"] = _address(self._wire, self._resource)

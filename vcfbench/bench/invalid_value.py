@@ -11,10 +11,10 @@ from vcfbench.bench.bounds import LEAST
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Misfit", "lost_digits", "turned_windows"]
+__all__ = ["InvalidValue", "lost_digits", "turned_windows"]
 
 
-class Misfit(Struct, frozen=True):
+class InvalidValue(Struct, frozen=True):
     """A value that cannot be, or that contradicts another: its key path, what was expected there and what came."""
 
     path: str
@@ -22,14 +22,14 @@ class Misfit(Struct, frozen=True):
     came: object
 
 
-def turned_windows(table: Struct, path: str) -> Iterator[Misfit]:
+def turned_windows(table: Struct, path: str) -> Iterator[InvalidValue]:
     """Yield every window of `table`, which stands at `path`, whose low is not below its high."""
     for key, window in structs.asdict(table).items():
         if isinstance(window, tuple) and not window[0] < window[1]:
-            yield Misfit(f"{path}.{key}", "a window [low, high] with low below high", list(window))
+            yield InvalidValue(f"{path}.{key}", "a window [low, high] with low below high", list(window))
 
 
-def lost_digits(value: object, path: str) -> Iterator[Misfit]:
+def lost_digits(value: object, path: str) -> Iterator[InvalidValue]:
     """Yield every number at or below `value`, which stands at `path`, that is so close to zero that it is a slip."""
     if isinstance(value, Struct):
         for name, below in structs.asdict(value).items():
@@ -38,4 +38,4 @@ def lost_digits(value: object, path: str) -> Iterator[Misfit]:
         for index, below in enumerate(value):
             yield from lost_digits(below, f"{path}[{index}]")
     elif isinstance(value, float) and 0.0 < abs(value) < LEAST:
-        yield Misfit(path, f"0, or at least {LEAST:g} either sign", value)
+        yield InvalidValue(path, f"0, or at least {LEAST:g} either sign", value)

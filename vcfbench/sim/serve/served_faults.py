@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.instrument import Instrument, Passage
     from vcfbench.sim.serve.wire import Listener
 
-__all__ = ["Mishaps", "require_roles"]
+__all__ = ["ServedFaults", "require_roles"]
 
 
 def require_roles(instruments: Mapping[str, Instrument], roles: Iterable[str], what: str) -> None:
@@ -25,7 +25,7 @@ def require_roles(instruments: Mapping[str, Instrument], roles: Iterable[str], w
         raise ValueError(f"{what}: the bench has no {unknown[0]!r}, only {', '.join(instruments)}")
 
 
-class Mishaps:
+class ServedFaults:
     """The faults of a bench, those that go on and those that are to come.
 
     Args:
