@@ -55,7 +55,7 @@ class WarmupResult:
     """Whether the last three means agreed."""
     lasted_s: float
     bias_end: WarmupFigure
-    """b_inf of b_inf + a exp(-t / tau)."""
+    """b_inf of b_inf + a exp(-t / tau); its u holds the floor of the Allan deviation, by which means wander."""
     amplitude: WarmupFigure | None
     time_constant: WarmupFigure | None
     warm_up: WarmupFigure | None
@@ -129,7 +129,7 @@ def warmup_results(
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
         lasted_s=float(end_s[-1]),
-        bias_end=WarmupFigure(bias, u_bias, "deg/s"),
+        bias_end=WarmupFigure(bias, math.hypot(u_bias, _FLOOR * instability_deg_s), "deg/s"),
         amplitude=WarmupFigure(amplitude, u_amplitude, "deg/s") if seen else None,
         time_constant=WarmupFigure(tau_s, u_tau, "s") if seen else None,
         warm_up=_warm_up(fit, instability_deg_s) if seen else None,
@@ -267,9 +267,7 @@ def warmup_report(results: WarmupResult) -> Report:
         f"warm-up: until a exp(-t / tau) is below the bias instability, {level_deg_h:.3g} deg/h; turn-on is seen to "
         f"{results.turn_on_resolution_s:.2g} s"
     )
-    said.append(
-        "u: noise of the readings, and flicker of that size about its mean over this record; not the scale factor's"
-    )
+    said.append("u: noise of the readings, and flicker of that size (of b_inf its Allan floor); not the scale factor's")
     return Report([Text("\n".join(said)), Table(columns, rows), _figure(results)])
 
 
