@@ -242,3 +242,11 @@ def test_a_burst_unlike_the_others_gives_no_result(change: dict[str, Any], said:
     records = Records()
     with pytest.raises(MeasurementError, match=said):
         online_results(chosen, records.spoil(records.record(1.0 / 3.0, **change)))
+
+
+def test_a_record_at_rest_that_was_disturbed_gives_no_result(chosen: OnlineSettings) -> None:
+    """The supply was short for 20 s of it: the true rate seemed disturbed by 0.08 deg/s."""
+    records = Records()
+    records.pairs[0] = records.pairs[0][0], records.record(0.0, noise_v=2e-3)
+    with pytest.raises(MeasurementError, match=r"record 1 of 2 at rest scatters by 0\.0\d+ V, those with the sine"):
+        online_results(chosen, records)  # type: ignore[arg-type]

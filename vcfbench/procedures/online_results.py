@@ -163,6 +163,7 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
         for number, each in enumerate(modulated, 1)
     ]
     _require_alike(output, settings.meter_resolution_v)
+    _require_rest(rest, median(each.residual_rms for each in output), settings.meter_resolution_v)
     by_hand = [record for step, record in sampled if step.of == "v_vc" and step.amplitude_v]
     sines = [each for each in modulated if each.v_vc_v] or by_hand
     v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
@@ -204,6 +205,19 @@ def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
         else:
             continue
         raise MeasurementError(f"burst {number} of {len(output)} {said}", instrument="multimeter")
+
+
+def _require_rest(rest: Sequence[ModulatedRecord], scatter_v: float, resolution_v: float) -> None:
+    """See that no record at rest scatters unlike those with the sine: the disturbance is told from them.
+
+    Raises:
+        MeasurementError: one does.
+    """
+    for number, each in enumerate(rest, 1):
+        rms_v = float(np.std(each.output_v))
+        if rms_v > _SCATTER * max(scatter_v, resolution_v):
+            said = f"scatters by {rms_v:.2g} V, those with the sine by {scatter_v:.2g} V about it"
+            raise MeasurementError(f"record {number} of {len(rest)} at rest {said}", instrument="multimeter")
 
 
 def _sign(
