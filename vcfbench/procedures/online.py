@@ -70,7 +70,9 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         float, Meta(ge=0.1, le=300.0, description="amplitude of the rate that the sine stands for")
     ] = 50.0
     window_s: Annotated[float, Meta(ge=1.0, le=102.4, description="a scale factor every so many seconds")] = 20.0
-    duration_s: Annotated[float, Meta(ge=10.0, le=1e6, description="of the modulation, in whole bursts")] = 1800.0
+    duration_s: Annotated[
+        float, Meta(ge=10.0, le=1e6, description="of the modulation, in whole bursts, at least three")
+    ] = 1800.0
     rate_deg_s: Annotated[Rate, Meta(description="rate of the table meanwhile, where there is one")] = 0.0
     split_hz: Annotated[
         float, Meta(ge=5.0, le=1000.0, description="mode split, as `bandwidth` finds it, for the response to the sine")
