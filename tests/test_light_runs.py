@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cells import few
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -21,7 +23,9 @@ print(len(run.results.uncertainty.values), sorted({"scipy", "GTC", "numpy.f2py"}
 """
 
 
-@pytest.mark.parametrize(("procedure", "values"), [("turntable", 3), ("virtual-coriolis", 9)])
+@pytest.mark.parametrize(
+    ("procedure", "values"), few([("turntable", 3), ("virtual-coriolis", 9)], ("virtual-coriolis", 9))
+)
 def test_a_run_with_its_budget_loads_no_scipy(procedure: str, values: int, tmp_path: Path) -> None:
     command = [sys.executable, "-c", RUN, procedure, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603

@@ -23,6 +23,7 @@ import pyvisa
 from msgspec import structs
 from pyvisa.constants import ControlFlow, EventMechanism, EventType, StopBits
 
+from tests.cells import few
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.serve.adjust import adjustments_of
@@ -228,7 +229,7 @@ def over_sockets() -> Iterator[Rack]:
         yield Rack(**opened, behind=OverSockets(served))
 
 
-@pytest.fixture(params=[in_process, over_sockets], ids=["@vcfbench", "socket"])
+@pytest.fixture(params=few([in_process, over_sockets], over_sockets), ids=["@vcfbench", "socket"])
 def rack(request: pytest.FixtureRequest) -> Iterator[Rack]:
     with request.param() as made:
         yield made
