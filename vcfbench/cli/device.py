@@ -39,6 +39,8 @@ def device(
     """Show what is known of a gyroscope: its certificates and self-calibrations, oldest first."""
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 
+    if json and csv:
+        raise ConfigError("--json and --csv: expected one of the two, came both")
     store = DeviceStore(devices)
     if serial is None:
         _list(store.serials(), devices, json=json)
