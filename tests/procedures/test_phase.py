@@ -90,6 +90,13 @@ def test_a_record_shows_what_the_run_showed(run: vcfbench.Run) -> None:
     assert vcfbench.load_run(run.directory).results == run.results
 
 
+def test_the_report_says_which_way_k_vc_is_wrong(run: vcfbench.Run) -> None:
+    way = "small" if truth()["k_vc_error_ppm"] < 0.0 else "large"
+    text = vcfbench.text_of(run.report())
+    assert f"K_Vc by equal outputs: {abs(run.results.k_vc_error_ppm.value):.0f} ppm too {way}, U95 " in text
+    assert "too large by" not in text
+
+
 def test_a_dry_run_ends_after_three_cycles() -> None:
     words = [each.step.describe() for each in vcfbench.dry_run("phase").steps]
     assert sum("records of drive, sense, output" in each for each in words) == 6

@@ -424,7 +424,7 @@ def report(_settings: PhaseSettings, _measured: Measured, found: Phases) -> Repo
         "Coriolis from the drive's velocity": found.coriolis_from_velocity_deg,
         "virtual from Coriolis": found.virtual_from_coriolis_deg,
         "demodulator from Coriolis": found.demodulator_from_coriolis_deg,
-        "K_Vc is too large by": found.k_vc_error_ppm,
+        "error of K_Vc by equal outputs": found.k_vc_error_ppm,
         "delay of the filter": found.filter_delay_ms,
     }
     met = "met" if found.target_met else "NOT met"
@@ -432,7 +432,13 @@ def report(_settings: PhaseSettings, _measured: Measured, found: Phases) -> Repo
     target = f"U95 of {found.target_deg:g} deg for every phase: {met}"
     by_carrier = f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm a degree of the carrier"
     by_demodulator = f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm a degree of the demodulator"
-    said = f"{drive}; {target}\nK_Vc changes by {by_carrier}, {by_demodulator}\n{NOT_HELD}"
+    error = found.k_vc_error_ppm
+    wrong = (
+        f"{abs(error.value):.0f} ppm too {'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm"
+    )
+    said = (
+        f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n{NOT_HELD}"
+    )
     return Report(
         [
             _table("phases against the drive signal", against_drive),
