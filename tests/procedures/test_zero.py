@@ -268,6 +268,11 @@ def test_the_scale_factor_of_a_record_is_taken_and_kept(tmp_path: Path) -> None:
     assert vcfbench.load_run(done.directory or "").results == done.results
 
 
+def test_a_scale_factor_of_nothing_is_refused() -> None:
+    with pytest.raises(ConfigError, match="scale_factor_v_per_deg_s: expected a scale factor other than 0"):
+        vcfbench.dry_run("zero", settings={"scale_factor_v_per_deg_s": 0.0})
+
+
 def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path: Path) -> None:
     settings = {"duration_s": 200.0, "noise_bandwidth_hz": 0.0}
     done = vcfbench.run("zero", seed=3, settings=settings, runs=tmp_path)

@@ -411,7 +411,8 @@ def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured
 
 def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) -> ProcedureSettings:
     """Return the settings of a part with the scale factor that an earlier one has found, unless it is told one."""
-    if getattr(own, _SCALE_FACTOR, None) != 0.0 or getattr(own, "scale_factor_from", "none") != "none":
+    told = not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None
+    if told or getattr(own, "scale_factor_from", "none") != "none":
         return own
     for part in found.values():
         tell = getattr(part.results, "acceptance_values", None)

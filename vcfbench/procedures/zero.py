@@ -75,17 +75,20 @@ class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
     """What turns the output at rest into a rate."""
 
     scale_factor_v_per_deg_s: Annotated[
-        float,
-        Meta(
-            ge=-1e3,
-            le=1e3,
-            description="of this gyroscope; 0: that of a record, else what is expected, else the paper's",
-        ),
-    ] = 0.0
+        Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
+        Meta(description="of this gyroscope; default that of a record, else what is expected, else the paper's"),
+    ] = None
     scale_factor_from: Annotated[
         str,
         Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
     ] = "none"
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.scale_factor_v_per_deg_s == 0.0:
+            expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
+            yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
 
 
 class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
@@ -225,7 +228,7 @@ def zero(settings: ZeroSettings) -> Plan:
 
 def told_scale_factor(settings: AtRestSettings) -> Routine[None]:
     """Read the scale factor where a record tells it."""
-    if settings.scale_factor_v_per_deg_s == 0.0 and settings.scale_factor_from != "none":
+    if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
         yield ReadScaleFactor(settings.scale_factor_from)
 
 
@@ -294,7 +297,7 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
 
 def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
     """Return the scale factor that turns volts into rates, and whence it is."""
-    if settings.scale_factor_v_per_deg_s != 0.0:
+    if settings.scale_factor_v_per_deg_s is not None:
         return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
     for _, read in measured.found(ScaleFactorRead):
         return ScaleFactor(read.value, read.u, read.source)
