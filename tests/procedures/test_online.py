@@ -15,7 +15,7 @@ import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
-from vcfbench.errors import ConfigError, LimitError, MeasurementError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.online import ONLINE, OnlineSettings
 from vcfbench.procedures.online_results import online_results
@@ -180,7 +180,7 @@ def test_what_cannot_be_is_refused_before_anything_is_opened(settings: dict[str,
 
 
 def test_a_sine_beyond_the_limit_is_refused() -> None:
-    with pytest.raises(LimitError, match="peak voltage"):
+    with pytest.raises(ConfigError, match=r"virtual_rate_deg_s: 50 deg/s needs 12.5 V of V_Vc, the bench allows"):
         vcfbench.dry_run("online", FIELD, settings={"k_vc": "4"})
 
 

@@ -173,6 +173,11 @@ def test_a_number_will_do(tmp_path: Path) -> None:
         ({"k_vc": "0"}, "other than 0"),
         ({"k_vc": "nowhere.json"}, "nowhere.json"),
         ({"k_vc": "150", "virtual_rates_deg_s": [0.0, 10.0]}, "none of them 0"),
+        (
+            {"k_vc": "15"},
+            r"virtual_rates_deg_s: .* V of V_Vc, the bench allows .* \(limits.max_v_vc_v\)",
+        ),
+        ({"k_vc": "150", "v_vc_range_v": 1}, "v_vc_range_v: expected a range for 1.333 V, the V_Vc of 200 deg/s"),
     ],
 )
 def test_without_k_vc_nothing_is_opened(settings: dict[str, Any], said: str, tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.k_vc_results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
@@ -29,13 +28,10 @@ from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from vcfbench.bench.invalid_value import InvalidValue
     from vcfbench.procedures.step import Routine
 
 __all__ = ["K_VC", "KVcSettings", "k_vc"]
-
-
-_OVER_RANGE = 1.2
-"""A meter's range measures so much of itself."""
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
@@ -68,9 +64,7 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         yield from super().contradictions()
         yield from invalid_match_rates(self, self.match_rates_deg_s, self.curve_order)
         largest_v = self.fastest_deg_s / max(abs(self.k_vc_guess_deg_s_per_v), 1e-9)
-        if self.v_vc_role is not None and largest_v > _OVER_RANGE * self.v_vc_range_v:
-            expected = f"a range for {largest_v:.4g} V, the V_Vc of {self.fastest_deg_s:g} deg/s"
-            yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
+        yield from self.beyond_range(largest_v, self.fastest_deg_s)
 
 
 def k_vc(settings: KVcSettings) -> Plan:

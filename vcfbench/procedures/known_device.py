@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta, Struct, field, structs
 
 from vcfbench.bench.settings import Station
+from vcfbench.bench.strict import refusal, words
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -83,6 +84,9 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
     outdated: Annotated[bool, Meta(description="whether a certificate may be used that is out of date")] = False
     station: DeviceStation = field(default_factory=DeviceStation)
 
+    rates_key: ClassVar[str] = "virtual_rates_deg_s"
+    """Where the virtual rates stand that are asked for."""
+
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
         """The virtual rates that are asked for, without sign, each once, rising."""
@@ -103,15 +107,28 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         """Return these settings with what is known of the device.
 
         Raises:
-            ConfigError: no K_Vc is known, its certificate is out of date, or a rate is beyond its curve.
+            ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve,
+                the bench's limit or the range of the meter on V_Vc.
         """
         known = _known(self, utc_now())
         station = DeviceStation(**{**structs.asdict(self.station), "known": known})
         recalled = structs.replace(self, station=station)
         for rate_deg_s in recalled.magnitudes_deg_s:
             for sign in (1.0, -1.0):
-                level_for(known.k_vc, sign * rate_deg_s)
+                _require_level(recalled, level_for(known.k_vc, sign * rate_deg_s), sign * rate_deg_s)
         return recalled
+
+
+def _require_level(settings: KnownDeviceSettings, level_v: float, rate_deg_s: float) -> None:
+    """Hold the V_Vc of a rate against the limit of the bench and the range of the meter that measures it."""
+    most_v = settings.station.limits.max_v_vc_v
+    if most_v is not None and abs(level_v) > most_v:
+        raise ConfigError(
+            f"{settings.rates_key}: {rate_deg_s:g} deg/s needs {abs(level_v):.4g} V of V_Vc, the bench allows "
+            f"{most_v:g} V (limits.max_v_vc_v)"
+        )
+    for wrong in settings.beyond_range(level_v, rate_deg_s):
+        raise refusal(wrong.path, wrong.expected, words(wrong.came))
 
 
 def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:

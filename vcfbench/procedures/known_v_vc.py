@@ -47,6 +47,10 @@ __all__ = [
 ]
 
 
+_OVER_RANGE = 1.2
+"""A meter's range measures so much of itself."""
+
+
 class VvcKnown(Enum):
     """How V_Vc is known."""
 
@@ -100,6 +104,12 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
         if self.v_vc is VvcKnown.SET:
             return None
         return "v_vc_meter" if "v_vc_meter" in self.station.instruments else "multimeter"
+
+    def beyond_range(self, v_vc_v: float, rate_deg_s: float) -> Iterator[InvalidValue]:
+        """Yield the range of the meter on V_Vc, where V_Vc is measured and is beyond it at the rate."""
+        if self.v_vc_role is not None and abs(v_vc_v) > _OVER_RANGE * self.v_vc_range_v:
+            expected = f"a range for {abs(v_vc_v):.4g} V, the V_Vc of {rate_deg_s:g} deg/s"
+            yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
 
     def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""

@@ -8,7 +8,7 @@ before and after. Neither a table nor an oscilloscope is needed; where there is 
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
@@ -61,6 +61,8 @@ _LEAST_BURSTS = 3
 
 class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     """What the calibration is told beside what a self-calibration is; the gyroscope is warm, as in service."""
+
+    rates_key: ClassVar[str] = "virtual_rate_deg_s"
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
     modulation_hz: Annotated[
