@@ -37,7 +37,7 @@ def test_list_and_show_what_was_run(station: Station) -> None:
 
 
 def test_the_list_has_the_verdict_of_each_record(station: Station, tmp_path: Path) -> None:
-    """It is judged anew by the limits of the bench file of then."""
+    """It is that of the limits of the bench file of then."""
     bench = tmp_path / "strict.toml"
     for low, high in ((-1.0, 1.0), (1.0, 2.0)):
         bench.write_text(embedded_text("paper") + f"\n[acceptance]\nbias_v = [{low}, {high}]\n", encoding="utf-8")
@@ -46,6 +46,34 @@ def test_the_list_has_the_verdict_of_each_record(station: Station, tmp_path: Pat
     listed = json.loads(call("runs", "list", "--json").stdout)["runs"]
     assert [line["verdict"] for line in listed] == ["pass", "fail", None]
     assert [line.split()[-1] for line in call("runs", "list").stdout.splitlines()[2:]] == ["PASS", "FAIL", "-"]
+    assert station.opened
+
+
+def test_a_list_of_whole_records_reads_no_readings_and_computes_nothing(
+    station: Station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that thousands are listed in seconds; a bench with limits is no exception, its verdict was stored."""
+    bench = tmp_path / "strict.toml"
+    bench.write_text(embedded_text("paper") + "\n[acceptance]\nbias_v = [1.0, 2.0]\n", encoding="utf-8")
+    call("run", "turntable", "--quiet", "--bench", str(bench))
+    call("run", "turntable", "--quiet")
+
+    def read(path: Path) -> None:
+        raise AssertionError(f"{path} was read in full")
+
+    monkeypatch.setattr("vcfbench.record.directory.read_journal", read)
+    listed = json.loads(call("runs", "list", "--json").stdout)["runs"]
+    told = [(line["status"], line["bench"], line["points"], line["verdict"]) for line in listed]
+    assert told == [("complete", "paper", 17, "fail"), ("complete", "paper", 17, None)]
+    assert station.opened
+
+
+def test_a_list_computes_the_verdict_where_none_was_stored(station: Station, tmp_path: Path) -> None:
+    bench = tmp_path / "strict.toml"
+    bench.write_text(embedded_text("paper") + "\n[acceptance]\nbias_v = [1.0, 2.0]\n", encoding="utf-8")
+    call("run", "turntable", "--quiet", "--bench", str(bench))
+    next((tmp_path / "runs").iterdir()).joinpath("result.json").unlink()
+    assert json.loads(call("runs", "list", "--json").stdout)["runs"][0]["verdict"] == "fail"
     assert station.opened
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,7 @@ from vcfbench.files import shown
 if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.outline import Outline
     from vcfbench.runs.run import Run
 
 __all__ = ["app"]
@@ -72,10 +74,28 @@ def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     }
 
 
+def _outlined(directory: RunDirectory, outline: Outline, verdict: str | None) -> dict[str, Any]:
+    return {
+        "run": directory.run,
+        "procedure": outline.procedure,
+        "status": outline.status.value,
+        "damage": None,
+        "bench": outline.bench,
+        "seed": outline.seed,
+        "points": len(outline.marks),
+        "verdict": verdict,
+    }
+
+
 def _listed(directory: RunDirectory) -> dict[str, Any]:
     """Return the line of one record; one that cannot be read keeps no other from being listed."""
-    from vcfbench.runs.recorded import recorded_verdict  # noqa: PLC0415
+    from vcfbench.record.outline import outline_of  # noqa: PLC0415
+    from vcfbench.runs.recorded import outlined_verdict, recorded_verdict  # noqa: PLC0415
 
+    outline = outline_of(directory.journal)
+    if outline is not None:
+        with suppress(ConfigError):  # what was not stored with the run is computed from its points
+            return _outlined(directory, outline, outlined_verdict(directory, outline))
     try:
         record = directory.read()
         return {**_line(directory, record), "verdict": recorded_verdict(directory, record)}

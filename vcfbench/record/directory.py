@@ -13,7 +13,7 @@ from msgspec import Struct
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.record.journal import JournalRecord, read_header, read_journal
+from vcfbench.record.journal import JournalRecord, read_journal, read_start
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -102,8 +102,9 @@ def _age(run: RunDirectory) -> tuple[datetime, int, str]:
 
 def _started(run: RunDirectory) -> datetime | None:
     """Return when a run began, by its header or else its name; None if neither tells."""
-    with suppress(ConfigError, KeyError, TypeError, ValueError):
-        return _instant(datetime.fromisoformat(read_header(run.journal)["utc"]))
+    with suppress(ConfigError, ValueError):
+        if (told := read_start(run.journal)) is not None:
+            return _instant(datetime.fromisoformat(told))
     with suppress(ValueError):
         return _instant(datetime.strptime(run.run[:_STAMP_LENGTH], _STAMP))  # noqa: DTZ007  # the stamp is in UTC
     return None

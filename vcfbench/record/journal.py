@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["Journal", "JournalRecord", "lines_of", "read_header", "read_journal"]
+__all__ = ["Journal", "JournalRecord", "lines_of", "read_header", "read_journal", "read_start"]
 
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
@@ -163,6 +163,25 @@ def read_header(path: Path) -> Mapping[str, Any]:
         line = file.readline(_LONGEST_LINE)
     header = _decoded(line) if line.endswith(b"\n") else None
     return header if header is not None and header.get("type") == "header" else {}
+
+
+def read_start(path: Path) -> str | None:
+    """Return when the run of a journal began, as its first line says; None where it says nothing; errors as above."""
+    with opened(path, _EXPECTED) as file:
+        line = file.readline(_LONGEST_LINE)
+    try:
+        began = _BEGAN.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    return began.utc if began.type == "header" and line.endswith(b"\n") else None
+
+
+class _Began(Struct, frozen=True):
+    type: str
+    utc: str
+
+
+_BEGAN = msgspec.json.Decoder(_Began)
 
 
 def lines_of(path: Path) -> Iterator[dict[str, Any]]:

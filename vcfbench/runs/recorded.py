@@ -15,6 +15,7 @@ from vcfbench.runs.run import Run, breaks
 
 if TYPE_CHECKING:
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.outline import Outline
     from vcfbench.runs.results import CameTo
 
 
@@ -147,6 +148,18 @@ def recorded_verdict(directory: RunDirectory, record: JournalRecord) -> str | No
     if not isinstance(limits, dict) or not any(each for key, each in limits.items() if key != "guard_band"):
         return _stored_word(directory, record)
     verdict = _came_to(directory, record)[0].verdict
+    return None if verdict is None else verdict.word
+
+
+def outlined_verdict(directory: RunDirectory, outline: Outline) -> str | None:
+    """Return the verdict that was stored with the run, None where nothing is judged.
+
+    Raises:
+        ConfigError: what is stored cannot be read, or is none of these points.
+    """
+    from vcfbench.runs.results import stored_verdict  # noqa: PLC0415  # for lists alone
+
+    verdict = stored_verdict(directory.path / "result.json", outline)
     return None if verdict is None else verdict.word
 
 

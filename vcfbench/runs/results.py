@@ -10,6 +10,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.acceptance import Acceptance, Verdict, judged
 from vcfbench.procedures.own_code import mistake_in
+from vcfbench.record.outline import Mark  # noqa: TC001  # msgspec reads the annotation
 from vcfbench.record.plain import plain, read_only
 from vcfbench.report.document import Report, Text
 from vcfbench.report.generic import generic_report, points_table, results_table
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.outline import Outline
     from vcfbench.record.schema import Point
 
 
@@ -85,6 +87,31 @@ def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
     parts = [points_table(points), *results_table(results, "results, as they were stored")]
     settings = results_table(record.header.get("settings"), "settings", "setting")
     return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
+
+
+def stored_verdict(path: Path, outline: Outline) -> Acceptance | None:
+    """Return the verdict in the ``result.json`` of a run, None if there is none; its results are not looked at.
+
+    Raises:
+        ConfigError: there is no such file, or it is none of the run's points.
+    """
+    import msgspec  # noqa: PLC0415  # as below
+
+    try:
+        told = msgspec.json.decode(read_file(path, "the result of a run", MOST_TABLE), type=_Stored)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise ConfigError(f"{shown(path)}: expected the result of a run: {error}") from None
+    if (told.procedure, told.points) != (outline.procedure, outline.marks):
+        raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
+    return None if told.acceptance is None else _stored_verdict({"acceptance": told.acceptance})
+
+
+class _Stored(Struct, frozen=True):
+    """What says whose result a file holds, and the verdict on it."""
+
+    procedure: str
+    points: tuple[Mark, ...]
+    acceptance: dict[str, Any] | None = None
 
 
 def _decoded(path: Path) -> dict[str, Any]:

@@ -1,0 +1,113 @@
+"""What a list of runs shows of a journal, without its readings: thousands of records are listed in seconds.
+
+Every line is looked at, and must be JSON, in its place and in order of bench time. What is not plainly whole is left to
+:func:`~vcfbench.record.journal.read_journal`, which says what is wrong. The sums over readings are not done again here:
+that a point is not the mean of its readings is found by who reads the record itself.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import msgspec
+from msgspec import Struct
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import opened
+from vcfbench.record.schema import READABLE, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+__all__ = ["Mark", "Outline", "outline_of"]
+
+
+class Mark(Struct, frozen=True, gc=False):
+    """What tells the points of one run from those of another: rate (deg/s), V_Vc (V) and output (V), as recorded."""
+
+    rate_deg_s: float | None = None
+    v_vc_v: float | None = None
+    output_v: float | None = None
+
+
+class Outline(Struct, frozen=True):
+    """A journal without steps and readings; `marks` are of its points."""
+
+    procedure: str
+    bench: str | None
+    seed: int | None
+    status: Status
+    marks: tuple[Mark, ...]
+
+
+class _Bench(Struct, frozen=True):
+    name: str | None = None
+
+
+class _Header(Struct, frozen=True):
+    type: str
+    format: int
+    procedure: str
+    bench: _Bench
+    seed: int | None = None
+
+
+class _Line(Struct, frozen=True, gc=False):
+    type: str
+    n: int = 0
+    t_s: float = 0.0
+    end_s: float = 0.0
+    point: Mark | None = None
+    chunk: int = 0
+    chunks: int = 0
+
+
+class _Footer(Struct, frozen=True):
+    type: str
+    status: Status
+    points: int
+
+
+_HEADER = msgspec.json.Decoder(_Header)
+_LINE = msgspec.json.Decoder(_Line)
+_FOOTER = msgspec.json.Decoder(_Footer)
+
+
+def outline_of(path: Path) -> Outline | None:
+    """Return the outline of a whole journal; None for any other, which is to be read in full."""
+    try:
+        with opened(path, "the journal of a run") as file:
+            data = file.read()
+        first, last = data.find(b"\n") + 1, data.rfind(b"\n", 0, -1) + 1
+        if not 0 < first < last or not data.endswith(b"\n"):
+            return None
+        header, footer = _HEADER.decode(data[:first]), _FOOTER.decode(data[last:])
+        between = _LINE.decode_lines(data[first:last])
+    except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    marks = tuple(line.point for line in between if line.point is not None and line.type == "step")
+    whole = (header.type, footer.type, footer.points) == ("header", "footer", len(marks)) and _in_order(between)
+    if not whole or header.format not in READABLE:
+        return None
+    return Outline(header.procedure, header.bench.name, header.seed, footer.status, marks)
+
+
+def _in_order(lines: Sequence[_Line]) -> bool:
+    """Tell whether steps follow each other in number and time, each after all its chunks of readings."""
+    step, chunk, before_s = 0, 0, 0.0
+    for line in lines:
+        if line.type == "readings":
+            chunk += 1
+            if (line.n, line.chunk) != (step + 1, chunk):
+                return False
+        elif line.type in ("step", "error"):
+            step += 1
+            end_s = line.end_s or line.t_s
+            if (line.n, line.chunks) != (step, chunk) or not before_s <= line.t_s <= end_s or not isfinite(end_s):
+                return False
+            chunk, before_s = 0, end_s
+        elif line.type in ("header", "footer"):
+            return False
+    return True
