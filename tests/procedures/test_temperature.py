@@ -139,7 +139,10 @@ def test_what_has_no_hysteresis_shows_none(run: Any) -> None:
     found = run.results
     for name, most in (("scale_factor", 50.0), ("bias", 0.02), ("frequency", 50.0)):
         hysteresis = getattr(found, f"{name}_hysteresis")
-        assert abs(hysteresis.value) < 3.5 * hysteresis.u < most
+        assert abs(hysteresis.value) < hysteresis.expanded_u < most
+    told = {name: each.u for name, each in found.quantities() if "hysteresis" in name}
+    assert list(told.values()) == [None, None, None]
+    assert "hysteresis of the bias, not seen, below (95 %)" in vcfbench.text_of(run.report())
 
 
 def test_every_temperature_is_told_and_the_record_tells_the_same(run: Any) -> None:
@@ -223,7 +226,7 @@ def test_three_means_that_move_less_than_is_allowed_stand_still() -> None:
 
 def test_coefficients_scatter_as_their_uncertainties_say() -> None:
     settings = TemperatureSettings(reference_c=20.0, u_temperature_k=0.0)
-    at = np.array([0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0])
+    at, claimed = np.array([0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0]), 0
     seen = [_Seen(t, way, (), 1.0, 0.0, 1.0, None, None) for t, way in zip(at, directions(tuple(at)), strict=True)]
     rng, z = np.random.default_rng(2), []
     cause = _Cause("noise", 1e-4 * np.eye(at.size))
@@ -232,6 +235,21 @@ def test_coefficients_scatter_as_their_uncertainties_say() -> None:
         made = _found(settings, seen, list(values), [cause], ("V", "V", 1.0))
         z.append([(m.value - truth) / m.u for m, truth in ((made.value, 5.0), (made.tc, 0.1), (made.tc2, -1e-3))])
         assert made.hysteresis is not None
+        claimed += abs(made.hysteresis.value) > made.hysteresis.expanded_u
         assert made.lack_of_fit is not None
+    assert 8 <= claimed <= 36, "5 % of 400: the largest of three differences, none of which is there"
     assert np.abs(np.mean(z, axis=0)).max() < 0.15
     assert (np.abs(np.std(z, axis=0) - 1.0) < 0.12).all()
+
+
+def test_a_hysteresis_that_is_there_is_seen_with_its_size() -> None:
+    settings = TemperatureSettings(reference_c=20.0, u_temperature_k=0.0)
+    at, ways = np.array([0.0, 20.0, 40.0, 20.0, 0.0]), ["up", "up", "up", "down", "down"]
+    seen = [_Seen(t, way, (), 1.0, 0.0, 1.0, None, None) for t, way in zip(at, ways, strict=True)]
+    values = [5.0, 5.0, 5.0, 5.1, 5.0]
+    found = _found(settings, seen, values, [_Cause("noise", 1e-4 * np.eye(at.size))], ("V", "V", 1.0)).hysteresis
+    assert found is not None
+    assert found.value == pytest.approx(0.1)
+    assert found.u == pytest.approx(0.01 * 2**0.5)
+    assert found.coverage_factor == pytest.approx(2.2365, abs=1e-3)  # of the largest of two
+    assert abs(found.value) > found.expanded_u

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from statistics import NormalDist
 
-__all__ = ["f_tail", "t_quantile", "t_tail"]
+__all__ = ["f_tail", "t_of_largest", "t_quantile", "t_tail"]
 
 _TINY = 1e-300
 _ENOUGH = 1e-14
@@ -35,6 +35,11 @@ def t_quantile(tail: float, degrees: float) -> float:
         step = (t_tail(t, degrees) - tail) / density
         t += step
     return t
+
+
+def t_of_largest(number: int, degrees: float) -> float:
+    """Return what the largest of `number` independent ``|T|`` stays below with 95 % (Sidak); dependent ones as well."""
+    return t_quantile(1.0 - 0.95 ** (1.0 / number), degrees)
 
 
 def _nearly_normal_quantile(x: float, degrees: float) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from vcfbench.analysis.tails import t_of_largest
 from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.schedule import (
     Order,
@@ -146,7 +147,7 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
         Part("flicker", percent * math.sqrt(flicker[most, most])),
     ]
     largest = measurand(float(differences[most]), "%", parts)
-    by_noise = _largest_of(len(rates)) * float(u.max())
+    by_noise = t_of_largest(len(rates), math.inf) * float(u.max())
     return Hysteresis(
         largest,
         rates[most],
@@ -160,13 +161,6 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
 def _up_less_down(here: NDArray[np.bool_], ways: NDArray[np.int_]) -> Floats:
     up, down = here & (ways > 0), here & (ways < 0)
     return np.asarray(up / up.sum() - down / down.sum())
-
-
-def _largest_of(number: int) -> float:
-    """Return what the largest of so many normal deviates, either sign, stays below with 95 %."""
-    from statistics import NormalDist  # noqa: PLC0415  # few sweeps are loops
-
-    return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / number))
 
 
 def _not_in_hysteresis(settings: SweepSettings) -> Iterator[str]:

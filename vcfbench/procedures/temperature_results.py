@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
+from vcfbench.analysis.tails import t_of_largest
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.budgets import Measurand, Part, measurand
@@ -78,6 +79,16 @@ class AtTemperature(Step, Struct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
+class _NotSeen:
+    """A hysteresis that is not more than its U95: what it stays below with 95 %, as a data sheet has it."""
+
+    value: float
+    unit: str
+    upper_95: float
+    u: None = None
+
+
+@dataclass(frozen=True, slots=True)
 class PointOfTemperature:
     """One temperature: as it was read (degC; at the device, else of the air, else as a person set it), and whence.
 
@@ -100,8 +111,10 @@ class TemperatureResult:
     """What the run over temperature found; coefficients are those at `reference_c`, of a parabola through all points.
 
     What was not measured (frequency, split) is None. A hysteresis is that going down less that going up, the largest of
-    the temperatures that were come to both ways; None where there is none. `..._lack_of_fit` is what the parabola
-    leaves, root mean square over the degrees of freedom; it is in no uncertainty.
+    the temperatures that were come to both ways; None where there is none. The largest of several differences is never
+    zero, so its `expanded_u` is that of all of them together: a hysteresis that is not larger is not seen, and below
+    the sum of both. `..._lack_of_fit` is what the parabola leaves, root mean square over the degrees of freedom; it is
+    in no uncertainty.
     """
 
     reference_c: float
@@ -123,19 +136,19 @@ class TemperatureResult:
     points: tuple[PointOfTemperature, ...]
     scale_factor_v_per_deg_s: ScaleFactor
 
-    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+    def quantities(self) -> Iterator[tuple[str, Measurand | _NotSeen]]:
         """Yield what a data sheet says of it, by its names."""
         named = {
             f"scale factor at {self.reference_c:g} degC": self.scale_factor,
             "temperature coefficient of the scale factor": self.scale_factor_tc,
             "its change with temperature": self.scale_factor_tc2,
-            "hysteresis of the scale factor": self.scale_factor_hysteresis,
+            "hysteresis of the scale factor": _seen_or_bound(self.scale_factor_hysteresis),
             f"bias at {self.reference_c:g} degC": self.bias,
             "temperature coefficient of the bias": self.bias_tc,
-            "hysteresis of the bias": self.bias_hysteresis,
+            "hysteresis of the bias": _seen_or_bound(self.bias_hysteresis),
             f"drive frequency at {self.reference_c:g} degC": self.frequency,
             "temperature coefficient of the drive frequency": self.frequency_tc,
-            "hysteresis of the drive frequency": self.frequency_hysteresis,
+            "hysteresis of the drive frequency": _seen_or_bound(self.frequency_hysteresis),
             f"mode split at {self.reference_c:g} degC": self.split,
             "temperature coefficient of the mode split": self.split_tc,
         }
@@ -382,9 +395,13 @@ def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> Part:
 def _hysteresis(
     seen: Sequence[_Seen], values: Floats, causes: Sequence[_Cause], units: tuple[str, float]
 ) -> Measurand | None:
-    """Return the largest difference of going down less going up at one temperature, within 0.5 K."""
+    """Return the largest difference of going down less going up at one temperature, within 0.5 K.
+
+    Its expanded uncertainty is one that all of them keep together. Where one is seen beyond its own, it is the largest
+    of those; else the one that could be the largest.
+    """
     unit, factor = units
-    found: list[Measurand] = []
+    found: dict[bytes, Measurand] = {}
     for here in seen:
         near = [abs(each.temperature_c - here.temperature_c) <= 0.5 for each in seen]
         down = np.array([n and each.direction == "down" for n, each in zip(near, seen, strict=True)], dtype=float)
@@ -392,8 +409,34 @@ def _hysteresis(
         if down.any() and up.any():
             weights = down / down.sum() - up / up.sum()
             parts = [_part(cause, weights, factor, mean=False) for cause in causes]
-            found.append(measurand(float(factor * (weights @ values)), unit, [each for each in parts if each.u > 0.0]))
-    return max(found, key=lambda each: abs(each.value), default=None)
+            difference = float(factor * (weights @ values))
+            found[weights.tobytes()] = measurand(difference, unit, [each for each in parts if each.u > 0.0])
+    together = [_among(len(found), each) for each in found.values()]
+    seen_beyond = [each for each in together if _is_seen(each)]
+    if seen_beyond:
+        return max(seen_beyond, key=lambda each: abs(each.value))
+    return max(together, key=_bound, default=None)
+
+
+def _among(number: int, difference: Measurand) -> Measurand:
+    """Return one of so many differences with the expanded uncertainty that all of them keep together with 95 %."""
+    factor = t_of_largest(number, math.inf if difference.dof is None else difference.dof)
+    return replace(difference, coverage_factor=factor, expanded_u=factor * difference.u)
+
+
+def _is_seen(difference: Measurand) -> bool:
+    return abs(difference.value) > difference.expanded_u
+
+
+def _bound(difference: Measurand) -> float:
+    return abs(difference.value) + difference.expanded_u
+
+
+def _seen_or_bound(difference: Measurand | None) -> Measurand | _NotSeen | None:
+    """Return a hysteresis that is seen, else what it stays below."""
+    if difference is None or _is_seen(difference):
+        return difference
+    return _NotSeen(difference.value, difference.unit, _bound(difference))
 
 
 def temperature_report(settings: TemperatureSettings, _measured: Measured, results: TemperatureResult) -> Report:
@@ -403,7 +446,7 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
         *(Column("value", format=".6g"), Column("u", format=".2g"), Column("U95", format=".2g")),
         *(Column("unit", align="left"), Column("u is made of", align="left")),
     )
-    rows = [(name, e.value, e.u, e.expanded_u, e.unit, _made_of(e)) for name, e in results.quantities()]
+    rows = [_row(name, each) for name, each in results.quantities()]
     unit = results.scale_factor.unit
     of_points = (
         *(Column("temperature", "degC", ".1f"), Column("direction", align="left"), Column("scale factor", unit, ".7g")),
@@ -429,6 +472,12 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
         _figure(results, "bias", "deg/s", [p.bias_deg_s for p in results.points]),
     ]
     return Report([Table(columns, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures])
+
+
+def _row(name: str, found: Measurand | _NotSeen) -> tuple[float | str | None, ...]:
+    if isinstance(found, _NotSeen):
+        return (f"{name}, not seen, below (95 %)", found.upper_95, None, None, found.unit, "")
+    return (name, found.value, found.u, found.expanded_u, found.unit, _made_of(found))
 
 
 def _lack_of_fit(results: TemperatureResult) -> str:
