@@ -8,6 +8,7 @@ import pytest
 
 import vcfbench
 from tests.test_truth import study
+from vcfbench.procedures.steps import AcquireWithVvc, ConfigureVvcMeter
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.record.schema import Point
 from vcfbench.report.document import Table
@@ -66,3 +67,20 @@ def test_windows_at_one_setting_have_one_level() -> None:
     stands = standing_for(seen, 4, lambda volts: 150.0 * volts)
     assert [point.rate_deg_s for point in stands] == pytest.approx([10.0, 0.0, 0.0, 15.075])
     assert at_measured_levels(points[:1]) == points[:1]
+
+
+@pytest.mark.parametrize(
+    ("procedure", "settings"),
+    [
+        ("virtual-coriolis", {"k_vc_by": "one-point"}),
+        ("virtual-coriolis", {"k_vc_by": "plus-minus"}),
+        ("virtual-coriolis", {"k_vc_by": "curve"}),
+        ("kvc", {}),
+        ("self-calibration", {"k_vc": "150"}),
+    ],
+)
+def test_the_meter_on_v_vc_is_set_up_before_it_reads(procedure: str, settings: dict[str, Any]) -> None:
+    """Else it stands on ranges of its own choice, whose errors are not those of the budget."""
+    steps = [each.step for each in vcfbench.dry_run(procedure, "lab", settings=settings).steps]
+    first = next(place for place, step in enumerate(steps) if isinstance(step, AcquireWithVvc))
+    assert any(isinstance(step, ConfigureVvcMeter) for step in steps[:first])

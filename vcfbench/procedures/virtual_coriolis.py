@@ -132,6 +132,7 @@ def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
 
 
 def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
     if settings.k_vc_by is KvcBy.ONE_POINT:
         yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
         points = yield from _table_reference(settings)
@@ -154,7 +155,6 @@ def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point],
     from vcfbench.procedures.null_matching import null_matching  # noqa: PLC0415  # as above
 
     yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
-    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     found = yield from nulled(
         settings,
