@@ -55,6 +55,10 @@ def offset(lab: SimulatedLab) -> None:
     lab.fault("multimeter", "offset", offset=0.5)
 
 
+def short(lab: SimulatedLab) -> None:
+    lab.fault("power", "current_limit", at_s=lab.bench.clock.now() + 10.0, duration_s=600.0)
+
+
 def burst(lab: SimulatedLab) -> None:
     lab.fault("multimeter", "offset", offset=5.0, at_s=lab.bench.clock.now() + 3.0, duration_s=0.9)
 
@@ -81,7 +85,18 @@ def test_a_fault_in_mid_run_ends_it_with_instrument_step_and_numbers(
 
 def test_a_supply_that_failed_while_the_meter_sampled_by_itself_ends_the_run() -> None:
     """A record of a gyroscope without its rails is one of no response, and would be fitted as one."""
-    error = run("bandwidth", 1830.0, lambda lab: lab.fault("power", "current_limit", duration_s=60.0)).error
+    error = run("bandwidth", 1830.0, short).error
     assert isinstance(error, MeasurementError)
     assert error.instrument == "power"
+    assert "current limit" in error.what
+
+
+@pytest.mark.parametrize(
+    ("name", "at_s"), [("phase", 60.0), ("warmup", 400.0), ("zero", 1801.0), ("resonance", 2080.0)]
+)
+def test_a_supply_in_current_limit_is_named_and_not_what_it_does(name: str, at_s: float) -> None:
+    """Without rails there is no sine, another scatter, nothing that decays: another instrument sees that."""
+    error = run(name, at_s, short).error
+    assert isinstance(error, MeasurementError)
+    assert error.instrument == "power", error
     assert "current limit" in error.what

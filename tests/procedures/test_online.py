@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,15 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.online import ONLINE, OnlineSettings
 from vcfbench.procedures.online_results import online_results
-from vcfbench.procedures.steps import AskOperator, EnableTable, ModulatedRecord, SampleModulated, SetRate, SetSine
+from vcfbench.procedures.steps import (
+    AskOperator,
+    CheckRails,
+    EnableTable,
+    ModulatedRecord,
+    SampleModulated,
+    SetRate,
+    SetSine,
+)
 from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.report.document import Figure, Table
 
@@ -156,6 +165,7 @@ def test_a_bench_without_table_needs_none_and_one_with_a_table_may_turn() -> Non
     kinds = [type(each.step) for each in vcfbench.dry_run("online", FIELD, settings=told).steps]
     assert EnableTable not in kinds
     assert kinds.count(SampleModulated) == 2 + 18
+    assert {after for kind, after in itertools.pairwise(kinds) if kind is SampleModulated} == {CheckRails}
     turns = vcfbench.dry_run("online", LAB, settings={**told, "rate_deg_s": -30.0}).steps
     assert [each.step.rate_deg_s for each in turns if isinstance(each.step, SetRate)] == [-30.0, 0.0]
     [sine] = [each.step for each in turns if isinstance(each.step, SetSine)]

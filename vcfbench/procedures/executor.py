@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from msgspec import Struct, to_builtins
 
 from vcfbench.errors import Aborted, BenchError
-from vcfbench.procedures.step import Context, abandon, nobody
+from vcfbench.procedures.step import Context, Effect, abandon, nobody
+from vcfbench.procedures.steps.supply import supply_behind
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
@@ -301,6 +302,8 @@ class Executor:
     def _failed(self, step: Step, problem: BaseException) -> BenchError:
         """Put the step into the error and both into the journal."""
         error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
+        if step.effect in {Effect.MEASURES, Effect.CHECKS}:
+            error = supply_behind(error, self._context)
         if error.step is None:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)

@@ -145,7 +145,7 @@ class Context(Struct):
     written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
     has written. `operator` is who does what only hands can do. `asked_again` says what was answered, in the step under
     way, that could not be believed, so that it was asked once more. `noise` is the scatter that the run has seen so
-    far.
+    far. `outputs` are those of the supply that feed the rails, once they were read back.
     """
 
     bench: OpenBench
@@ -153,6 +153,7 @@ class Context(Struct):
     readings: list[Reading] = field(default_factory=list)
     asked_again: list[str] = field(default_factory=list)
     noise: NoiseSeen | None = None
+    outputs: tuple[str, ...] = ()
     keep: Callable[[Sequence[Reading]], None] = _nowhere
     chunks: int = 0
     operator: Operator = nobody

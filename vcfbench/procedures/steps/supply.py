@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct
 
+from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.step import Effect, Step, StepResult, problem
 from vcfbench.procedures.steps.wait import Done
@@ -134,6 +136,7 @@ class CheckRails(Step, Struct, frozen=True):
 
     def perform(self, context: Context) -> RailsReading:
         """Read all rails back; MeasurementError when one is not as it should be."""
+        context.outputs = tuple(rail.output for rail in self.rails)
         return RailsReading(tuple(read_rail(context, rail, self.tolerance_v) for rail in self.rails))
 
     def predict(self, gyro: LinearGyro) -> RailsReading:
@@ -169,6 +172,26 @@ def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> Rail
     return reading
 
 
+def supply_behind(error: BenchError, context: Context) -> BenchError:
+    """Return what is behind the error of a measurement: a supply that is in current limit, else the error itself.
+
+    What a gyroscope without its rails does (no sine, a scatter, nothing that decays) is seen by another instrument.
+    """
+    if not isinstance(error, MeasurementError | ConfigError) or error.instrument == "power":
+        return error
+    with suppress(BenchError):  # a supply that does not answer either is for the safety stack to name
+        power = context.bench.power
+        for output in context.outputs:
+            reading = _read(power, output)
+            if reading.regulation is Regulation.CONSTANT_CURRENT:
+                return problem(power, f"{_limited(reading)}; it was found because of: {error}")
+    return error
+
+
+def _limited(reading: RailReading) -> str:
+    return f"{reading.rail} is in current limit: {reading.current_a:.3g} A at {reading.voltage_v:+.4g} V"
+
+
 def _read(power: PowerSupply, output: str) -> RailReading:
     return RailReading(
         output, power.measure_voltage_v(output), power.measure_current_a(output), power.regulation(output)
@@ -179,7 +202,7 @@ def _require_regulated(power: PowerSupply, reading: RailReading) -> None:
     if reading.regulation is Regulation.CONSTANT_VOLTAGE:
         return
     if reading.regulation is Regulation.CONSTANT_CURRENT:
-        what = f"{reading.rail} is in current limit: {reading.current_a:.3g} A at {reading.voltage_v:+.4g} V"
+        what = _limited(reading)
     else:
         what = f"{reading.rail} is not regulated: {reading.regulation.value}, {reading.voltage_v:+.4g} V"
     raise problem(power, what)
