@@ -8,7 +8,7 @@ the rest is a model for :mod:`~vcfbench.analysis.budget`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -22,6 +22,7 @@ from vcfbench.bench.settings import V_VC_RANGE_V
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.schedule import earth_left_deg_s
 from vcfbench.procedures.sweep import sweep_of, window_times
+from vcfbench.procedures.worst_residual import Residuals, Spread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -107,6 +108,7 @@ class Line:
     """A least-squares line as sums over windows."""
 
     rate_deg_s: Floats
+    output_v: Floats
     scale_factor: float
     bias_v: float
     derivative: Floats
@@ -123,7 +125,7 @@ class Line:
         scale_factor, bias_v = np.polynomial.Polynomial.fit(rate, output, 1).convert().coef[::-1]
         order = 3 if np.unique(rate).size > 4 else 1
         derivative = np.polynomial.Polynomial.fit(rate, output, order).deriv()(rate)
-        return cls(rate, float(scale_factor), float(bias_v), np.asarray(derivative), sweep.mixing)
+        return cls(rate, output, float(scale_factor), float(bias_v), np.asarray(derivative), sweep.mixing)
 
     @property
     def slope_weights(self) -> Floats:
@@ -158,7 +160,9 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], st
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return _table_values(line, q)
 
-    return _statement(settings, sources, model, correlations)
+    stated = _statement(settings, sources, model, correlations)
+    budget = _Model(sources, sums, model, line.scale_factor)
+    return _with_nonlinearity(settings, points, stated, budget, _Curved.of("nonlinearity", line))
 
 
 def four_step_statement(
@@ -186,9 +190,11 @@ def four_step_statement(
         virtual_slope = slope / gain / rate * level * matched
         return _four_step_values(k_vc * rate / level / matched, of_table, virtual_slope, bias / gain)
 
-    return _statement(
+    stated = _statement(
         settings, sources, model, correlations, difference="scale_factor_error_percent", levels_by=levels.by
     )
+    budget = _Model(sources, sums, model, table.scale_factor)
+    return _with_nonlinearity(settings, points, stated, budget, _Curved.of("turntable.nonlinearity", table))
 
 
 def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matching: NullMatching) -> Statement:
@@ -214,7 +220,7 @@ def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matchi
         bias = bias - q["meter offset"] - q.get(_TILT, 0.0) - levels.through("bias", q)
         return _four_step_values(k_vc, of_table, (slope - levels.through("slope", q)) / gain / rate, bias / gain)
 
-    return _statement(
+    stated = _statement(
         settings,
         sources,
         model,
@@ -223,6 +229,8 @@ def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matchi
         levels_by=levels.by,
         meanings=_OF_CURVE if matching.curve is not None else _OF_PAIR,
     )
+    budget = _Model(sources, sums, model, table.scale_factor)
+    return _with_nonlinearity(settings, points, stated, budget, _Curved.of("turntable.nonlinearity", table))
 
 
 def _four_step_values(k_vc: Any, of_table: Mapping[str, Any], slope: Any, bias: Any) -> dict[str, Any]:
@@ -564,6 +572,70 @@ class _NullLevels:
     def through(self, value: str, q: Mapping[str, Any]) -> Any:
         """Return what the errors of V_Vc add to a value."""
         return sum(size * q[name] for name, size in self.effects[value].items())
+
+
+@dataclass(frozen=True, slots=True)
+class _Curved:
+    """The non-linearity of a line on the table: gain and offset of the meter and the table's rate cancel in it."""
+
+    name: str
+    rate_deg_s: Floats
+    residuals_ppm: Floats
+    weights: Floats
+    """(n, N): what a volt at the output of each of all windows puts into each residual, ppm/V."""
+
+    @classmethod
+    def of(cls, name: str, line: Line) -> _Curved:
+        """Return that of a line."""
+        residuals = Residuals.of(line)
+        return cls(name, line.rate_deg_s, residuals.ppm, residuals.of_outputs @ line.mixing)
+
+
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """What the values of a statement were made of."""
+
+    sources: Sequence[Source]
+    sums: Sequence[_Sum]
+    model: Model
+    scale_factor: float
+
+
+def _with_nonlinearity(
+    settings: ProcedureSettings, points: Sequence[Point], stated: Statement, budget: _Model, curved: _Curved
+) -> Statement:
+    """Return the statement with the non-linearity where it stands above its U95, else with a bound.
+
+    The budget is done a second time with one more sum, so that what stood there keeps its last digit.
+    """
+    if curved.rate_deg_s.size < 3:  # two points lie on any line
+        return stated
+    around = _Circumstances.of(settings)
+    spread = Spread(curved.residuals_ppm, *noise_of_sums(settings, points, curved.weights, budget.scale_factor))
+    places, largest_ppm = spread.may_be_largest(), float(np.abs(curved.residuals_ppm).max())
+    k = int(places[np.diag(spread.covariance)[places].argmax()])
+    worst = _Sum(curved.name, np.sign(curved.residuals_ppm[k]) * curved.weights[k], "ppm")
+    noise, correlations = _noise(settings, points, [*budget.sums, worst], budget.scale_factor)
+    again = {source.name for source in noise}
+    others = [source for source in budget.sources if source.name not in again]
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {**around.applied(budget.model(q), q), curved.name: largest_ppm - _noises(curved.name, q)}
+
+    every = evaluate([*noise, *others, *around.sources], model, correlations)
+    value = _stated(every.result(curved.name), every, "ppm", _LARGEST)
+    if places.size > 1 and value.u:
+        u95, at = max(spread.u95(places), value.u95), ", ".join(f"{r:+.4g}" for r in curved.rate_deg_s[places].tolist())
+        value = replace(value, u95=u95, coverage_factor=u95 / value.u, of=f"{_LARGEST}, at one of {at} deg/s")
+    if value.value <= value.u95:
+        bound = f"{value.name}: no residual stands above its U95; it is below {value.value + value.u95:.2g} ppm (95 %)"
+        return replace(stated, not_in_u=(*stated.not_in_u, bound))
+    last = every.correlation[-1].tolist()
+    rows = [(*row, own) for row, own in zip(stated.correlation, last, strict=False)]
+    return replace(stated, values=(*stated.values, value), correlation=(*rows, tuple(last)))
+
+
+_LARGEST = "largest |residual| of that line over its span (max_span)"
 
 
 def _step_v(upper_v: float, bits: int) -> float:
