@@ -153,7 +153,7 @@ class Number(Parameter, frozen=True, kw_only=True):
         limits: the limits, or a function of the model that returns them; None for no check here.
         legal: discrete legal values; the number is rounded to one after the check of its limits (34401A guide p. 159).
         words: further words and the numbers they stand for, e.g. `{"INFinity": math.inf}`.
-        name: what the value is called in a message about clipping.
+        name: what the value is called in a message about clipping, or what says so for a model.
         with_unit: hand over a :class:`Quantity` instead of a float.
         deferred: hand over what was parsed, a number or a Special; the handler settles it with another Number
             (when the limits depend on an earlier parameter).
@@ -164,7 +164,7 @@ class Number(Parameter, frozen=True, kw_only=True):
     limits: Limits | Callable[[Any], Limits] | None = None
     legal: tuple[float, ...] = ()
     words: Mapping[str, float] = field(default_factory=dict)
-    name: str = ""
+    name: str | Callable[[Any], str] = ""
     with_unit: bool = False
     deferred: bool = False
     named: bool = True
@@ -231,7 +231,8 @@ class Number(Parameter, frozen=True, kw_only=True):
         low, high = sorted(limits[:2])
         if low <= value <= high:
             return value
-        violation: Violation = model.engine.dialect.out_of_range(value, Limits(low, high), self.name)
+        word = self.name(model) if callable(self.name) else self.name
+        violation: Violation = model.engine.dialect.out_of_range(value, Limits(low, high), word)
         if violation.value is None:
             raise violation.error
         model.engine.report(violation.error)

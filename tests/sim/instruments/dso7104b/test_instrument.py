@@ -52,7 +52,7 @@ POWER_ON = {
     ":WAVeform?": ":WAV:UNS 1;VIEW MAIN;BYT MSBF;FORM BYTE;POIN +1000;SOUR CHAN1",
     ":TRIGger?": ":TRIG:MODE EDGE;SWE AUTO;NREJ 0;HFR 0;HOLD +60.0000000000000E-09;"
     ":TRIG:EDGE:SOUR CHAN1;LEV +0.00000E+00;SLOP POS;REJ OFF;COUP DC",
-    "*OPT?": "0",
+    "*OPT?": "0,0,0,0,MEMUP,0,0,0,0,0,0,0",
     "*TST?": "+0",
     ":CHANnel1?": ":CHAN1:RANG +40.0E+00;OFFS +0.00000E+00;COUP DC;IMP ONEM;DISP 1;BWL 0;INV 0;"
     'LAB "1";UNIT VOLT;PROB +1.0E+00;PROB:SKEW +0.00E+00;STYP SING',
@@ -446,6 +446,20 @@ def test_a_command_while_an_answer_is_unread_is_410(bench: Bench) -> None:
     bench.send(":TIM:RANG?")
     bench.scope.read(100)
     assert bench.errors() == [-410]
+
+
+def test_activity_is_a_bit_a_channel(bench: Bench) -> None:
+    """Channels 1, 2 and 4 cross 0 V; channel 3 stays above it."""
+    bench.ask(":DIG;*OPC?")
+    edges, levels = map(int, bench.ask(":ACT?").split(","))
+    assert edges == 0b1011
+    assert levels & 0b0100
+    bench.send(":TRIG:LEV 9,CHAN1;:TRIG:LEV 9,CHAN2;:TRIG:LEV 9,CHAN3;:TRIG:LEV 9,CHAN4")
+    assert bench.ask(":ACT?") == "+0,+0"
+
+
+def test_the_setup_is_a_block_that_nobody_reads(bench: Bench) -> None:
+    assert b"TIM:" not in bench.raw(":SYST:SET?")
 
 
 def test_setups_go_round(bench: Bench) -> None:

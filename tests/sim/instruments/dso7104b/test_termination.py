@@ -30,12 +30,12 @@ class Host:
     scope: Dso7104B
 
     def ask(self, text: str) -> str:
-        self.scope.write(text.encode() + b"\n")
+        self.scope.write(text.encode("latin-1") + b"\n")
         while not (reply := self.scope.read(1 << 20)[0]):
             wake = self.scope.wake_at()
             assert wake is not None, text
             self.clock.sleep_until(wake)
-        return reply.decode().strip()
+        return reply.decode("latin-1").removesuffix("\n")
 
     def wait(self, seconds: float) -> None:
         """Wait as a served bench does: whoever has something to do is woken."""

@@ -342,6 +342,34 @@ def test_decibels() -> None:
     assert bench_.value() == pytest.approx(20.0)
 
 
+def test_zero_volts_have_no_level() -> None:
+    """The guide of the 34461A: what is outside the range of a result reads as -9.9E37."""
+    bench_ = bench()
+    bench_.talk.write("CALC:FUNC DBM;STAT ON")
+    bench_.world.offset_v = 0.0
+    assert bench_.value() == -9.9e37
+    bench_.talk.write("CALC:FUNC DB;STAT ON")
+    assert bench_.value() == -9.9e37
+    assert bench_.talk.errors() == [540]
+
+
+@pytest.mark.parametrize(
+    ("configured", "told"),
+    [
+        ("CONF:FREQ", "FREQ +3.00000000E+00,+3.00000000E-05"),
+        ("CONF:PER", "PER +3.33333333E-01,+3.33333333E-06"),
+        ("CONF:FREQ DEF,MIN", "FREQ +3.00000000E+00,+3.00000000E-06"),
+        ("CONF:PER DEF,3.4E-6", "PER +3.33333333E-01,+3.33333333E-06"),
+    ],
+)
+def test_frequency_and_period_are_configured_for_the_slowest_signal(configured: str, told: str) -> None:
+    """The E1412A, a 34401A in VXI, answers so."""
+    bench_ = bench()
+    bench_.talk.write(configured)
+    assert bench_.talk.ask("CONF?") == f'"{told}"'
+    assert bench_.talk.errors() == []
+
+
 def test_limits() -> None:
     bench_ = bench()
     bench_.talk.write("CALC:LIM:LOW 1;UPP 2;:CALC:FUNC LIM;STAT ON")

@@ -59,7 +59,12 @@ COMMANDS = (
         query=lambda model: model.state["cycles"],
         reply=nr3,
     ),
-    setting("[SOURce:]BURSt:INTernal:PERiod", "burst_period", Number(unit="S", limits=Limits(1e-6, 500.0)), nr3),
+    setting(
+        "[SOURce:]BURSt:INTernal:PERiod",
+        "burst_period",
+        Number(unit="S", limits=Limits(1e-6, 500.0), name="burst period"),
+        nr3,
+    ),
     angle("[SOURce:]BURSt:PHASe", "burst_phase", -360.0, 360.0),
     mode_switch("[SOURce:]BURSt:STATe", "BURS"),
     setting("[SOURce:]BURSt:GATE:POLarity", "gate", POLARITIES),

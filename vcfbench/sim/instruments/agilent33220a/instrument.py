@@ -77,7 +77,7 @@ class Agilent33220A(ScpiInstrument):
         self._model = model
         self._world = world
         self.state: dict[str, Any] = dict(RESET)
-        self._stored: dict[int, dict[str, Any]] = {}
+        self._stored: dict[int, dict[str, Any]] = {0: dict(RESET)}  # at power-down; it was off for long
         self.state_names = {0: "AUTO_RECALL", 1: "STATE_1", 2: "STATE_2", 3: "STATE_3", 4: "STATE_4"}
         self.auto_recall = False
         self.panel: dict[str, Any] = {"display": True, "text": "", "beep": True, "lock": False, "exclude": "NONE"}

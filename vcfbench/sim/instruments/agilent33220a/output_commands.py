@@ -64,10 +64,14 @@ def _apply_levels(model: _Model, amplitude: Any, offset: Any) -> None:
     model.levels.set_offset(model.levels.rounded(volts))
 
 
+_FREQUENCY_WORDS = {"RAMP": "ramp frequency", "PULS": "pulse frequency", "USER": "user frequency"}
+"""What a frequency is called that one function alone does not reach."""
+
+
 def _apply_parameters(function: str) -> tuple[Parameter, ...]:
     limits = Limits(*FREQUENCY_HZ[function], default=1000.0)
     return (
-        Number(unit="HZ", limits=limits, name="frequency", required=False),
+        Number(unit="HZ", limits=limits, name=_FREQUENCY_WORDS.get(function, "frequency"), required=False),
         Number(unit=AMPLITUDE_UNITS, deferred=True, with_unit=True, required=False),
         Number(unit="V", deferred=True, required=False),
     )
@@ -80,6 +84,14 @@ def _applied(model: _Model) -> str:
 
 def _duty_limits(model: _Model) -> Limits:
     return Limits(20.0, 80.0, 50.0) if model.state["freq"] <= 10e6 else Limits(40.0, 60.0, 50.0)
+
+
+def _duty_word(model: _Model) -> str:
+    return "duty cycle" if model.state["freq"] <= 10e6 else "duty cycle limited by frequency"
+
+
+def _frequency_word(model: _Model) -> str:
+    return _FREQUENCY_WORDS.get(model.state["func"], "frequency")
 
 
 def _take_phase_as_reference(model: _Model) -> None:
@@ -99,7 +111,7 @@ COMMANDS = (
     ),
     Command(
         "[SOURce:]FREQuency",
-        (Number(unit="HZ", limits=frequency_limits, name="frequency"),),
+        (Number(unit="HZ", limits=frequency_limits, name=_frequency_word),),
         do=lambda model, value: model.set_frequency(value),
         query=lambda model: model.state["freq"],
         reply=nr3,
@@ -108,7 +120,7 @@ COMMANDS = (
     setting(
         "[SOURce:]FUNCtion:SQUare:DCYCle",
         "duty",
-        Number(unit="PCT", limits=_duty_limits, name="duty cycle"),
+        Number(unit="PCT", limits=_duty_limits, name=_duty_word),
         nr3,
     ),
     setting("[SOURce:]FUNCtion:RAMP:SYMMetry", "symmetry", Number(unit="PCT", limits=Limits(0.0, 100.0)), nr3),

@@ -65,5 +65,7 @@ COMMANDS = (
         reply=nr3,
     ),
     setting("[SOURce:]FUNCtion:PULSe:HOLD", "hold", Choice(("WIDTh", "DCYCle"))),
-    setting("[SOURce:]FUNCtion:PULSe:TRANsition", "edge", Number(unit="S", limits=_edge_limits), nr3),
+    setting(
+        "[SOURce:]FUNCtion:PULSe:TRANsition", "edge", Number(unit="S", limits=_edge_limits, name="pulse edge time"), nr3
+    ),
 )

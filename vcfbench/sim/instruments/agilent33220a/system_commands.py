@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.sim.instruments.agilent33220a.declarations import nr3
 from vcfbench.sim.scpi import (
     Boolean,
     Choice,
@@ -11,6 +12,7 @@ from vcfbench.sim.scpi import (
     Integer,
     Limits,
     Parameter,
+    ScpiError,
     Text,
     boolean,
     condition,
@@ -40,7 +42,19 @@ def _preset_status(model: _Model) -> None:
     model.questionable.enable = 0
 
 
+def _calibrate(model: _Model) -> int:
+    """CALibration?: secured, it fails (error and answer unverified)."""
+    model.engine.report(ScpiError(702, "Calibration error; calibration memory is secured"))
+    return 1
+
+
 COMMANDS = (
+    # of CALibration the queries: this one stays secured, and has no adjustments
+    Command("CALibration[:ALL]", query=_calibrate, reply=signed_integer),
+    Command("CALibration:COUNt", query=lambda _: 1, reply=signed_integer),
+    Command("CALibration:SECure:STATe", query=lambda _: True, reply=boolean),
+    Command("CALibration:STRing", query=lambda _: "", reply=quoted),
+    Command("CALibration:VALue", query=lambda _: 0.0, reply=nr3),
     _panel("DISPlay", "display", Boolean(), boolean),
     _panel("DISPlay:TEXT", "text", Text(limit=40), quoted),
     Command("DISPlay:TEXT:CLEar", do=lambda model: model.panel.update(text="")),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.dso7104b.commands import OPTIONAL_SOURCE, SOURCE, Source, nothing, registers, setting
@@ -36,6 +37,9 @@ __all__ = ["ROOT_COMMANDS", "SYSTEM_COMMANDS"]
 
 _PLACES = Integer(limits=Limits(0, 9))
 _POINTS = 1000
+_OPTIONS = "0,0,0,0,MEMUP,0,0,0,0,0,0,0"
+"""A field an option, 0 where it is not fitted: memory alone (how many follow is unverified)."""
+_LONGEST_SETUP = 1 << 16
 _MATH = len(CHANNELS) + 1
 
 
@@ -56,17 +60,21 @@ def _blank(model: Dso7104B, source: str | None) -> None:
 
 
 def _activity(model: Dso7104B) -> Any:
-    """Return the logic activity of the channels, H above and L below the trigger level, X when both (unverified)."""
-    return model.look(lambda: ",".join(("+0", *(_activity_of(model, channel) for channel in CHANNELS))))
+    """Return edges and levels, a bit a channel: whether it crosses its trigger level, and is above it at the end."""
+    return model.look(lambda: _activity_now(model))
 
 
-def _activity_of(model: Dso7104B, channel: int) -> str:
-    above = model.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
-    return "H" if above.all() else "X" if above.any() else "L"
+def _activity_now(model: Dso7104B) -> str:
+    edges = levels = 0
+    for bit, channel in enumerate(CHANNELS):
+        above = model.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
+        edges |= (above.any() and not above.all()) << bit
+        levels |= bool(above[-1]) << bit
+    return f"{signed_integer(edges)},{signed_integer(levels)}"
 
 
 ROOT_COMMANDS = (
-    Command("*OPT", query=lambda _: "0"),
+    Command("*OPT", query=lambda _: _OPTIONS),
     Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=5.0),
     Command("*TRG", do=_digitize),
     Command("*SAV", (_PLACES,), do=lambda model, place: model.save(place)),
@@ -151,13 +159,13 @@ def _hard_copy_learned(model: Dso7104B) -> str:
 
 def _setup(model: Dso7104B) -> bytes:
     """Return the setup as a block; its inside is ours."""
-    return block(json.dumps(model.state).encode(), 8)
+    return block(zlib.compress(json.dumps(model.state).encode()), 8)
 
 
 def _set_setup(model: Dso7104B, data: bytes) -> None:
     try:
-        state = json.loads(data)
-    except ValueError:
+        state = json.loads(zlib.decompressobj().decompress(data, _LONGEST_SETUP))
+    except (ValueError, zlib.error):
         raise ScpiError(-161) from None
     defaults = default_setup()
     if not isinstance(state, dict) or set(state) != set(defaults):

@@ -117,14 +117,18 @@ class Math:
         return MathResult(value - self.null_offset)
 
     def _in_dbm(self, value: float) -> float:
-        power_mw = max(value * value, 1e-30) / self.dbm_reference * 1e3
-        return 10.0 * math.log10(power_mw)
+        """Return the power; of 0 V, which has none, an overload (sibling's guide, 34461A)."""
+        if value == 0.0:
+            return -OVERLOAD
+        return 20.0 * math.log10(abs(value)) - 10.0 * math.log10(self.dbm_reference * 1e-3)
 
     def _dbm(self, value: float) -> MathResult:
         return MathResult(self._in_dbm(value))
 
     def _db(self, value: float) -> MathResult:
         level = self._in_dbm(value)
+        if level == -OVERLOAD:
+            return self._overload(level)
         if self.db_reference is None:
             self.db_reference = level
         return MathResult(level - self.db_reference)

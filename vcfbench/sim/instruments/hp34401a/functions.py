@@ -65,6 +65,11 @@ class Function(Struct, frozen=True):
         return {"V": 10.0, "A": self.ranges[-1], "OHM": 1e3}[self.unit]
 
     @property
+    def slowest(self) -> float:
+        """The slowest signal of frequency (Hz) or period (s): the range in CONFigure?, as the E1412A answers it."""
+        return self.lowest if self.unit == "HZ" else self.highest
+
+    @property
     def alternating(self) -> bool:
         """Whether it goes through the ac path."""
         return not self.integrating and not self.fixed

@@ -88,11 +88,12 @@ def _measure(function: Function, read: Callable[[Any], Pending]) -> Callable[...
 def _configuration(meter: Hp34401A) -> str:
     setup, function = meter.setup, meter.function
     resolution = _gate_resolution(setup, function) if not function.ranges else setup.resolution * setup.range
-    return f"{function.name} {_NR3(setup.range)},{_NR3(resolution)}"
+    range_ = function.slowest if function.gated else setup.range
+    return f"{function.name} {_NR3(range_)},{_NR3(resolution)}"
 
 
 def _gate_resolution(setup: Setup, function: Function) -> float:
-    return setup.range * (APERTURES_S[setup.aperture_s] if function.gated else setup.resolution)
+    return function.slowest * APERTURES_S[setup.aperture_s] if function.gated else setup.range * setup.resolution
 
 
 def _set_function(meter: Hp34401A, name: str) -> None:

@@ -79,7 +79,8 @@ def _configure_gate(setup: Setup, function: Function, expected: Any, resolution:
     if isinstance(resolution, Special) or resolution is None:
         setup.aperture_s = 1.0 if resolution is Special.MIN else 0.01 if resolution is Special.MAX else 0.1
         return
-    wanted = resolution / (expected if isinstance(expected, float) else function.default_range)
+    usual = function.slowest if function.gated else function.default_range
+    wanted = resolution / (expected if isinstance(expected, float) else usual)
     gates = [aperture for aperture, fraction in APERTURES_S.items() if fraction <= wanted * (1 + 1e-9)]
     if not gates:
         raise ScpiError(532)
