@@ -49,6 +49,17 @@ def test_long_lines_of_text_are_wrapped_under_their_indentation() -> None:
     assert " ".join(f"{first} {' '.join(rest[:-1])}".split()) == words
 
 
+def test_texts_of_the_last_column_go_on_under_themselves() -> None:
+    words = " ".join(["word"] * 60)
+    table = Table([Column("quantity", align="left"), Column("u is made of", align="left")], [("q", words), ("r", "x")])
+    head, rule, first, *rest, last = text_of(Report([table])).splitlines()
+    assert (head, set(rule), last) == ("quantity   u is made of", {"-"}, "r          x")
+    assert all(len(line) <= 130 for line in (rule, first, *rest))
+    assert all(line.startswith(" " * 11 + "word") for line in rest)
+    assert " ".join([first, *rest]).split() == ["q", *words.split()]
+    assert len(max(table_text(table).splitlines(), key=len)) > 300
+
+
 @pytest.mark.parametrize(
     "part", [Heading("\x1b[2J"), Text("a\n\x1b[2J"), Table([Column("\x1b[2J")], [("\x1b[2J\n",)], "\x1b")]
 )

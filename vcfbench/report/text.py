@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
 __all__ = ["left_table", "table_text", "text_of"]
 
 WIDTH = 130
-"""Lines of text that are longer are wrapped. Tables are as wide as they are."""
+"""Lines of text that are longer are wrapped; of a table that is wider its last column, if that is of texts."""
+_LEAST_WIDTH = 30
+"""A column of texts that would be narrower is left as it is."""
 
 _RULES = ("=", "-")
 """What stands below headings of the first and the second level."""
@@ -32,20 +35,33 @@ def _part(part: Part) -> str:
             title = _line(part.text)
             return "\n".join([title, *(rule * len(title) for rule in _RULES[part.level - 1 : part.level])])
         case Table():
-            return table_text(part)
+            return table_text(part, WIDTH)
         case Text():
             return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(_line(line)))
         case Figure():  # left out
             return ""
 
 
-def table_text(table: Table) -> str:
-    """Return columns under their heads, a rule between; numbers to the right."""
+def table_text(table: Table, most: float = math.inf) -> str:
+    """Return columns under their heads, a rule between; numbers to the right.
+
+    Texts of the last column that would make lines longer than `most` go on under themselves.
+    """
     rows = [[_line(cell) for cell in row] for row in ([each.head for each in table.columns], *table.printed())]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     sides = [str.ljust if column.align == "left" else str.rjust for column in table.columns]
+    room = most - sum(widths[:-1]) - 3 * len(widths[:-1])
+    if sides[-1] is str.ljust and _LEAST_WIDTH <= room < widths[-1]:
+        widths[-1] = int(room)
+        rows = [part for row in rows for part in _under_itself(row, widths[-1])]
     head, *lines = ("   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows)
     return "\n".join([*([_line(table.title)] if table.title else []), head, "-" * len(head), *lines])
+
+
+def _under_itself(row: list[str], width: int) -> list[list[str]]:
+    """Return a row as several, the text of its last cell wrapped."""
+    first, *more = wrap(row[-1], width, break_long_words=False, break_on_hyphens=False) or [""]
+    return [[*row[:-1], first], *([*("" for _ in row[:-1]), each] for each in more)]
 
 
 def _wrapped(line: str) -> list[str]:
