@@ -92,7 +92,10 @@ def test_a_supply_that_failed_while_the_meter_sampled_by_itself_ends_the_run() -
 
 
 @pytest.mark.parametrize(
-    ("name", "at_s"), [("phase", 60.0), ("warmup", 400.0), ("zero", 1801.0), ("resonance", 2080.0)]
+    ("name", "at_s"),
+    few(
+        [("phase", 60.0), ("warmup", 400.0), ("zero", 1801.0), ("resonance", 2080.0)], ("phase", 60.0), ("zero", 1801.0)
+    ),
 )
 def test_a_supply_in_current_limit_is_named_and_not_what_it_does(name: str, at_s: float) -> None:
     """Without rails there is no sine, another scatter, nothing that decays: another instrument sees that."""
