@@ -458,10 +458,6 @@ def test_activity_is_a_bit_a_channel(bench: Bench) -> None:
     assert bench.ask(":ACT?") == "+0,+0"
 
 
-def test_the_setup_is_a_block_that_nobody_reads(bench: Bench) -> None:
-    assert b"TIM:" not in bench.raw(":SYST:SET?")
-
-
 def test_setups_go_round(bench: Bench) -> None:
     bench.send(":CHAN2:LAB 'SENSE';:TIM:RANG 2E-3;:MEAS:DEF THR,80,50,20;*SAV 3")
     setup = bench.raw(":SYST:SET?")[:-1]

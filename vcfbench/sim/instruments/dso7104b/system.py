@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zlib
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.dso7104b.commands import OPTIONAL_SOURCE, SOURCE, Source, nothing, registers, setting
@@ -39,7 +38,6 @@ _PLACES = Integer(limits=Limits(0, 9))
 _POINTS = 1000
 _OPTIONS = "0,0,0,0,MEMUP,0,0,0,0,0,0,0"
 """A field an option, 0 where it is not fitted: memory alone (how many follow is unverified)."""
-_LONGEST_SETUP = 1 << 16
 _MATH = len(CHANNELS) + 1
 
 
@@ -159,13 +157,13 @@ def _hard_copy_learned(model: Dso7104B) -> str:
 
 def _setup(model: Dso7104B) -> bytes:
     """Return the setup as a block; its inside is ours."""
-    return block(zlib.compress(json.dumps(model.state).encode()), 8)
+    return block(json.dumps(model.state).encode(), 8)
 
 
 def _set_setup(model: Dso7104B, data: bytes) -> None:
     try:
-        state = json.loads(zlib.decompressobj().decompress(data, _LONGEST_SETUP))
-    except (ValueError, zlib.error):
+        state = json.loads(data)
+    except ValueError:
         raise ScpiError(-161) from None
     defaults = default_setup()
     if not isinstance(state, dict) or set(state) != set(defaults):
