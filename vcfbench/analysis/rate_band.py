@@ -1,8 +1,8 @@
 """Rate response of an open-loop gyroscope from sampled sines: tones in records, and the closed form through them.
 
 Each record holds one sine of known frequency. The meter's own time base is not known well enough, so the spacing of its
-samples is found from a strong one. The closed form is that of :mod:`~vcfbench.analysis.resonance` with what is not
-known of the gyroscope free: share and place of the in-phase mode, phase of the demodulator.
+samples is found from a strong one. The closed form has both side bands of both sense modes; what is not known of the
+gyroscope is free: share and place of the in-phase mode, phase of the demodulator.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.model_fit import ModelFit, fit_model, propagated
-from vcfbench.analysis.resonance import BandPoint
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError
 
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "BandPoint",
     "Known",
     "RateBand",
     "Tone",
@@ -74,6 +74,14 @@ class Known:
     low_pass_hz: float = 100.0
     low_pass_order: int = 4
     """Of the Butterworth filter behind the demodulator; it is divided out."""
+
+
+@dataclass(frozen=True, slots=True)
+class BandPoint:
+    """One point of the rate response, Hz."""
+
+    frequency_hz: float
+    u_frequency_hz: float
 
 
 @dataclass(frozen=True, slots=True)

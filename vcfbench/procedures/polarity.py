@@ -30,6 +30,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
+from vcfbench.procedures.schedule import ABBA_SIGNS
 from vcfbench.procedures.steps import (
     AcquireWithVvc,
     ConfigureVvcMeter,
@@ -53,7 +54,6 @@ __all__ = ["POLARITY", "PolarityResult", "PolaritySettings", "Sign", "polarity"]
 AT_REST, TURNED, DRIVEN = 1, 2, 3
 """The steps, as in its points: at rest, on the table, with V_Vc."""
 
-_ABBA = (1.0, -1.0, -1.0, 1.0)
 _SURE = 5.0
 """Standard uncertainties, of the scatter of the readings, by which a response must differ from none."""
 _LEAST = 0.2
@@ -157,7 +157,7 @@ def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
 def _turned(settings: PolaritySettings) -> Routine[None]:
     yield Note(f"The table, {settings.polarity_rate_deg_s:g} deg/s both ways")
     previous_deg_s = 0.0
-    for sign in _ABBA:
+    for sign in ABBA_SIGNS:
         rate_deg_s = sign * settings.polarity_rate_deg_s
         if rate_deg_s != previous_deg_s:
             yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
@@ -172,7 +172,7 @@ def _driven(settings: PolaritySettings) -> Routine[None]:
         yield ConfigureVvcMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from v_vc_on()
     asked_v = level_v = 0.0
-    for sign in _ABBA:
+    for sign in ABBA_SIGNS:
         if asked_v != sign * settings.polarity_v_vc_v:
             asked_v = sign * settings.polarity_v_vc_v
             level_v = yield from set_v_vc(settings, asked_v)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 __all__ = [
+    "ABBA_SIGNS",
     "EARTH_DEG_S",
     "SEARCH",
     "ZERO_DRIVEN",
@@ -41,6 +42,9 @@ __all__ = [
     "whole_turns",
     "window_grid",
 ]
+
+ABBA_SIGNS = (1.0, -1.0, -1.0, 1.0)
+"""A level and its opposite so that a linear drift cancels between them."""
 
 EARTH_DEG_S = 15.041067 / 3600.0
 """The Earth's rate."""

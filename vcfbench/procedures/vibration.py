@@ -31,6 +31,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
+from vcfbench.procedures.schedule import ABBA_SIGNS
 from vcfbench.procedures.steps import (
     AcquireWithVvc,
     CheckRails,
@@ -66,7 +67,6 @@ _FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
 _HIGHEST_HZ = 75.0
 _STATIC = 1
 """The step of its points: V_Vc direct."""
-_ABBA = (1.0, -1.0, -1.0, 1.0)
 _LEAST_TONES = 3
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
@@ -194,7 +194,7 @@ def _static(settings: VibrationSettings) -> Routine[None]:
     yield from v_vc_on()
     asked_v = level_v = 0.0
     tolerance_v = 1.25 * AGILENT_33220A.limit_v(settings.static_v_vc_v)
-    for sign in _ABBA:
+    for sign in ABBA_SIGNS:
         if asked_v != sign * settings.static_v_vc_v:
             asked_v = sign * settings.static_v_vc_v
             level_v = yield from set_v_vc(settings, asked_v)
