@@ -19,7 +19,10 @@ ROOT = Path(__file__).parents[1]
 FLOORS = [
     {"cli", "testing", "__main__"},
     {"runs"},
-    {"report", "procedures", "bench"},
+    {"procedures"},
+    {"report"},
+    {"plans"},
+    {"bench"},
     {"drivers", "record", "analysis", "sim"},
     {"interfaces", "models", "specifications", "files", "errors", "clock"},
 ]

@@ -193,8 +193,8 @@ OWN = '''
 from pathlib import Path
 from vcfbench import Note, Outcome, Procedure, ProcedureSettings, Step, energised, take
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.step import Effect
-from vcfbench.procedures.steps import Done
+from vcfbench.plans.step import Effect
+from vcfbench.plans.steps import Done
 from dataclasses import dataclass
 from typing import ClassVar
 

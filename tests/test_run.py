@@ -16,7 +16,7 @@ import pytest
 import vcfbench
 from tests import warm
 from vcfbench.bench.file import embedded_text, template
-from vcfbench.procedures.steps import SetRate, Settle
+from vcfbench.plans.steps import SetRate, Settle
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -30,9 +30,9 @@ from vcfbench.interfaces import (
     SetsVoltage,
     lacking,
 )
-from vcfbench.procedures.executor import ReadingTaken
+from vcfbench.plans.executor import ReadingTaken
+from vcfbench.plans.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
-from vcfbench.procedures.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.record.schema import Status
 from vcfbench.testing import serve_simulated
 
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.procedures.executor import Event
-    from vcfbench.procedures.step import Plan, Routine
+    from vcfbench.plans.executor import Event
+    from vcfbench.plans.step import Plan, Routine
     from vcfbench.testing import ServedLab
 
 PAPER = vcfbench.load_bench()
@@ -210,7 +210,7 @@ from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
 from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.procedures.steps import Outcome
+from vcfbench.plans.steps import Outcome
 
 
 def levels(settings):

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.allan import AllanPoint, allan_deviation
     from vcfbench.analysis.column import CalibrationColumn, Nonlinearity, Quantity
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
+    from vcfbench.bench.acceptance import Acceptance, Verdict
     from vcfbench.bench.bench import Bench, open_bench
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.file import load_bench
@@ -56,16 +57,15 @@ if TYPE_CHECKING:
         SwitchesOutput,
         Waveform,
     )
-    from vcfbench.procedures.acceptance import Acceptance, Verdict
+    from vcfbench.plans.dry_run import PlannedStep
+    from vcfbench.plans.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Outcome, Plan, Routine, Step, StepResult
+    from vcfbench.plans.steps import Note, Settle
     from vcfbench.procedures.catalogue import PROCEDURES
-    from vcfbench.procedures.dry_run import PlannedStep
-    from vcfbench.procedures.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
-    from vcfbench.procedures.measured import Measured
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
-    from vcfbench.procedures.step import Outcome, Plan, Routine, Step, StepResult
-    from vcfbench.procedures.steps import Note, Settle
     from vcfbench.record.devices import Device, load_device
     from vcfbench.record.schema import Point, Status
     from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
@@ -267,20 +267,20 @@ _HOMES = {
         "SwitchesOutput",
         "Waveform",
     ),
-    "procedures.acceptance": (
+    "bench.acceptance": (
         "Acceptance",
         "Verdict",
     ),
     "procedures.catalogue": ("PROCEDURES",),
-    "procedures.dry_run": ("PlannedStep",),
-    "procedures.executor": (
+    "plans.dry_run": ("PlannedStep",),
+    "plans.executor": (
         "Observer",
         "ReadingTaken",
         "StepFailed",
         "StepFinished",
         "StepStarted",
     ),
-    "procedures.measured": ("Measured",),
+    "plans.measured": ("Measured",),
     "procedures.procedure": ("Procedure",),
     "procedures.results": (
         "TurntableResult",
@@ -296,14 +296,14 @@ _HOMES = {
         "v_vc_on",
     ),
     "bench.settings": ("ProcedureSettings",),
-    "procedures.step": (
+    "plans.step": (
         "Outcome",
         "Plan",
         "Routine",
         "Step",
         "StepResult",
     ),
-    "procedures.steps": (
+    "plans.steps": (
         "Note",
         "Settle",
     ),

@@ -15,10 +15,10 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import BenchError
+from vcfbench.plans.executor import Executor
+from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import procedure
-from vcfbench.procedures.executor import Executor
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.measured import Measured
 from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
 from vcfbench.record.schema import Status
 

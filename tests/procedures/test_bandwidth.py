@@ -10,7 +10,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.bench.description import Limits
 from vcfbench.errors import LimitError
-from vcfbench.procedures.steps import SetSine
+from vcfbench.plans.steps import SetSine
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:

@@ -12,14 +12,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.budgets import Part as Source
-from vcfbench.procedures.budgets import measurand
-from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
-from vcfbench.procedures.data_sheet import sheet_rows
-from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.static_noise import NoiseCoefficient
-from vcfbench.procedures.steps import (
+from vcfbench.plans.steps import (
     Acquire,
     AskOperator,
     DisableSupply,
@@ -31,10 +24,17 @@ from vcfbench.procedures.steps import (
     Settle,
     Step,
 )
+from vcfbench.procedures.budgets import Part as Source
+from vcfbench.procedures.budgets import measurand
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
+from vcfbench.procedures.data_sheet import sheet_rows
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.static_noise import NoiseCoefficient
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.procedures.step import Plan
+    from vcfbench.plans.step import Plan
 
 FIELD = Path(__file__).parents[2] / "examples" / "field-bench.toml"
 QUICK: dict[str, Any] = {

@@ -13,10 +13,10 @@ from vcfbench.bench.layering import setting_keys
 from vcfbench.bench.settings import Match
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError
+from vcfbench.plans.steps import Note, Outcome, Plan
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import asked_in_python, recorded_settings, settings_of, with_settings
-from vcfbench.procedures.steps import Note, Outcome, Plan
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
 

@@ -17,12 +17,12 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match, Sources, Station
 from vcfbench.bench.simulated import physical_parameters
+from vcfbench.plans.dry_run import walk
+from vcfbench.plans.steps import Acquire
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.dry_run import walk
 from vcfbench.procedures.null_matching import NullMatching, null_matching
 from vcfbench.procedures.results import NullVirtualCoriolisResult, null_results
 from vcfbench.procedures.schedule import KvcBy
-from vcfbench.procedures.steps import Acquire
 from vcfbench.record.schema import Point
 from vcfbench.report.text import text_of
 

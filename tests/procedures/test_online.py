@@ -17,10 +17,7 @@ from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.online import ONLINE, OnlineSettings
-from vcfbench.procedures.online_results import online_results
-from vcfbench.procedures.steps import (
+from vcfbench.plans.steps import (
     AskOperator,
     CheckRails,
     EnableTable,
@@ -29,6 +26,9 @@ from vcfbench.procedures.steps import (
     SetRate,
     SetSine,
 )
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.online import ONLINE, OnlineSettings
+from vcfbench.procedures.online_results import online_results
 from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.report.document import Figure, Table
 

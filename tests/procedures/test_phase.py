@@ -15,8 +15,8 @@ import vcfbench
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Waveform
+from vcfbench.plans.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.procedures.phase import CaptureSense, PhaseSettings
-from vcfbench.procedures.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.testing import simulated
 
 OVERRIDES = {

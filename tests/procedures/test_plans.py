@@ -10,9 +10,8 @@ from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.errors import PlanError
-from vcfbench.procedures.catalogue import PROCEDURES, procedure
-from vcfbench.procedures.dry_run import walk
-from vcfbench.procedures.steps import (
+from vcfbench.plans.dry_run import walk
+from vcfbench.plans.steps import (
     Acquire,
     AwaitRate,
     CheckRails,
@@ -29,9 +28,10 @@ from vcfbench.procedures.steps import (
     SetVvc,
     VerifyZero,
 )
+from vcfbench.procedures.catalogue import PROCEDURES, procedure
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.steps import Step
+    from vcfbench.plans.steps import Step
 
 K_VC = 40.0
 

@@ -14,10 +14,10 @@ from tests.procedures.fakes import MemoryJournal
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Expected, Placed, Station
 from vcfbench.cli.main import app
-from vcfbench.procedures.executor import Executor
+from vcfbench.plans.executor import Executor
+from vcfbench.plans.steps import AwaitRate, SetRate, SetVvc
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.polarity import DRIVEN, POLARITY, TURNED, PolaritySettings, results
-from vcfbench.procedures.steps import AwaitRate, SetRate, SetVvc
 from vcfbench.record.schema import Point
 from vcfbench.testing import open_simulated, simulated
 

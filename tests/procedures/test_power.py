@@ -10,13 +10,13 @@ import vcfbench
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.dry_run import walk
+from vcfbench.plans.dry_run import walk
+from vcfbench.plans.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.procedures.power import POWER, By, PowerSettings, RailOnAndLog, SuppliedAndLogged
 from vcfbench.procedures.power_results import valid_output
-from vcfbench.procedures.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.step import Step
+    from vcfbench.plans.step import Step
 
 ON_STATION = Limits(
     max_rate_deg_s=300.0,

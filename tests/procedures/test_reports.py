@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
+from vcfbench.plans.executor import Executor
+from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.executor import Executor
-from vcfbench.procedures.measured import Measured
 from vcfbench.report.document import Figure
 from vcfbench.report.text import text_of
 

@@ -17,14 +17,13 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.results import (
     GENERATOR_ACCURACY,
     GENERATOR_OFFSET_V,
-    pooled_std_v,
     repeat_std_v,
     turntable_results,
     u_output_v,
     virtual_coriolis_results,
 )
 from vcfbench.record.plain import plain
-from vcfbench.record.schema import Point
+from vcfbench.record.schema import Point, pooled_std_v
 from vcfbench.sim.instruments.agilent33220a import GeneratorErrors
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]

@@ -13,8 +13,8 @@ from vcfbench.bench.description import Limits
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Placed, Station
 from vcfbench.errors import ConfigError, LimitError
-from vcfbench.procedures.dry_run import walk
-from vcfbench.procedures.steps import (
+from vcfbench.plans.dry_run import walk
+from vcfbench.plans.steps import (
     Acquire,
     AskOperator,
     AwaitTemperature,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.procedures.step import Step
+    from vcfbench.plans.step import Step
     from vcfbench.sim.parameters import SenseMode
 
 PAPER = paper_bench()

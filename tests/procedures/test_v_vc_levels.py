@@ -8,7 +8,7 @@ import pytest
 
 import vcfbench
 from tests.test_truth import study
-from vcfbench.procedures.steps import AcquireWithVvc, ConfigureVvcMeter
+from vcfbench.plans.steps import AcquireWithVvc, ConfigureVvcMeter
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.record.schema import Point
 from vcfbench.report.document import Table

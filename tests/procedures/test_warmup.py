@@ -17,9 +17,9 @@ from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Station
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.dry_run import walk
+from vcfbench.plans.dry_run import walk
+from vcfbench.plans.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.procedures.static_noise import ScaleFactor
-from vcfbench.procedures.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.procedures.warmup import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
 from vcfbench.procedures.warmup_curve import WarmupFigure, WarmupResult, is_steady, warmup_results
 from vcfbench.record.schema import Point

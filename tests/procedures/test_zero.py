@@ -19,10 +19,10 @@ from vcfbench.analysis.sampling import Sampling
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.dry_run import walk
-from vcfbench.procedures.executor import Executor
+from vcfbench.plans.dry_run import walk
+from vcfbench.plans.executor import Executor
+from vcfbench.plans.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.static_noise import Estimate, ScaleFactor, ZeroResult, zero_report, zero_results
-from vcfbench.procedures.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.zero import ZERO, Mode, ZeroSettings, scale_factor_of
 from vcfbench.sim.gyro.design import paper_bench
 

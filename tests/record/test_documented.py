@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from typer.testing import CliRunner
 
+from tests.plans.test_long_window import acquire, plan
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
-from tests.procedures.test_long_window import acquire, plan
 from vcfbench.cli.main import app
-from vcfbench.procedures.decode import result_of, step_of
-from vcfbench.procedures.executor import Executor
-from vcfbench.procedures.replay import start_up_again
-from vcfbench.procedures.step import Step, StepResult
-from vcfbench.procedures.steps import Acquire, ConfigureMeter, ConfigureRail, RailReading, Reading, SetVvc, VvcSetting
+from vcfbench.plans.decode import result_of, step_of
+from vcfbench.plans.executor import Executor
+from vcfbench.plans.replay import start_up_again
+from vcfbench.plans.step import Step, StepResult
+from vcfbench.plans.steps import Acquire, ConfigureMeter, ConfigureRail, RailReading, Reading, SetVvc, VvcSetting
 from vcfbench.record.journal import read_journal
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S, FORMAT, READABLE, Point, Status
 
@@ -72,7 +72,7 @@ def _fields(kind: type[Any]) -> list[str]:
 
 @pytest.mark.parametrize(("title", "kinds"), [("Steps", Step.kinds), ("Results", StepResult.kinds)])
 def test_each_kind_is_described_with_its_fields_and_their_units(title: str, kinds: Mapping[str, type[Any]]) -> None:
-    shipped = {name: kind for name, kind in kinds.items() if kind.__module__.startswith("vcfbench.procedures.steps")}
+    shipped = {name: kind for name, kind in kinds.items() if kind.__module__.startswith("vcfbench.plans.steps")}
     described = rows(title)
     assert set(described) == set(shipped)
     for name, kind in shipped.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vcfbench.analysis.column import Quantity
-from vcfbench.procedures.acceptance import Acceptance, Verdict
+from vcfbench.bench.acceptance import Acceptance, Verdict
 from vcfbench.record.schema import Point
 from vcfbench.report.document import Cell, Report
 from vcfbench.report.generic import generic_report, points_table, results_table, verdict_table

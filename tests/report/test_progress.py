@@ -8,8 +8,8 @@ import sys
 import pytest
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
+from vcfbench.plans.executor import Executor
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.executor import Executor
 from vcfbench.record.schema import Status
 from vcfbench.report.progress import LineProgress, LiveProgress
 

@@ -13,7 +13,7 @@ __all__ = ["simulated_operator"]
 
 
 class _Request(Protocol):
-    """What is asked for, as :class:`vcfbench.procedures.step.Request` says it."""
+    """What is asked for, as :class:`vcfbench.plans.step.Request` says it."""
 
     @property
     def takes_s(self) -> float: ...

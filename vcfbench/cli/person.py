@@ -9,7 +9,7 @@ from vcfbench.errors import Aborted
 
 if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
-    from vcfbench.procedures.step import Operator, Request
+    from vcfbench.plans.step import Operator, Request
 
 __all__ = ["at_the_terminal"]
 

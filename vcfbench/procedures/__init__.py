@@ -1,1 +1,1 @@
-"""Procedures: generators of frozen steps, and the executor that carries them out."""
+"""Procedures: what is calibrated, in which order, and what comes of it."""

@@ -22,11 +22,8 @@ from vcfbench.interfaces import (
     Rotates,
     SamplesVoltage,
 )
-from vcfbench.procedures.budgets import Measurand, Part, measurand
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import answer, energised, look_at_drive, rails_of, under_servo, v_vc_on
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import (
     CaptureSines,
     CheckRails,
     ConfigureMeter,
@@ -40,14 +37,18 @@ from vcfbench.procedures.steps import (
     SineRecords,
     SineResponse,
 )
+from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from vcfbench.analysis.rate_band import RateBand, Tone
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Routine
 
 __all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "at_rest", "results", "sweep"]
 

@@ -28,20 +28,20 @@ from vcfbench.interfaces import (
     lacking,
 )
 from vcfbench.models import find_model, resolve
+from vcfbench.plans.step import Step
+from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.step import Step
-from vcfbench.procedures.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from typing import Self
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.measured import Measured
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, StepResult
     from vcfbench.procedures.procedure import AnyProcedure, Made
-    from vcfbench.procedures.step import Context, StepResult
     from vcfbench.record.devices import Kept
     from vcfbench.report.document import Report
     from vcfbench.specifications import VoltmeterSpecification

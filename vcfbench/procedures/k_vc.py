@@ -17,19 +17,19 @@ from msgspec import Meta
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.interfaces import ReadsVoltage
+from vcfbench.plans.steps import Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.k_vc_results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
 from vcfbench.procedures.known_v_vc import KnownVvcSettings, measured_levels, ready_meters, take_level
 from vcfbench.procedures.null_match import NullTerms, invalid_match_rates, nulled
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
 from vcfbench.procedures.routines import powered, v_vc_on
-from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.invalid_value import InvalidValue
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
 
 __all__ = ["K_VC", "KVcSettings", "k_vc"]
 

@@ -12,14 +12,15 @@ import numpy as np
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
+from vcfbench.plans.measured import Measured
+from vcfbench.plans.steps import MeasureVvc, VvcMeasured
 from vcfbench.procedures.budgets import Measurand, Part, budget_table, measurand, said_of
 from vcfbench.procedures.known_device import UNSEEN
 from vcfbench.procedures.known_v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
-from vcfbench.procedures.measured import Measured
 from vcfbench.procedures.null_match import block
-from vcfbench.procedures.results import K_VC_UNIT, pooled_std_v
-from vcfbench.procedures.steps import MeasureVvc, VvcMeasured
+from vcfbench.procedures.results import K_VC_UNIT
 from vcfbench.record.devices import Certificate, CurveShare, Kept, KvcCurve
+from vcfbench.record.schema import pooled_std_v
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:

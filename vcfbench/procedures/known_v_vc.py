@@ -18,8 +18,8 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
+from vcfbench.plans.steps import MeasureVvc, move_leads
 from vcfbench.procedures.routines import take
-from vcfbench.procedures.steps import MeasureVvc, move_leads
 from vcfbench.procedures.v_vc_levels import generator_sheet, ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.record.devices import Conditions, DeviceStore
 from vcfbench.specifications import VoltmeterSpecification
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import Self
 
+    from vcfbench.plans.step import Routine
     from vcfbench.procedures.procedure import Made
-    from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = [

@@ -16,15 +16,15 @@ from vcfbench.bench.bounds import LEAST_V_VC_V
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
 from vcfbench.errors import MeasurementError
+from vcfbench.plans.steps import DisableVvc, Note, Settle
 from vcfbench.procedures.agreement import MATCH_DRIFT, require_agreement, require_expected_k_vc
 from vcfbench.procedures.routines import go_to_rate, set_v_vc, take, v_vc_on
-from vcfbench.procedures.steps import DisableVvc, Note, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["NullTerms", "Nulled", "TakesLevel", "block", "invalid_match_rates", "nulled"]

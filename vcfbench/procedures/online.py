@@ -16,6 +16,17 @@ from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
+from vcfbench.plans.steps import (
+    CheckRails,
+    ConfigureGenerator,
+    Note,
+    Outcome,
+    Plan,
+    SampleModulated,
+    SetSine,
+    Settle,
+    move_leads,
+)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known_device import KnownDeviceSettings, level_for
 from vcfbench.procedures.known_v_vc import ready_meters
@@ -29,22 +40,11 @@ from vcfbench.procedures.routines import (
     under_servo,
     v_vc_on,
 )
-from vcfbench.procedures.steps import (
-    CheckRails,
-    ConfigureGenerator,
-    Note,
-    Outcome,
-    Plan,
-    SampleModulated,
-    SetSine,
-    Settle,
-    move_leads,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
 
 __all__ = ["ONLINE", "OnlineSettings", "online"]
 

@@ -18,11 +18,11 @@ import numpy as np
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.plans.steps import ModulatedRecord, SampleModulated
 from vcfbench.procedures.budgets import Measurand, Part, budget_table, measurand, said_of
 from vcfbench.procedures.k_vc_results import METER_GAIN, V_VC_GAIN, V_VC_NOISE
 from vcfbench.procedures.known_v_vc import meter_error, v_vc_error
 from vcfbench.procedures.self_calibration_results import READINGS, Drift, drift_of, drift_parts, shares_of
-from vcfbench.procedures.steps import ModulatedRecord, SampleModulated
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.procedures.measured import Measured
+    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.online import OnlineSettings
 
 __all__ = ["AllanOfScaleFactor", "OnlineResult", "WindowFactor", "online_report", "online_results"]

@@ -20,11 +20,9 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
-from vcfbench.procedures.budgets import Measurand, Part, measurand
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import answer, go_to_rate, one_two_five, powered, v_vc_level_again, v_vc_on
-from vcfbench.procedures.steps import (
+from vcfbench.plans.drive_check import one_two_five
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import (
     Amplitudes,
     CaptureRotations,
     CaptureSines,
@@ -41,14 +39,18 @@ from vcfbench.procedures.steps import (
     SineRecord,
     SineRecords,
 )
+from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
 from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from vcfbench.bench.parts import Node
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Routine
 
 _Amplitudes: TypeAlias = tuple[float, float, float]
 

@@ -17,10 +17,20 @@ from msgspec import Meta
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import Limit, ProcedureSettings, rate_words
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import (
+    AcquireWithVvc,
+    ConfigureVvcMeter,
+    DisableVvc,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+    Window,
+)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
-    answer,
     energised,
     go_to_rate,
     look_at_drive,
@@ -31,22 +41,12 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.schedule import ABBA_SIGNS
-from vcfbench.procedures.steps import (
-    AcquireWithVvc,
-    ConfigureVvcMeter,
-    DisableVvc,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-    Window,
-)
 from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["POLARITY", "PolarityResult", "PolaritySettings", "Sign", "polarity"]

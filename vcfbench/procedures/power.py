@@ -17,12 +17,8 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.power_results import Drawn, RailsDrawn, RailsLogged, power_report, power_results
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import go_to_rate, look_at_drive, rails_of, set_v_vc, take, v_vc_on
-from vcfbench.procedures.step import Effect, Reading, Step
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import Effect, Reading, Step
+from vcfbench.plans.steps import (
     CheckRails,
     ConfigureMeter,
     ConfigureRail,
@@ -34,13 +30,17 @@ from vcfbench.procedures.steps import (
     Plan,
     Settle,
 )
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.power_results import Drawn, RailsDrawn, RailsLogged, power_report, power_results
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import go_to_rate, look_at_drive, rails_of, set_v_vc, take, v_vc_on
 from vcfbench.procedures.zero import AtRestSettings, held_at_rest, off_afterwards, source_off, told_scale_factor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.step import Context, Routine
+    from vcfbench.plans.step import Context, Routine
 
 __all__ = ["POWER", "MeasureRails", "PowerSettings", "RailOnAndLog", "SuppliedAndLogged", "plan"]
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
+from vcfbench.plans.step import Reading, StepResult
+from vcfbench.plans.steps import Acquire, Window
 from vcfbench.procedures.budgets import Measurand, Part, measurand
-from vcfbench.procedures.step import Reading, StepResult
-from vcfbench.procedures.steps import Acquire, Window
 from vcfbench.procedures.zero import scale_factor_used
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.procedures.measured import Measured
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Step
     from vcfbench.procedures.power import PowerSettings
     from vcfbench.procedures.static_noise import ScaleFactor
-    from vcfbench.procedures.step import Step
 
 __all__ = [
     "Drawn",

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from datetime import datetime
 
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Plan
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Plan
     from vcfbench.record.devices import Kept
     from vcfbench.report.document import Report
 

@@ -22,14 +22,8 @@ from vcfbench.interfaces import (
     Rotates,
     SamplesVoltage,
 )
-from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, sweep
-from vcfbench.procedures.bandwidth import results as band_of
-from vcfbench.procedures.budgets import Measurand, Part, measurand
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import answer, energised, rails_of, v_vc_level_again
-from vcfbench.procedures.step import Effect, Step, StepResult
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import Effect, Step, StepResult, answer
+from vcfbench.plans.steps import (
     Amplitudes,
     CheckRails,
     ConfigureScope,
@@ -42,15 +36,21 @@ from vcfbench.procedures.steps import (
     Settle,
     SetVvc,
 )
-from vcfbench.procedures.steps.scope import scale_v_per_div
+from vcfbench.plans.steps.scope import scale_v_per_div
+from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, sweep
+from vcfbench.procedures.bandwidth import results as band_of
+from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
 from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Context, Routine
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, Routine
 
 __all__ = ["RESONANCE", "CaptureDecay", "ReleaseDrive", "ResonanceSettings", "Resonances", "combined"]
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.errors import ConfigError
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.schedule import KvcBy, SweepSettings
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
+from vcfbench.record.schema import pooled_std_v
 from vcfbench.specifications import AGILENT_33220A
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ __all__ = [
     "VirtualCoriolisResult",
     "noise_std_v",
     "null_results",
-    "pooled_std_v",
     "repeat_std_v",
     "turntable_results",
     "u_output_v",
@@ -309,18 +308,6 @@ def _four_steps(
         "u_output_v": u_v,
         "uncertainty": None if settings is None else four_step_statement(settings, points, matching),
     }
-
-
-def pooled_std_v(points: Sequence[Point]) -> float:
-    """Return the standard deviation of one reading, V, from all windows: ten readings know theirs to a quarter.
-
-    Raises:
-        ConfigError: no window has two readings.
-    """
-    degrees = sum(point.n - 1 for point in points)
-    if degrees < 1:
-        raise ConfigError("no window of two readings or more tells the noise")
-    return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees)
 
 
 def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:

@@ -15,6 +15,7 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
+from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.agreement import MATCH_DRIFT, require_agreement
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known_device import KnownDevice, KnownDeviceSettings, Reference, level_for
@@ -28,12 +29,11 @@ from vcfbench.procedures.self_calibration_results import (
     self_calibration_report,
     self_calibration_results,
 )
-from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = [

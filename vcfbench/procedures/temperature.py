@@ -26,21 +26,8 @@ from vcfbench.interfaces import (
     Rotates,
     SetsVoltage,
 )
-from vcfbench.procedures.bandwidth import BandwidthSettings, sweep
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
-    answer,
-    energised,
-    go_to_rate,
-    look_at_drive,
-    set_v_vc,
-    take,
-    under_servo,
-    v_vc_on,
-    window_of,
-)
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import (
     Acquire,
     AwaitTemperature,
     CaptureSines,
@@ -58,13 +45,26 @@ from vcfbench.procedures.steps import (
     Window,
     set_air_by_hand,
 )
+from vcfbench.procedures.bandwidth import BandwidthSettings, sweep
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import (
+    energised,
+    go_to_rate,
+    look_at_drive,
+    set_v_vc,
+    take,
+    under_servo,
+    v_vc_on,
+    window_of,
+)
 from vcfbench.procedures.temperature_results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.zero import AtRestSettings, told_scale_factor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["TEMPERATURE", "AtTemperature", "By", "TemperatureSettings", "plan"]

@@ -13,10 +13,10 @@ from msgspec import Struct
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.errors import ConfigError
+from vcfbench.plans.step import Step
+from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.budgets import Measurand, Part, measurand
-from vcfbench.procedures.step import Step
-from vcfbench.procedures.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.procedures.zero import scale_factor_used
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.chopped import BlockNoise
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.measured import Measured
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context
     from vcfbench.procedures.static_noise import ScaleFactor
-    from vcfbench.procedures.step import Context
     from vcfbench.procedures.temperature import TemperatureSettings
     from vcfbench.record.schema import Point
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vcfbench.plans.steps import Note, Outcome, Plan, Settle
 from vcfbench.procedures.agreement import (
     require_agreement,
     require_expected_column,
@@ -22,12 +23,11 @@ from vcfbench.procedures.schedule import (
     sweep_words,
     window_grid,
 )
-from vcfbench.procedures.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["STEP", "TURNTABLE", "table_sweep", "turntable"]

@@ -10,15 +10,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.models import find_model, resolve
-from vcfbench.procedures.routines import answer, take, window_of
-from vcfbench.procedures.steps import AcquireWithVvc, ConfigureVvcMeter, Window
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import AcquireWithVvc, ConfigureVvcMeter, Window
+from vcfbench.procedures.routines import take, window_of
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = [

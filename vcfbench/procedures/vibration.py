@@ -17,22 +17,8 @@ from msgspec import Meta
 
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
-from vcfbench.procedures.budgets import Measurand, Part, measurand
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
-    answer,
-    energised,
-    look_at_drive,
-    rails_of,
-    set_v_vc,
-    take,
-    under_servo,
-    v_vc_on,
-    window_of,
-)
-from vcfbench.procedures.schedule import ABBA_SIGNS
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import (
     AcquireWithVvc,
     CheckRails,
     ConfigureMeter,
@@ -49,6 +35,20 @@ from vcfbench.procedures.steps import (
     SetVvc,
     Window,
 )
+from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import (
+    energised,
+    look_at_drive,
+    rails_of,
+    set_v_vc,
+    take,
+    under_servo,
+    v_vc_on,
+    window_of,
+)
+from vcfbench.procedures.schedule import ABBA_SIGNS
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import AGILENT_33220A
 
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.rate_band import Tone
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Routine
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Routine
 
 __all__ = ["VIBRATION", "VibrationResponse", "VibrationResult", "VibrationSettings", "vibration"]
 

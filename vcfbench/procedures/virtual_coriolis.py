@@ -18,6 +18,7 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import V_VC_RANGE_V, Match, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
+from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.agreement import (
     MATCH_DRIFT,
     require_agreement,
@@ -41,15 +42,14 @@ from vcfbench.procedures.routines import (
     v_vc_on,
 )
 from vcfbench.procedures.schedule import SEARCH, ZERO_DRIVEN, KvcBy, SweepSettings, sweep_drift, sweep_words
-from vcfbench.procedures.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.v_vc_levels import ready_v_vc_meter, take_driven
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from vcfbench.plans.step import Routine
     from vcfbench.procedures.null_matching import NullMatching
-    from vcfbench.procedures.step import Routine
     from vcfbench.record.schema import Point
 
 __all__ = ["VIRTUAL_CORIOLIS", "VirtualCoriolisSettings", "virtual_coriolis"]

@@ -15,11 +15,8 @@ from msgspec import Meta
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import answer, look_at_drive, rails_of
-from vcfbench.procedures.step import Reading, StepResult
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import Reading, StepResult, answer
+from vcfbench.plans.steps import (
     Acquire,
     CheckRails,
     ConfigureMeter,
@@ -29,6 +26,9 @@ from vcfbench.procedures.steps import (
     Plan,
     Window,
 )
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import look_at_drive, rails_of
 from vcfbench.procedures.warmup_curve import WarmupResult, is_steady, warmup_report, warmup_results
 from vcfbench.procedures.zero import (
     AtRestSettings,
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Context, Routine
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, Routine
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Report
 

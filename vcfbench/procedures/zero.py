@@ -18,12 +18,8 @@ from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import look_at_drive, rails_of, rails_on, under_servo
-from vcfbench.procedures.static_noise import ScaleFactor, ZeroResult, zero_report, zero_results
-from vcfbench.procedures.step import Step, StepResult
-from vcfbench.procedures.steps import (
+from vcfbench.plans.step import Step, StepResult
+from vcfbench.plans.steps import (
     Acquire,
     AcquireGapless,
     ConfigureGenerator,
@@ -35,13 +31,17 @@ from vcfbench.procedures.steps import (
     Plan,
     Settle,
 )
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import look_at_drive, rails_of, rails_on, under_servo
+from vcfbench.procedures.static_noise import ScaleFactor, ZeroResult, zero_report, zero_results
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.procedures.measured import Measured
-    from vcfbench.procedures.step import Context, Routine
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, Routine
 
 __all__ = [
     "ZERO",

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from vcfbench.errors import ConfigError
 
-__all__ = ["CHUNK_READINGS", "CHUNK_S", "FORMAT", "READABLE", "Point", "Status", "fits_one_chunk"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["CHUNK_READINGS", "CHUNK_S", "FORMAT", "READABLE", "Point", "Status", "fits_one_chunk", "pooled_std_v"]
 
 FORMAT = 2
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
@@ -105,3 +108,15 @@ def _whole(value: object) -> int:
     if type(value) is not int or not 0 <= value <= _MOST:
         raise ValueError(f"expected a whole number from 0 to {_MOST:g}, came {value!r}")
     return value
+
+
+def pooled_std_v(points: Sequence[Point]) -> float:
+    """Return the standard deviation of one reading, V, from all windows: ten readings know theirs to a quarter.
+
+    Raises:
+        ConfigError: no window has two readings.
+    """
+    degrees = sum(point.n - 1 for point in points)
+    if degrees < 1:
+        raise ConfigError("no window of two readings or more tells the noise")
+    return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees)

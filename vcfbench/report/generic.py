@@ -10,7 +10,7 @@ from vcfbench.report.document import Cell, Column, Report, Table
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.procedures.acceptance import Acceptance
+    from vcfbench.bench.acceptance import Acceptance
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Value
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Self, TextIO
 
 from vcfbench.clock import WallClock, utc_now
-from vcfbench.procedures.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
-from vcfbench.procedures.steps import (
+from vcfbench.plans.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
+from vcfbench.plans.steps import (
     Acquire,
     DriveReading,
     Note,
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from vcfbench.procedures.executor import Event
+    from vcfbench.plans.executor import Event
 
 __all__ = ["LineProgress", "LiveProgress", "NoProgress"]
 

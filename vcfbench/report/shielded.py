@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from types import TracebackType
 
-    from vcfbench.procedures.executor import Event, Observer
+    from vcfbench.plans.executor import Event, Observer
 
 __all__ = ["Shielded"]
 

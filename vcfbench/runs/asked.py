@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.procedures.dry_run import PlannedStep
-    from vcfbench.procedures.executor import Event, Execution, Executor, Observer
+    from vcfbench.plans.dry_run import PlannedStep
+    from vcfbench.plans.executor import Event, Execution, Executor, Observer
+    from vcfbench.plans.step import Operator, Plan
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.procedures.step import Operator, Plan
 
     Display = Callable[[float], AbstractContextManager[Observer]]
     """Makes a display, told the estimate of the bench time, s."""
@@ -96,7 +96,7 @@ class Prepared(Struct, frozen=True):
     def planned(self) -> DryRun:
         """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
         from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
-        from vcfbench.procedures.dry_run import dry_run as walked  # noqa: PLC0415
+        from vcfbench.plans.dry_run import dry_run as walked  # noqa: PLC0415
 
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.signals import StopSignals
     from vcfbench.interfaces import Identity, SafeReport
-    from vcfbench.procedures.executor import Execution, Observer
+    from vcfbench.plans.executor import Execution, Observer
+    from vcfbench.plans.step import Operator
     from vcfbench.procedures.procedure import AnyProcedure, Made
-    from vcfbench.procedures.step import Operator
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
@@ -254,7 +254,7 @@ class _Record(Struct):
 
     def perform(self, bench: Bench, watchers: Sequence[Observer]) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it."""
-        from vcfbench.procedures.executor import Executor  # noqa: PLC0415
+        from vcfbench.plans.executor import Executor  # noqa: PLC0415
 
         course, prepared = self.course, self.prepared
         course.checked.seed = bench.seed
@@ -366,7 +366,7 @@ class _Record(Struct):
             course.directory = None
 
     def _compute(self) -> None:
-        from vcfbench.procedures.measured import Measured  # noqa: PLC0415
+        from vcfbench.plans.measured import Measured  # noqa: PLC0415
         from vcfbench.record.journal import lines_of  # noqa: PLC0415
         from vcfbench.runs.results import come_to  # noqa: PLC0415
 

@@ -120,9 +120,9 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
     Raises:
         BenchError: procedure or settings are not known here, or the procedure gives no result of these points any more.
     """
+    from vcfbench.plans.measured import Measured  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-    from vcfbench.procedures.measured import Measured  # noqa: PLC0415
     from vcfbench.record.journal import lines_of  # noqa: PLC0415
     from vcfbench.runs.results import come_to  # noqa: PLC0415
 

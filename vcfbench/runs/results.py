@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
+from vcfbench.bench.acceptance import Acceptance, Verdict, judged
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
-from vcfbench.procedures.acceptance import Acceptance, Verdict, judged
 from vcfbench.procedures.own_code import mistake_in
 from vcfbench.record.outline import Mark  # noqa: TC001  # msgspec reads the annotation
 from vcfbench.record.plain import plain, read_only
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.settings import Limit
-    from vcfbench.procedures.measured import Measured
+    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord

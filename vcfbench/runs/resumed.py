@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
-from vcfbench.procedures.step import Effect, Outcome
+from vcfbench.plans.step import Effect, Outcome
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.interfaces import Identity
-    from vcfbench.procedures.executor import Execution, Executor, Observer
+    from vcfbench.plans.executor import Execution, Executor, Observer
+    from vcfbench.plans.replay import TakenOver
+    from vcfbench.plans.step import Operator, Plan, Routine
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.procedures.replay import TakenOver
-    from vcfbench.procedures.step import Operator, Plan, Routine
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
     from vcfbench.runs.run import Run
@@ -138,9 +138,9 @@ class BrokenOff:
     def prepare(self, asked: Asked, checked: Checked) -> Prepared:
         """Check what was asked for against the record; nothing is opened."""
         from vcfbench.bench.station import checked_pace  # noqa: PLC0415
+        from vcfbench.plans.replay import taken_over  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
         from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-        from vcfbench.procedures.replay import taken_over  # noqa: PLC0415
         from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
         header = self.record.header
@@ -207,7 +207,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             PlanError: the plan asks for other steps than the record has.
             ConfigError: the plan ends by itself where the record ends: what was measured is refused.
         """
-        from vcfbench.procedures.dry_run import PlannedStep, walk  # noqa: PLC0415
+        from vcfbench.plans.dry_run import PlannedStep, walk  # noqa: PLC0415
 
         whole = Prepared.planned(self)
         if not self._is_left():
@@ -273,7 +273,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
 
     def perform(self, executor: Executor) -> Execution:
         """Take over what was done, bring the bench to where it was, and go on; no more than that if nothing is left."""
-        from vcfbench.procedures.replay import rest_of  # noqa: PLC0415
+        from vcfbench.plans.replay import rest_of  # noqa: PLC0415
 
         executor.take_over(self.taken)
         if not self._is_left():
@@ -282,7 +282,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         return executor.execute(rest_of(self.plan(), self.taken))
 
     def _is_left(self) -> bool:
-        from vcfbench.procedures.replay import is_left, rest_of  # noqa: PLC0415
+        from vcfbench.plans.replay import is_left, rest_of  # noqa: PLC0415
 
         rest = rest_of(self.plan(), self.taken)
         try:
@@ -295,7 +295,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             ) from error
 
     def _start_up(self) -> Routine[None]:
-        from vcfbench.procedures.replay import start_up_again  # noqa: PLC0415
+        from vcfbench.plans.replay import start_up_again  # noqa: PLC0415
 
         return start_up_again([each.step for each in self.taken], self.settings)
 

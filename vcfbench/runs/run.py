@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from vcfbench.bench.acceptance import Acceptance
     from vcfbench.errors import BenchError
-    from vcfbench.procedures.acceptance import Acceptance
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.schema import Point, Status
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.executor import Execution, Executor
+from vcfbench.plans.executor import Execution, Executor
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.record.schema import Status

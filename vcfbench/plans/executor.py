@@ -1,0 +1,348 @@
+"""The executor: the only place that acts. It performs each step of a plan, writes it to the journal, and goes on.
+
+When a step fails, the failure is written down and thrown into the plan, whose `finally` clauses then bring table,
+generator and supply to rest, step by step; what was measured is kept. A person's stop ends the plan at once. Either way
+the bench's safety stack makes all safe once more, and proves it.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+from msgspec import Struct, to_builtins
+
+from vcfbench.errors import Aborted, BenchError
+from vcfbench.plans.step import Context, Effect, abandon, nobody
+from vcfbench.plans.steps.supply import supply_behind
+from vcfbench.record.schema import Status
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from vcfbench.plans.replay import TakenOver
+    from vcfbench.plans.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
+    from vcfbench.record.schema import Point
+
+__all__ = [
+    "Event",
+    "Execution",
+    "Executor",
+    "Observer",
+    "ReadingTaken",
+    "StepFailed",
+    "StepFinished",
+    "StepJournal",
+    "StepStarted",
+]
+
+
+_AGAIN = "starting up again"
+
+
+class StepStarted(Struct, frozen=True):
+    """Step `number` begins at bench time `t_s` (s since the run began)."""
+
+    number: int
+    t_s: float
+    step: Step
+
+
+class ReadingTaken(Struct, frozen=True):
+    """The multimeter gave a reading."""
+
+    t_s: float
+    reading: Reading
+
+
+class StepFinished(Struct, frozen=True):
+    """Step `number` is done and on the disk."""
+
+    number: int
+    t_s: float
+    step: Step
+    result: StepResult
+
+
+class StepFailed(Struct, frozen=True):
+    """Step `number` failed; the plan now brings the bench to rest."""
+
+    number: int
+    t_s: float
+    step: Step
+    error: BenchError
+
+
+Event = StepStarted | ReadingTaken | StepFinished | StepFailed
+
+
+class Observer(Protocol):
+    """Something that is told what happens: a progress line, a page."""
+
+    def handle(self, event: Event) -> None:
+        """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""
+        ...
+
+
+class StepJournal(Protocol):
+    """Where steps are written before the next one begins, and the readings of a long one as they come."""
+
+    def readings(self, values: Mapping[str, Any]) -> None:
+        """Write a chunk of the readings of the step under way."""
+        ...
+
+    def step(self, values: Mapping[str, Any]) -> None:
+        """Write one performed step."""
+        ...
+
+    def error(self, values: Mapping[str, Any]) -> None:
+        """Write one failed step."""
+        ...
+
+    def restored(self, values: Mapping[str, Any]) -> None:
+        """Write one step that brings the bench to where it was when the run was broken off."""
+        ...
+
+
+class Execution(Struct, frozen=True):
+    """How a plan went: status, the points kept, the first error, and times in bench seconds.
+
+    `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
+    below which no controller can come with this table and this settling. `asked_again` says which answers could not be
+    believed, and in which step, so that they were asked for once more. `not_checked` says what the plan would have
+    checked on another bench.
+    """
+
+    status: Status
+    points: tuple[Point, ...]
+    error: BenchError | None
+    bench_seconds: float
+    physical_minimum_s: float
+    asked_again: tuple[str, ...] = ()
+    not_checked: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class Executor:
+    """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now."""
+
+    bench: OpenBench
+    journal: StepJournal
+    observers: Sequence[Observer] = ()
+    operator: Operator = nobody
+    began_s: float | None = None
+    _context: Context = field(init=False)
+    _started_s: float = field(init=False)
+    _number: int = field(init=False, default=0)
+    _written: int = field(init=False, default=0)
+    _points: list[Point] = field(init=False, default_factory=list)
+    _asked_again: list[str] = field(init=False, default_factory=list)
+    _not_checked: list[str] = field(init=False, default_factory=list)
+    _physical_s: float = field(init=False, default=0.0)
+    _error: BenchError | None = field(init=False, default=None)
+    _walked: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        self._context = Context(self.bench, self._heard, operator=self.operator)
+        self._started_s = self.bench.clock.now() if self.began_s is None else self.began_s
+        self.observers = list(self.observers)
+
+    def execute(self, plan: Plan) -> Execution:
+        """Perform `plan` to its end or to its first error, and tell how it went.
+
+        Errors of the bench are in the result, not raised: what was measured must not be lost with them.
+        """
+        try:
+            self._walk(plan)
+            self._walked = True
+        finally:
+            abandon(plan)
+        return self.so_far()
+
+    def take_over(self, taken: Iterable[TakenOver]) -> None:
+        """Write down, and count as this run's, what was performed before the run was broken off. Nothing is done."""
+        for each in taken:
+            for chunk in each.chunks:
+                self.journal.readings(chunk)
+            for readings_v in each.readings_v():
+                each.step.recall(readings_v, self._context)
+            self.journal.step(each.line)
+            self._number = self._written = self._number + 1
+            self._physical_s += each.step.physical_s
+            self._count(each.step, each.result, each.line.get("asked_again", ()))
+
+    def restore(self, steps: Routine[None]) -> None:
+        """Perform what brings the bench to where it was when the run was broken off; none of it is a step of the run.
+
+        Raises:
+            BenchError: it did not come to that; what brings it to rest is up to the safety stack.
+        """
+        advance: Callable[[], Step] = partial(next, steps)
+        with suppress(StopIteration):
+            while True:
+                step = advance()
+                try:
+                    result = self._again(step)
+                except BenchError as error:
+                    if error.step is None:
+                        error.step = f"{_AGAIN} ({step.describe()})"
+                    self._keep(error)
+                    raise
+                advance = partial(steps.send, result)
+
+    def _again(self, step: Step) -> StepResult:
+        start_s = self._now()
+        self._tell(StepStarted(self._number, start_s, step))
+        self._context.begin()
+        result = step.perform(self._context)
+        self._physical_s += step.physical_s
+        self.journal.restored(self._done(step, result, start_s))
+        self._asked_again += (f"{_AGAIN}: {said}" for said in self._context.asked_again)
+        self._tell(StepFinished(self._number, self._now(), step, result))
+        return result
+
+    def so_far(self) -> Execution:
+        """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
+        return Execution(
+            Status.COMPLETE if self._walked and self._error is None else Status.ABORTED,
+            tuple(self._points),
+            self._error,
+            self._now(),
+            self._physical_s,
+            tuple(self._asked_again),
+            tuple(self._not_checked),
+        )
+
+    def _walk(self, plan: Plan) -> None:
+        advance: Callable[[], Step] = partial(next, plan)
+        while True:
+            try:
+                step = advance()
+            except StopIteration:
+                return
+            except BenchError as error:
+                self._keep(error)
+                return
+            advance = self._perform(plan, step)
+
+    def _perform(self, plan: Plan, step: Step) -> Callable[[], Step]:
+        """Do one step; return how the plan goes on: with the result, or with the error."""
+        self._number += 1
+        try:
+            result = self._act(step)
+        except (BenchError, KeyboardInterrupt) as problem:
+            error = self._failed(step, problem)
+            return _stop if isinstance(error, Aborted) else partial(plan.throw, error)
+        return partial(plan.send, result)
+
+    def _act(self, step: Step) -> StepResult:
+        start_s = self._now()
+        self._tell(StepStarted(self._number, start_s, step))
+        self._context.begin(partial(self._write_chunk, step, start_s))
+        result = step.perform(self._context)
+        self._physical_s += step.physical_s
+        self._write(step, result, start_s)
+        self._tell(StepFinished(self._number, self._now(), step, result))
+        return result
+
+    def _write_chunk(self, step: Step, start_s: float, readings: Sequence[Reading]) -> None:
+        """Write readings of the step under way; the step stands with them, for its own line may never come."""
+        chunk = {
+            **self._line(step),
+            "t_s": start_s,
+            "end_s": self._now(),
+            "chunk": self._context.chunks + 1,
+            "readings": readings,
+        }
+        self.journal.readings(chunk)
+
+    def _write(self, step: Step, result: StepResult, start_s: float) -> None:
+        if self._context.chunks:
+            self._context.rest()
+        line = self._done(step, result, start_s)
+        if step.not_checked:
+            line["not_checked"] = step.not_checked
+        point = result.recorded_point
+        if point is not None:
+            line["point"] = point.as_json()
+        self._count(step, result, self._context.asked_again)
+        self.journal.step(line)
+        self._written = self._number
+
+    def _done(self, step: Step, result: StepResult, start_s: float) -> dict[str, Any]:
+        return {
+            **self._line(step),
+            "t_s": start_s,
+            "end_s": self._now(),
+            "result_kind": type(result).__name__,
+            "result": result.as_json(),
+            **self._seen(),
+        }
+
+    def _count(self, step: Step, result: StepResult, asked_again: Sequence[str]) -> None:
+        """Keep of a performed step what the run is told at its end."""
+        self._asked_again += (f"step {self._number}: {said}" for said in asked_again)
+        if step.not_checked and step.not_checked not in self._not_checked:  # parts of one run may leave out the same
+            self._not_checked.append(step.not_checked)
+        point = result.recorded_point
+        if point is not None:
+            self._points.append(point)
+
+    def _line(self, step: Step) -> dict[str, Any]:
+        return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
+
+    def _seen(self) -> dict[str, Any]:
+        """Return what a line says only where there is something to say: chunks before it, answers not believed."""
+        context = self._context
+        chunks = {"chunks": context.chunks} if context.chunks else {}
+        return {**chunks, "asked_again": list(context.asked_again)} if context.asked_again else chunks
+
+    def _failed(self, step: Step, problem: BaseException) -> BenchError:
+        """Put the step into the error and both into the journal."""
+        error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
+        if step.effect in {Effect.MEASURES, Effect.CHECKS}:
+            error = supply_behind(error, self._context)
+        if error.step is None:
+            error.step = f"{self._number} ({step.describe()})"
+        self._keep(error)
+        readings = to_builtins(self._context.readings)
+        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": readings, **self._seen()}
+        if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
+            with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
+                self.journal.error(line)
+        self._tell(StepFailed(self._number, self._now(), step, error))
+        return error
+
+    def _keep(self, error: BenchError) -> None:
+        """Keep the first error: what follows it while the bench comes to rest is a consequence.
+
+        A plan knows roles only; where an instrument answers is added here.
+        """
+        if error.instrument is not None and error.resource is None:
+            with suppress(BenchError):  # the instrument that the error is about may be one that the bench has not
+                error.resource = getattr(getattr(self.bench, error.instrument, None), "resource", None)
+        self._error = self._error or error
+
+    def _heard(self, reading: Reading) -> None:
+        self._tell(ReadingTaken(self._now(), reading))
+
+    def _tell(self, event: Event) -> None:
+        for observer in tuple(self.observers):
+            try:
+                observer.handle(event)
+            except OSError:
+                self.observers = [other for other in self.observers if other is not observer]
+
+    def _now(self) -> float:
+        return self.bench.clock.now() - self._started_s
+
+
+def _stop() -> Step:
+    """End the walk here: after a person's stop nothing more is done for the plan, the safety stack takes over."""
+    raise StopIteration
+
+
+def _told(error: BenchError) -> dict[str, Any]:
+    return {"error_kind": type(error).__name__, "error": str(error)}

@@ -1,0 +1,188 @@
+"""What a run measured, as the results of a procedure see it: its points, and all else that the journal keeps.
+
+A run keeps its points in memory and nothing more; readings and what steps have found are in the journal, and are read
+from there when they are asked for. So it is the same for a run that has just ended and for its record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+from vcfbench.plans.decode import Recorded, result_of, step_of
+from vcfbench.plans.step import Step, StepResult
+from vcfbench.record.schema import Point
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["Measured", "Readings", "WindowReadings"]
+
+_Found = TypeVar("_Found", bound=StepResult)
+_Mark = TypeVar("_Mark", bound=Step)
+_Lines = Callable[[], Iterable[Mapping[str, Any]]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowReadings:
+    """The raw readings of one window: bench times at which they were asked for (s), and voltages (V), both (n,).
+
+    `number` is that of the step in the run, from 1; `step` the step that took them.
+    """
+
+    number: int
+    step: Step | Recorded
+    t_s: NDArray[np.float64]
+    voltage_v: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """All raw readings of a run, window after window."""
+
+    windows: tuple[WindowReadings, ...]
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """Bench times of all readings, s, shape (n,)."""
+        return _joined([window.t_s for window in self.windows])
+
+    @property
+    def voltage_v(self) -> NDArray[np.float64]:
+        """Voltages of all readings, V, shape (n,)."""
+        return _joined([window.voltage_v for window in self.windows])
+
+
+class Measured(Sequence[Point]):
+    """The points of a run, in the order in which they were measured, and what else its journal keeps of it.
+
+    Args:
+        points: the averaged points.
+        lines: begins to read the journal: its lines, as :func:`vcfbench.record.journal.lines_of` gives them.
+    """
+
+    def __init__(self, points: Iterable[Point], lines: _Lines = tuple) -> None:
+        self._points = tuple(points)
+        self._lines = lines
+
+    @overload
+    def __getitem__(self, index: int) -> Point: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Point, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Point | tuple[Point, ...]:
+        return self._points[index]
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __repr__(self) -> str:
+        return f"<Measured: {len(self)} points>"
+
+    @property
+    def readings(self) -> Readings:
+        """Every reading of every window that came to its end; read from the journal when first asked for.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return self._kept[0]
+
+    def found(self, kind: type[_Found]) -> tuple[tuple[Step, _Found], ...]:
+        """Return what steps have found, of `kind` or a kind of it, each with its step, in the order of the run.
+
+        Of a window too long for one line of the journal the result holds the point; its readings are in `readings`.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return tuple((step, result) for step, result in self._kept[1] if isinstance(result, kind))
+
+    @property
+    def broken_off(self) -> bool:
+        """Whether it was broken off and taken up again in between: some of its steps are those of an earlier record.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return len({line.get("taken_over") for line in self._lines() if line.get("type") == "step"}) > 1
+
+    def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
+        """Return each step of `kind` with what was measured from it to the next of them, or to the end of the run.
+
+        So a run in parts is seen part by part, each as a run of its own.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        marks: list[tuple[_Mark, int, int]] = []
+        points = 0
+        for line in self._lines():
+            if line.get("type") != "step":
+                continue
+            if line["step_kind"] == kind.__name__:
+                step = step_of(line)
+                if isinstance(step, kind):
+                    marks.append((step, line["n"], points))
+            points += "point" in line
+        ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
+        return tuple(
+            (step, Measured(self._points[first:last], partial(_between, self._lines, begin, end)))
+            for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
+        )
+
+    @cached_property
+    def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
+        """Go through the journal once: one window's readings are in memory as they stand there, the rest as arrays."""
+        windows, found = [], []
+        for line, readings in _steps(self._lines()):
+            step, result = step_of(line), result_of(line)
+            if readings:
+                windows.append(_window(line["n"], step, readings))
+            if isinstance(step, Step) and isinstance(result, StepResult):
+                found.append((step, result))
+        return Readings(tuple(windows)), tuple(found)
+
+
+def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:
+    """Yield the lines of steps from number `begin` on, before `end`; None is that of all others."""
+    for line in lines():
+        number = line.get("n")
+        if number is not None and begin <= number and (end is None or number < end):
+            yield line
+
+
+def _steps(lines: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], list[NDArray[np.float64]]]]:
+    """Yield the line of each step that was performed, with its readings, a row each, in the pieces that are there."""
+    chunks: list[NDArray[np.float64]] = []
+    for line in lines:
+        if line.get("type") == "readings":
+            chunks.append(_rows(line["readings"]))
+        elif line.get("type") in ("step", "error"):
+            taken, chunks = chunks, []
+            if line["type"] == "step":
+                own = line["result"].get("readings", ())
+                yield line, [*taken, _rows(own)] if own else taken
+
+
+def _rows(readings: Sequence[Mapping[str, float]]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  # most results need points alone
+
+    return np.array([(reading["t_s"], reading["voltage_v"]) for reading in readings])
+
+
+def _window(number: int, step: Step | Recorded, pieces: Sequence[NDArray[np.float64]]) -> WindowReadings:
+    import numpy as np  # noqa: PLC0415  # as above
+
+    rows = np.concatenate(pieces)
+    return WindowReadings(number, step, rows[:, 0].copy(), rows[:, 1].copy())
+
+
+def _joined(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  # as above
+
+    return np.concatenate(arrays) if arrays else np.empty(0)

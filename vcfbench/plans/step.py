@@ -1,0 +1,340 @@
+"""What a step is: one frozen value that can describe itself, be predicted, be held against limits and be performed.
+
+A procedure is a generator that yields steps and is sent their results (:data:`Plan`). Since a step is a value, a plan
+can be walked without a bench: dry run, estimate of the time and limits read the same steps that the executor performs.
+A step of one's own is a subclass in one's own file; nothing else has to know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import suppress
+from enum import Enum
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+
+from msgspec import Struct, field, to_builtins
+
+from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
+from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.clock import Clock
+    from vcfbench.interfaces import (
+        FunctionGenerator,
+        Instrument,
+        Multimeter,
+        Oscilloscope,
+        PowerSupply,
+        RateTable,
+        TemperatureChamber,
+    )
+    from vcfbench.plans.scatter import NoiseSeen
+    from vcfbench.record.schema import Point
+
+_T = TypeVar("_T")
+
+
+class Effect(Enum):
+    """What a step does: sets something, lets time pass, measures, checks the bench, or nothing at all.
+
+    What was measured stands for ever; what was only checked is checked once more when a run is resumed.
+    """
+
+    SETS = "sets"
+    WAITS = "waits"
+    MEASURES = "measures"
+    CHECKS = "checks"
+    NOTHING = "nothing"
+
+
+class OpenBench(Protocol):
+    """What a procedure needs of a bench: its instruments by role, and its clock.
+
+    Asking for an instrument that the bench has not is a ConfigError that says what its bench file lacks.
+    """
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        ...
+
+    @property
+    def power(self) -> PowerSupply:
+        """The supply of the PCB's rails."""
+        ...
+
+    @property
+    def rate_source(self) -> FunctionGenerator:
+        """The generator of V_Vc."""
+        ...
+
+    @property
+    def vibration_source(self) -> FunctionGenerator:
+        """The second generator, added to V_Vc."""
+        ...
+
+    @property
+    def multimeter(self) -> Multimeter:
+        """The voltmeter of the output."""
+        ...
+
+    @property
+    def v_vc_meter(self) -> Multimeter:
+        """The second voltmeter, on V_Vc."""
+        ...
+
+    @property
+    def chamber(self) -> TemperatureChamber:
+        """What brings the gyroscope to a temperature."""
+        ...
+
+    @property
+    def oscilloscope(self) -> Oscilloscope:
+        """The oscilloscope on drive and carrier."""
+        ...
+
+    @property
+    def rate_table(self) -> RateTable:
+        """The table."""
+        ...
+
+
+class Request(Struct, frozen=True):
+    """What a person is asked to do with his hands.
+
+    `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
+    values as ``vcfbench sim ctl set`` takes them.
+    """
+
+    words: str
+    takes_s: float = 60.0
+    adjustments: Mapping[str, float | str | bool | None] = field(default_factory=dict)
+
+
+Operator = Callable[[Request], str]
+"""Does what is requested, or has it done, and returns when it is; what it says is kept in the record."""
+
+
+def nobody(request: Request) -> str:
+    """Refuse: nobody is there to be asked."""
+    raise PlanError(
+        f"somebody would have to {request.words}, and nobody is there to be asked",
+        hint="give the run an operator, or say --yes if all is done as asked",
+    )
+
+
+class Reading(Struct, frozen=True):
+    """One reading of the multimeter: bench time at which it was asked for (s) and voltage (V)."""
+
+    t_s: float
+    voltage_v: float
+
+
+def _nowhere(readings: Sequence[Reading]) -> None:
+    """Keep readings nowhere: nobody writes a journal."""
+
+
+class Context(Struct):
+    """What a step works with while it is performed: the bench, and where readings and doubts are written down.
+
+    `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
+    written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
+    has written. `operator` is who does what only hands can do. `asked_again` says what was answered, in the step under
+    way, that could not be believed, so that it was asked once more. `noise` is the scatter that the run has seen so
+    far. `outputs` are those of the supply that feed the rails, once they were read back.
+    """
+
+    bench: OpenBench
+    hear: Callable[[Reading], None]
+    readings: list[Reading] = field(default_factory=list)
+    asked_again: list[str] = field(default_factory=list)
+    noise: NoiseSeen | None = None
+    outputs: tuple[str, ...] = ()
+    keep: Callable[[Sequence[Reading]], None] = _nowhere
+    chunks: int = 0
+    operator: Operator = nobody
+
+    def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
+        """Forget what the step before left; `keep` writes down each chunk of readings of the step that begins."""
+        self.readings.clear()
+        self.asked_again.clear()
+        self.keep, self.chunks = keep, 0
+
+    def take(self, reading: Reading) -> tuple[Reading, ...]:
+        """Keep a reading and pass it on; return the chunk before it, if one had to be closed to make room.
+
+        A chunk has at most `CHUNK_READINGS`, over at most `CHUNK_S`. Closed, it is on the disk and no longer in memory.
+        """
+        readings = self.readings
+        full = len(readings) >= CHUNK_READINGS or (readings and reading.t_s - readings[0].t_s >= CHUNK_S)
+        closed = self._close() if full else ()
+        readings.append(reading)
+        self.hear(reading)
+        return closed
+
+    def rest(self) -> tuple[Reading, ...]:
+        """Return the readings that are in no chunk yet: all of a short window; of a long one the last chunk, closed."""
+        return self._close() if self.chunks and self.readings else tuple(self.readings)
+
+    def _close(self) -> tuple[Reading, ...]:
+        closed = tuple(self.readings)
+        self.keep(closed)
+        self.chunks += 1
+        self.readings.clear()
+        return closed
+
+    def believable(self, ask: Callable[[], _T], doubt: Callable[[_T], str] = lambda _: "") -> _T:
+        """Ask, and once more where the answer is none or `doubt` says something against it; that is written down.
+
+        Asking again moves nothing: `ask` reads, or sets what is set already. The second answer is as it is: whoever
+        asked says what is wrong with it.
+        """
+        try:
+            answer = ask()
+        except FramingError as error:
+            self.asked_again.append(str(error))
+            return ask()
+        if said := doubt(answer):
+            self.asked_again.append(said)
+            return ask()
+        return answer
+
+
+def problem(instrument: Instrument, what: str) -> MeasurementError:
+    """Return the error that says what is wrong at `instrument`."""
+    return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
+
+
+class StepResult:
+    """What came of a step. A subclass of one's own, a frozen dataclass or struct, is known to records by its name."""
+
+    __slots__ = ()
+
+    kinds: ClassVar[dict[str, type[StepResult]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the kind known, so that a record can be read into values again."""
+        super().__init_subclass__(**options)
+        StepResult.kinds[cls.__name__] = cls
+
+    @property
+    def recorded_point(self) -> Point | None:
+        """The point that the step adds to the run, None when it adds none."""
+        return None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fields as they stand in the journal."""
+        return dict(to_builtins(self))
+
+    def describe(self) -> str:
+        """Say in a few words what the step gave; empty when there is nothing to say."""
+        return ""
+
+
+class Step:
+    """What all steps have in common; each is a frozen dataclass or msgspec struct of its own.
+
+    `subject` names what is set, waited for, checked or measured, ``"table rate"``.
+    """
+
+    __slots__ = ()
+
+    kinds: ClassVar[dict[str, type[Step]]] = {}
+    effect: ClassVar[Effect] = Effect.NOTHING
+    subject: ClassVar[str] = ""
+    overhead_s: ClassVar[float] = 0.0
+    """Estimate of the time that talking to the instruments takes, beside what physics asks for."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the kind known, so that a record can be read into values again."""
+        super().__init_subclass__(**options)
+        Step.kinds[cls.__name__] = cls
+
+    def describe(self) -> str:
+        """Say what the step does, as the work instruction would."""
+        raise NotImplementedError
+
+    def perform(self, context: Context) -> StepResult:
+        """Do the step on the bench of `context`. The executor is the only one who calls this.
+
+        Raises:
+            BenchError: the instrument, the wire or the bench did not let it be done.
+        """
+        raise NotImplementedError
+
+    def predict(self, gyro: LinearGyro) -> StepResult:
+        """Return what the step would give with `gyro` on the bench; nothing is opened or sent."""
+        raise NotImplementedError
+
+    def within(self, limits: LimitChecks) -> None:
+        """Raise LimitError when the step would leave the limits of the bench. One that sets nothing cannot."""
+
+    def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the fields of the step's result, from what :meth:`StepResult.as_json` wrote of them."""
+        return result
+
+    def again(self) -> tuple[Step, ...]:
+        """Return what does the same to a bench that was made safe meanwhile: by default the step itself."""
+        return (self,)
+
+    def recall(self, readings_v: Sequence[float], context: Context) -> None:
+        """Take notice of one chunk of what this step read before a run was broken off, V."""
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """What the step sets, each by a name: of all steps that set the same, the last one counts."""
+        return (self.subject,) if self.effect is Effect.SETS else ()
+
+    @property
+    def key(self) -> str:
+        """Name the step by its kind and parameters; the same in every run of the same plan."""
+        return repr(self)
+
+    @property
+    def not_checked(self) -> str:
+        """What a run with this step leaves unchecked, and why: its answer says so. Empty: nothing."""
+        return ""
+
+    @property
+    def physical_s(self) -> float:
+        """Least time the step needs on any bench (ramp, settling, averaging window), s."""
+        return 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s."""
+        return self.physical_s + self.overhead_s
+
+
+class Outcome(Struct, frozen=True):
+    """A plan came to its end. What it measured is in the points; this says in one line that it is all there."""
+
+    summary: str
+
+
+Plan = Generator[Step, StepResult, Outcome]
+"""A generator of steps, to which their results are sent back; it returns its outcome."""
+Routine = Generator[Step, StepResult, _T]
+"""Part of a plan, which returns what it has found."""
+
+
+class _Abandoned(BenchError):
+    """Thrown into a plan that nobody performs any longer."""
+
+
+def abandon(plan: Routine[object]) -> None:
+    """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
+    with suppress(StopIteration, BenchError):
+        while True:
+            plan.throw(_Abandoned("the run was left"))
+
+
+def answer(result: StepResult, kind: type[_T]) -> _T:
+    """Return `result`, which the executor promises to be of `kind`."""
+    if not isinstance(result, kind):
+        raise TypeError(f"the step was answered with {type(result).__name__}, not {kind.__name__}")
+    return result
