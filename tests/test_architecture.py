@@ -24,7 +24,7 @@ FLOORS = [
     {"plans"},
     {"bench"},
     {"drivers", "record", "analysis", "sim"},
-    {"interfaces", "models", "specifications", "files", "errors", "clock"},
+    {"interfaces", "models", "specifications", "files", "extras", "errors", "clock"},
 ]
 SEALED = {"drivers", "record", "analysis", "sim"}
 KNOW_THE_SIMULATION = (

@@ -1,0 +1,38 @@
+"""What is asked for without its extra says which to install."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.errors import ConfigError
+from vcfbench.extras import need
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_what_is_installed_is_imported() -> None:
+    assert need("json", "export", "an export") is json
+
+
+def test_a_module_within_a_package_is_that_module() -> None:
+    assert need("json.decoder", "export", "an export").JSONDecodeError is json.JSONDecodeError
+
+
+def test_what_is_not_installed_is_said_with_the_extra_to_install() -> None:
+    with pytest.raises(ConfigError, match="a page needs no_such_library, which is not installed") as told:
+        need("no_such_library.inside", "page", "a page")
+    assert told.value.hint == "pip install 'vcfbench[page]'"
+    assert told.value.exit_code == 2
+
+
+def test_what_is_installed_but_broken_is_not_called_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "half_a_library.py").write_text("import what_it_needs_itself\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ConfigError, match="cannot be imported: No module named 'what_it_needs_itself'"):
+        need("half_a_library", "export", "an export")
+    assert "half_a_library" not in sys.modules
