@@ -255,3 +255,15 @@ def test_a_force_too_weak_for_the_set_amplitude_holds_what_it_can() -> None:
     clock.sleep_until(5.001)
     volts = capture.samples("drive", np.linspace(5.0, 5.001, 500))
     assert np.max(volts) == pytest.approx(0.4, rel=1e-3)
+
+
+def test_segments_are_few_and_as_fine_as_the_envelope_asks() -> None:
+    segments = start_up(PAPER, MODE, (0j, 0j), start_s=0.0, phase_rad=0.0, supplied=lambda _: Supplied(AMPLITUDE, 10.0))
+    changing = segments[:-1]
+    assert len(changing) < 80  # of 4 ms they were 200
+    for segment in changing:
+        seen = [MODE.displacement(motion.parts) for motion in segment.motions]
+        if len(seen) > 16:
+            assert max(abs(each - seen[0]) for each in seen[::16]) <= 1.0001e-4 * AMPLITUDE
+        assert segment.displacement_m == pytest.approx(sum(seen) / len(seen), rel=1e-12)
+    assert sum(len(segment.motions) for segment in changing) * 0.25e-3 == pytest.approx(changing[-1].stop_s)

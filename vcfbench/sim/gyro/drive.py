@@ -20,7 +20,7 @@ from msgspec import Struct
 from vcfbench.sim.gyro.signals import ExponentialSum
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
@@ -37,6 +37,9 @@ class Supplied(NamedTuple):
 
 CONTROL_STEP_S = 0.25e-3
 STEPS_A_SEGMENT = 16
+"""A segment has so many control steps, or a multiple of it while the drive hardly changes."""
+STEADY = 1e-4
+"""Change of the envelope, relative to the set amplitude, within which one segment goes on."""
 RING_DOWN_SEGMENT_S = 20e-3
 LONGEST_START_S = 3.0
 SETTLED = 1e-7
@@ -150,8 +153,22 @@ def start_up(
         motions.append(motion)
         parts = mode.step(parts, motion.force_m_s2, frequency, CONTROL_STEP_S)
         phase_rad += frequency * CONTROL_STEP_S
-    chunks = [motions[i : i + STEPS_A_SEGMENT] for i in range(0, len(motions), STEPS_A_SEGMENT)]
+    chunks = _chunks(mode, motions, STEADY * amplitude_m)
     return [*(_mean(mode, chunk) for chunk in chunks), locked(amplitude_m, mode.natural_rad_s)]
+
+
+def _chunks(mode: Resonance, motions: Sequence[Motion], steady_m: float) -> Iterator[Sequence[Motion]]:
+    """Cut `motions` where the envelope or the VCO's phase has gone further than `steady_m` since the last cut."""
+    first = 0
+    for place in range(STEPS_A_SEGMENT, len(motions), STEPS_A_SEGMENT):
+        begun, now = motions[first], motions[place]
+        moved_m = abs(mode.displacement(now.parts) - mode.displacement(begun.parts))
+        turned = abs(now.drive_rad_s - begun.drive_rad_s) * (now.start_s - begun.start_s)
+        if max(moved_m, turned * abs(mode.displacement(now.parts))) > steady_m:
+            yield motions[first:place]
+            first = place
+    if motions:
+        yield motions[first:]
 
 
 def _mean(mode: Resonance, motions: Sequence[Motion]) -> DriveSegment:
