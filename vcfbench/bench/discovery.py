@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import threading
 import warnings
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, TypeVar
@@ -146,7 +147,7 @@ def _within(seconds: float, act: Callable[[], _T]) -> _T:
         except BaseException as error:  # noqa: BLE001  # it is raised again in the thread that waits
             failed.append(error)
 
-    worker = threading.Thread(target=run, daemon=True)
+    worker = threading.Thread(target=copy_context().run, args=(run,), daemon=True)  # what is traced here, is there
     worker.start()
     worker.join(seconds)
     if failed:

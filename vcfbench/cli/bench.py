@@ -9,6 +9,7 @@ import typer
 
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.discover import discover
+from vcfbench.cli.tracing import Trace_, tracing
 
 if TYPE_CHECKING:
     from vcfbench.bench.check import BenchCheck, CheckedInstrument
@@ -51,13 +52,14 @@ def show(
 
 
 @app.command("check")
-def check(bench: Bench_ = None, *, json: Json_ = False) -> None:
+def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) -> None:
     """Open every instrument, verify who it is, read its error queue and faults; leave everything safe."""
     from vcfbench.bench.check import check_bench  # noqa: PLC0415
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
 
     description = load_bench(bench)
-    done = check_bench(description)
+    with tracing(trace):
+        done = check_bench(description)
 
     def show() -> None:
         if json:

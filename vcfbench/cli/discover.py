@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ def discover(
     timeout: Annotated[
         float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
     ] = 1.0,
+    trace: Trace_ = None,
     *,
     probe_serial: Annotated[
         bool, typer.Option("--probe-serial", help="Ask serial ports too. Bytes can move what is not known: look first.")
@@ -39,7 +41,8 @@ def discover(
     """
     from vcfbench.bench import discovery  # noqa: PLC0415
 
-    found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
+    with tracing(trace):
+        found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
     if json:
         import msgspec  # noqa: PLC0415
 

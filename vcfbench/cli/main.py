@@ -100,7 +100,7 @@ app = typer.Typer(
     name="vcfbench",
     cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,  # rich takes longer to import than all the rest
     pretty_exceptions_enable=False,
     help="Calibrate MEMS vibratory gyroscopes on a rate table and by a virtual Coriolis force.",
@@ -138,6 +138,8 @@ def main() -> None:
         try:
             code = app(prog_name="vcfbench", standalone_mode=False, obj=signals) or 0
             signals.answered()
+        except SystemExit as leaving:  # Typer's own way out, once a shell has its completions
+            code = leaving.code if isinstance(leaving.code, int) else 0
         except BaseException as error:  # noqa: BLE001  # a signal, on the way out, or a mistake of ours
             signals.answered()
             code = _last_word(error)

@@ -7,14 +7,18 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.cli.completion import run_names
 from vcfbench.cli.ending import EarlyAndLate
 from vcfbench.cli.run import Json_, Quiet_, Speed_, Yes_  # noqa: TC001  # typer reads them in the signature
+from vcfbench.cli.tracing import Trace_, tracing
 
 __all__ = ["resume"]
 
 
 def resume(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Directory of the run, its name, or 'last'.")],
+    run: Annotated[
+        str, typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'.")
+    ],
     bench: Annotated[
         Path | None,
         typer.Option("--bench", metavar="FILE", help="The bench of the run, where it answers elsewhere today."),
@@ -28,6 +32,7 @@ def resume(
     runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
     *,
     context: typer.Context,
+    trace: Trace_ = None,
     speed: Speed_ = None,
     json: Json_ = False,
     quiet: Quiet_ = False,
@@ -40,4 +45,5 @@ def resume(
     options = RunOptions(
         bench=bench, seed=None, json=json, dry_run=False, runs=runs, speed=speed, quiet=quiet, yes=yes, settings={}
     )
-    resumed(run, procedure, options, context.find_object(EarlyAndLate))
+    with tracing(trace):
+        resumed(run, procedure, options, context.find_object(EarlyAndLate))

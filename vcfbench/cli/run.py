@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from vcfbench.cli.ending import EarlyAndLate
+from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
 
@@ -118,6 +119,7 @@ def _common(
     settings: Set_ = None,
     *,
     context: typer.Context,
+    trace: Trace_ = None,
     json: Json_ = False,
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
@@ -143,7 +145,9 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
         given = {key: value for key in own if (value := options.pop(key)) is not None}
         given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
         settings = asked_by_command(options.pop("settings") or (), given, own, lists)
-        conduct(chosen, settings, RunOptions(**options, settings=settings.values), context.find_object(EarlyAndLate))
+        with tracing(options.pop("trace")):
+            asked = RunOptions(**options, settings=settings.values)
+            conduct(chosen, settings, asked, context.find_object(EarlyAndLate))
 
     _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.option})
     alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
@@ -42,7 +43,12 @@ def list_(runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
 
 @app.command("show")
 def show(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Name of the run, its beginning or end, or 'last'.")],
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN", autocompletion=run_names, help="Name of the run, its beginning or end, or 'last'."
+        ),
+    ],
     runs: Runs_ = Path("runs"),
     *,
     json: Json_ = False,

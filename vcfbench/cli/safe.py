@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import answer, print_json
+from vcfbench.cli.tracing import Trace_, tracing
 
 if TYPE_CHECKING:
     from vcfbench.bench.safing import MadeSafe
@@ -20,6 +21,7 @@ def safe(
         Path | None,
         typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
     ] = None,
+    trace: Trace_ = None,
     *,
     force: Annotated[bool, typer.Option("--force", help="Also when another process has the bench: beside it.")] = False,
     json: Annotated[
@@ -31,7 +33,8 @@ def safe(
     from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
 
     description = load_bench(bench)
-    done = safe_bench(description, force=force)
+    with tracing(trace):
+        done = safe_bench(description, force=force)
 
     def show() -> None:
         if json:

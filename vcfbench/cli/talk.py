@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vcfbench.cli.completion import role_names
+from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
 
 if TYPE_CHECKING:
@@ -36,7 +38,10 @@ class _Stop(Exception):
 
 
 def talk(
-    role: Annotated[str, typer.Argument(help="power, rate_source, multimeter, v_vc_meter, rate_table ...")],
+    role: Annotated[
+        str,
+        typer.Argument(autocompletion=role_names, help="power, rate_source, multimeter, v_vc_meter, rate_table ..."),
+    ],
     bench: Annotated[
         Path | None,
         typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
@@ -50,6 +55,7 @@ def talk(
         typer.Option("--timeout", metavar="S", min=0.001, help="Longest wait for an answer (bench file: timeout_s)."),
     ] = None,
     *,
+    trace: Trace_ = None,
     unguarded: Annotated[
         bool, typer.Option("--unguarded", help="Send everything, beyond the limits of the bench file too.")
     ] = False,
@@ -64,7 +70,9 @@ def talk(
 
     lines = iter(command) if command else None
     interactive = lines is None and sys.stdin.isatty()
-    with open_console(role, load_bench(bench), seed=seed, timeout_s=timeout, guarded=not unguarded) as console:
+    described = load_bench(bench)
+    opened = open_console(role, described, seed=seed, timeout_s=timeout, guarded=not unguarded)
+    with tracing(trace), opened as console:
         if unguarded:
             _remark(_UNGUARDED)
         if interactive:

@@ -18,6 +18,7 @@ from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
 from vcfbench.drivers import replies
+from vcfbench.drivers.trace import tapping
 from vcfbench.errors import (
     DeadlineExceeded,
     FramingError,
@@ -95,11 +96,12 @@ def open_session(
     Raises:
         ConnectFailed: nobody answers there, or the library cannot open it.
     """
+    tap = tapping(name, resource, clock)
 
     def connect(deadline: Deadline) -> Wire:
         from vcfbench.drivers.visa_wire import open_wire  # noqa: PLC0415 - PyVISA is loaded when first needed
 
-        return open_wire(resource, library, deadline, serial)
+        return tap(open_wire(resource, library, deadline, serial))
 
     allowed_s = timeout_s if open_timeout_s is None else open_timeout_s
     try:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         scpi_case,
     )
     from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
+    from vcfbench.testing.replay import ReplayWire, read_trace, replay_trace
     from vcfbench.testing.wire_faults import WIRE_FAULTS, FaultyWire, WireFault, faulty_wire
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "ConformanceCase",
     "Exchange",
     "FaultyWire",
+    "ReplayWire",
     "ScriptedWire",
     "ServedLab",
     "SimulatedLab",
@@ -37,6 +39,8 @@ __all__ = [
     "open_simulated",
     "over_serial",
     "over_visa",
+    "read_trace",
+    "replay_trace",
     "scpi_case",
     "serve_simulated",
     "simulated",
@@ -52,6 +56,7 @@ _MODULES = {
         "scpi_case",
     ),
     "vcfbench.testing.exchange": ("Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"),
+    "vcfbench.testing.replay": ("ReplayWire", "read_trace", "replay_trace"),
     "vcfbench.testing.wire_faults": ("WIRE_FAULTS", "FaultyWire", "WireFault", "faulty_wire"),
 }
 

@@ -21,7 +21,7 @@ from vcfbench.errors import DeadlineExceeded, LinkLost
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock, Deadline
-    from vcfbench.drivers.wire import Interface
+    from vcfbench.drivers.wire import Interface, Wire
 
 __all__ = ["Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"]
 
@@ -106,7 +106,8 @@ class ScriptedWire:
             raise AssertionError(f"unread: {b''.join(self._answers)!r} was answered and not read")
 
 
-Opener = Callable[[ScriptedWire, VirtualClock], _T]
+Opener = Callable[["Wire", VirtualClock], _T]
+"""Makes a driver of a wire and the clock that its time-outs take."""
 
 
 @contextmanager
@@ -131,7 +132,7 @@ def over_visa(
 ) -> Opener[_T]:
     """Return an opener of a driver that takes a :class:`~vcfbench.drivers.session.Session`."""
 
-    def opener(wire: ScriptedWire, clock: VirtualClock) -> _T:
+    def opener(wire: Wire, clock: VirtualClock) -> _T:
         return make(
             Session(wire, name=name, resource="SCRIPT", clock=clock, timeout_s=timeout_s, write_pause_s=write_pause_s)
         )
@@ -142,7 +143,7 @@ def over_visa(
 def over_serial(make: Callable[[TableLine], _T], *, name: str = "rate_table", timeout_s: float = 1.0) -> Opener[_T]:
     """Return an opener of a driver that takes a :class:`~vcfbench.drivers.rate_table.line.TableLine`."""
 
-    def opener(wire: ScriptedWire, clock: VirtualClock) -> _T:
+    def opener(wire: Wire, clock: VirtualClock) -> _T:
         return make(TableLine(wire, name=name, resource="script://", clock=clock, timeout_s=timeout_s))
 
     return opener

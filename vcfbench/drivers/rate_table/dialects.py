@@ -9,6 +9,7 @@ from msgspec import Struct
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.line import SerialWire, TableLine
+from vcfbench.drivers.trace import tapping
 from vcfbench.errors import ConnectFailed, TransportError
 from vcfbench.models import LANGUAGES, find_language, resolve
 
@@ -70,11 +71,12 @@ def open_serial(
     Raises:
         ConnectFailed: there is no such port, it is in use, or nobody answers there.
     """
+    tap = tapping(name, resource or url, clock)
 
     def connect(_: Deadline) -> Wire:
         port = _open_port(url, link, baud_rate or link.baud, timeout_s)
         sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
-        return SerialWire(port)
+        return tap(SerialWire(port))
 
     try:
         wire = connect(Deadline.after(clock, timeout_s))

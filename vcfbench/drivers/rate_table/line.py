@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
+from vcfbench.drivers.trace import tapping
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
 
 if TYPE_CHECKING:
@@ -35,9 +36,10 @@ def open_line(url: str, *, clock: Clock, name: str, timeout_s: float, baud_rate:
     Raises:
         ConnectFailed: there is no such port, it is in use, or nobody answers there.
     """
+    tap = tapping(name, url, clock)
 
     def connect(_: Deadline) -> Wire:
-        return SerialWire(_open_port(url, baud_rate, timeout_s))
+        return tap(SerialWire(_open_port(url, baud_rate, timeout_s)))
 
     try:
         wire = connect(Deadline.after(clock, timeout_s))

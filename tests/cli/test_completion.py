@@ -1,0 +1,72 @@
+"""What shells are offered, and ``-h``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.cli.main import COMMANDS, app
+from vcfbench.procedures.catalogue import PROCEDURES
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def offered(line: str) -> list[str]:
+    """Return what bash is offered at the end of `line`."""
+    told = {
+        "_VCFBENCH_COMPLETE": "complete_bash",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
+    }
+    done = CliRunner().invoke(app, [], prog_name="vcfbench", env=told)
+    assert done.exit_code == 0, done.output
+    return done.stdout.split()
+
+
+def test_commands_and_procedures_although_they_are_not_loaded() -> None:
+    assert set(offered("vcfbench ")) >= set(COMMANDS)
+    assert set(offered("vcfbench run ")) >= set(PROCEDURES)
+    assert offered("vcfbench bench ch") == ["check"]
+    assert "--seed" in offered("vcfbench run turntable --se")
+
+
+def test_roles_of_the_bench_that_is_named() -> None:
+    assert offered("vcfbench talk rate_") == ["rate_source", "rate_table"]
+    assert offered("vcfbench talk --bench lab v_") == ["v_vc_meter"]
+    assert offered("vcfbench talk --bench nowhere.toml v_") == []
+
+
+def test_runs_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert offered("vcfbench resume ") == []
+    for name in ("20260101T000000Z-zero-aaaaaa", "20260102T000000Z-zero-bbbbbb"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "journal.jsonl").touch()
+    (tmp_path / "runs" / "20260103-no-run").mkdir()
+    newest_first = ["20260102T000000Z-zero-bbbbbb", "20260101T000000Z-zero-aaaaaa"]
+    for command in ("resume", "runs show"):
+        assert offered(f"vcfbench {command} ") == ["last", *newest_first]
+        assert offered(f"vcfbench {command} 20260101") == newest_first[1:]
+    assert offered("vcfbench resume --runs nowhere ") == []
+
+
+@pytest.mark.parametrize(
+    ("shell", "words"),
+    [("bash", "complete_bash"), ("zsh", "#compdef vcfbench"), ("fish", "complete --command vcfbench")],
+)
+def test_the_script_for_a_shell_is_shown(shell: str, words: str) -> None:
+    told = {"_VCFBENCH_COMPLETE": f"source_{shell}"}
+    assert words in CliRunner().invoke(app, [], prog_name="vcfbench", env=told).stdout
+
+
+@pytest.mark.parametrize(
+    "command", ["", "run", "run turntable", "runs", "runs show", "bench", "bench check", "sim serve", "talk", "safe"]
+)
+def test_short_help(command: str) -> None:
+    words = command.split()
+    short, long = (CliRunner().invoke(app, [*words, option]) for option in ("-h", "--help"))
+    assert (short.exit_code, short.stdout) == (0, long.stdout)
+    assert "-h, --help" in short.stdout

@@ -1,0 +1,190 @@
+r"""Traces: every byte between programs and instruments, with its time, in a file of lines.
+
+A trace is asked for around whatever opens instruments (:func:`traced`); sessions and lines that are opened in there put
+their wire behind one that writes down what passes. Without a trace nothing stands in between.
+
+A line has five fields with tabs between them: bench time in s, role, resource, mark, text. The text is ASCII, all else
+escaped as ``\n``, ``\r``, ``\t``, ``\\`` and ``\xNN``; docs/console.md has the marks.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from vcfbench.clock import WallClock, utc_now
+from vcfbench.errors import BenchError, ConfigError, TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+    from typing import TextIO
+
+    from vcfbench.clock import Clock, Deadline
+    from vcfbench.drivers.wire import Interface, Wire
+
+__all__ = ["HEADER", "TraceLine", "TracedWire", "escaped", "tapping", "traced", "unescaped"]
+
+HEADER = "# vcfbench trace 1"
+_PLAIN = re.compile(rb"[ -\[\]-~]+")
+_NAMED = {b"\n": "\\n", b"\r": "\\r", b"\t": "\\t", b"\\": "\\\\"}
+_ESCAPE = re.compile(r"\\(?:x([0-9a-f]{2})|(.))")
+_MEANT = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
+
+
+class TraceLine(Struct, frozen=True):
+    """One line of a trace: when (bench time, s), whose, which resource, what passed, and its text or bytes."""
+
+    t_s: float
+    role: str
+    resource: str
+    mark: str
+    data: bytes = b""
+
+    def __str__(self) -> str:
+        return "\t".join((f"{self.t_s:.6f}", self.role, self.resource, self.mark, escaped(self.data)))
+
+
+def escaped(data: bytes) -> str:
+    """Return bytes as printable ASCII without tabs."""
+    if _PLAIN.fullmatch(data):
+        return data.decode("ascii")
+    named = (_NAMED.get(data[i : i + 1]) or _one(data[i]) for i in range(len(data)))
+    return "".join(named)
+
+
+def _one(byte: int) -> str:
+    return chr(byte) if 0x20 <= byte <= 0x7E else f"\\x{byte:02x}"
+
+
+def unescaped(text: str) -> bytes:
+    """Return the bytes that :func:`escaped` made `text` of."""
+    return _ESCAPE.sub(lambda found: chr(int(found[1], 16)) if found[1] else _MEANT[found[2]], text).encode("latin-1")
+
+
+class _Trace:
+    """An open trace. What goes wrong with its file ends the trace and nothing else; it is told at the end."""
+
+    def __init__(self, file: TextIO) -> None:
+        self.failure: OSError | None = None
+        self._file = file
+        self._lock = threading.Lock()
+
+    def write(self, line: TraceLine | str) -> None:
+        """Write a line, whole, whichever thread it comes from."""
+        with self._lock:
+            if self.failure is not None:
+                return
+            try:
+                self._file.write(f"{line}\n")
+            except (OSError, ValueError) as error:  # ValueError: a thread that was left behind, after the end
+                self.failure = error if isinstance(error, OSError) else None
+
+
+_NOW: ContextVar[_Trace | None] = ContextVar("vcfbench_trace", default=None)
+"""The trace of whoever opens instruments. It belongs to a context and not to the process: two threads may have two."""
+
+
+@contextmanager
+def traced(path: Path | str | None) -> Iterator[None]:
+    """Write everything that passes between here and the instruments that are opened in here to the file at `path`.
+
+    A file that is there is written anew. None writes nothing.
+
+    Raises:
+        ConfigError: the file cannot be written.
+        BenchError: at the end, when all else went well: the trace is not whole.
+    """
+    if path is None:
+        yield
+        return
+    try:
+        file = open(path, "w", encoding="ascii", buffering=1)  # noqa: PTH123, SIM115 - None of it is to be lost
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--trace {path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
+    trace = _Trace(file)
+    trace.write(HEADER)
+    token = _NOW.set(trace)
+    try:
+        yield
+    finally:
+        _NOW.reset(token)
+        trace.failure = _closed(file) or trace.failure
+    if trace.failure is not None:
+        raise BenchError(f"the trace {path} is not whole: {trace.failure.strerror or trace.failure}")
+
+
+def _closed(file: TextIO) -> OSError | None:
+    try:
+        file.close()
+    except OSError as error:
+        return error
+    return None
+
+
+def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:
+    """Return what puts a new wire of instrument `name` behind the trace; without a trace it stays as it is."""
+    trace = _NOW.get()
+    return (lambda wire: wire) if trace is None else lambda wire: TracedWire(wire, trace, name, resource, clock)
+
+
+class TracedWire:
+    """A wire that writes down what passes over another."""
+
+    def __init__(self, wire: Wire, trace: _Trace, name: str, resource: str, clock: Clock) -> None:
+        self.interface: Interface = wire.interface
+        self._wire = wire
+        self._trace = trace
+        self._name = name
+        self._resource = resource
+        self._clock = clock
+        began = f" {utc_now().isoformat(timespec='milliseconds')}" if isinstance(clock, WallClock) else ""
+        self._note("open", f"{wire.interface}{began}".encode("ascii"))
+
+    def _note(self, mark: str, data: bytes = b"") -> None:
+        self._trace.write(TraceLine(self._clock.now(), self._name, self._resource, mark, data))
+
+    @contextmanager
+    def _failures(self) -> Iterator[None]:
+        try:
+            yield
+        except TransportError as error:
+            self._note("!", f"{type(error).__name__} {error.what}".encode("latin-1", "replace"))
+            raise
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Send all of `data`."""
+        self._note(">", data)
+        with self._failures():
+            self._wire.send(data, deadline)
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
+        with self._failures():
+            data, end = self._wire.receive(deadline)
+        self._note("<|" if end else "<", data)
+        return data, end
+
+    def pending(self) -> bytes:
+        """Take what has come unasked."""
+        with self._failures():
+            data = self._wire.pending()
+        if data:
+            self._note("<?", data)
+        return data
+
+    def clear(self, deadline: Deadline) -> None:
+        """Do a device clear."""
+        self._note("clear")
+        with self._failures():
+            self._wire.clear(deadline)
+
+    def close(self) -> None:
+        """Give the connection back."""
+        self._note("close")
+        self._wire.close()
