@@ -5,6 +5,8 @@ commands behind `$` are run and the lines shown must appear, in that order, in w
 a `text` block right after a `python` one is what that prints; what ends in `&` runs in the background until the
 document tells it to stop, and must then have ended well;
 `ci` marks what installs something (the README's two commands, which .ci/run runs), `hardware` what needs a real bench.
+A block with a `title="..."`, which the site shows above it, is a file that the reader writes, or with `(add)` adds to.
+Digits that a tutorial shows may differ, with the numerical libraries for instance.
 """
 
 from __future__ import annotations
@@ -32,19 +34,32 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
-KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "text", ""}
-LONG = {"procedures.md", "serving.md", "simulated-instruments.md", "testing.md"}
+KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "yaml", "text", ""}
+TUTORIALS = ROOT / "docs" / "tutorials"
+LESSONS = {each.name for each in TUTORIALS.iterdir()}
+LONG = {"procedures.md", "serving.md", "simulated-instruments.md", "testing.md", *LESSONS}
 """Documents whose commands take some seconds each; all others are run every time."""
 
-BLOCK = re.compile(r"^```(?P<info>[^\n`]*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(
+    r'^```(?P<info>[^\n`"]*?)( title="(?P<title>[^"\n]+)")?\n(?P<body>.*?)^```$', re.MULTILINE | re.DOTALL
+)
+ADDED = " (add)"
 
 
 @dataclass(frozen=True)
 class Block:
     info: str
     body: str
+    title: str = ""
+
+    def write(self, folder: Path) -> None:
+        """Be the file that the title names."""
+        path = folder / self.title.removesuffix(ADDED)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        before = path.read_text(encoding="utf-8") + "\n" if self.title.endswith(ADDED) else ""
+        path.write_text(before + self.body, encoding="utf-8")
 
     def commands(self) -> list[str]:
         lines = self.body.replace("\\\n", " ").splitlines()
@@ -59,7 +74,7 @@ class Block:
 
 def blocks(document: Path) -> Iterator[Block]:
     for found in BLOCK.finditer(document.read_text(encoding="utf-8")):
-        yield Block(found["info"].strip(), found["body"])
+        yield Block(found["info"].strip(), found["body"], found["title"] or "")
 
 
 @contextmanager
@@ -114,10 +129,13 @@ def test_what_is_shown_works(document: Path, folder: Path, monkeypatch: pytest.M
     python_printed = None
     with ExitStack() as background:
         for block in blocks(document):
+            if block.title:
+                block.write(folder)
+                continue
             if block.info in {"sh", "console"}:
                 printed = "\n".join(run_or_start(command, folder, background) for command in block.commands())
                 if block.info == "console":
-                    assert_in_order(block.shown(), printed)
+                    assert_in_order(block.shown(), printed, exact=document.parent != TUTORIALS)
             if block.info == "text" and python_printed is not None:
                 assert block.body == python_printed
             python_printed = run_python(block.body, folder) if block.info == "python" else None
@@ -135,10 +153,14 @@ def run_python(code: str, folder: Path) -> str:
     return run("python example.py", folder)
 
 
-def assert_in_order(expected: list[str], printed: str) -> None:
-    remaining = iter([" ".join(line.split()) for line in printed.splitlines()])
+def assert_in_order(expected: list[str], printed: str, *, exact: bool) -> None:
+    """`...` within a line stands for any words."""
+    seen = (" ".join(line.split()) for line in printed.splitlines()) if exact else without_digits(printed)
+    remaining = iter(list(seen))
     for line in expected:
-        assert any(line == each for each in remaining), f"{line!r} is not printed there:\n{printed}"
+        shown = line if exact else without_digits(line)[0]
+        pattern = ".*".join(re.escape(part) for part in shown.split("..."))
+        assert any(re.fullmatch(pattern, each) for each in remaining), f"{line!r} is not printed there:\n{printed}"
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids)

@@ -1,0 +1,57 @@
+# noqa: INP001 - a hook of mkdocs, not a package
+"""Puts the pages outside docs/ on the site too, so that one link works on GitHub and there.
+
+On the site docs/ is the top: README.md (the first page), CHANGELOG.md, CONTRIBUTING.md and examples/ are put beside
+what is in it, and links that lead out of docs/ or into it are turned. Equations become MathML, which browsers show
+without a script.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from html import unescape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File, Files
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv"}
+LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
+FENCE = re.compile(r"^(```\w+) \w+$", re.MULTILINE)
+"""What stands behind a block's language (`sh hardware`) is for the tests."""
+
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+"""As pymdownx.arithmatex leaves it."""
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is outside docs/."""
+    examples = [path for path in (ROOT / "examples").rglob("*") if path.suffix in EXAMPLES]
+    for path in [*(ROOT / name for name in PAGES), *examples]:
+        files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Turn the links of a page."""
+    source = page.file.src_uri
+    home = source if (ROOT / source).exists() else f"docs/{source}"
+
+    def turned(link: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(home), link[1]))
+        return posixpath.relpath(target.removeprefix("docs/"), posixpath.dirname(source) or ".")
+
+    return FENCE.sub(r"\1", LINK.sub(turned, markdown))
+
+
+def on_page_content(html: str, **_: object) -> str:
+    """Turn the equations of a page into MathML."""
+    return EQUATION.sub(lambda math: convert(unescape(math[3]), display="inline" if math[2] == "(" else "block"), html)
