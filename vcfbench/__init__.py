@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
     from vcfbench.record.devices import Device, load_device
+    from vcfbench.record.metadata import Equipment, RunMetadata
     from vcfbench.record.schema import Point, Status
     from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
     from vcfbench.report.text import text_of
@@ -100,6 +101,7 @@ __all__ = [
     "DeadlineExceeded",
     "Device",
     "DryRun",
+    "Equipment",
     "Figure",
     "FramingError",
     "FunctionGenerator",
@@ -141,6 +143,7 @@ __all__ = [
     "Rotates",
     "Routine",
     "Run",
+    "RunMetadata",
     "SafeReport",
     "SamplesVoltage",
     "ScaleFactorResult",
@@ -310,6 +313,10 @@ _HOMES = {
     "record.devices": (
         "Device",
         "load_device",
+    ),
+    "record.metadata": (
+        "Equipment",
+        "RunMetadata",
     ),
     "record.schema": (
         "Point",

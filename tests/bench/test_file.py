@@ -4,6 +4,7 @@ import copy
 import subprocess
 import sys
 import tomllib
+from datetime import date
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def value_to_toml(value: object) -> str:
         return f'"{value}"'
     if isinstance(value, list):
         return f"[{', '.join(map(value_to_toml, value))}]"
-    return repr(value)
+    return str(value) if isinstance(value, date) else repr(value)
 
 
 def full_template() -> dict[str, Any]:

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from typer.testing import Result
 
 KEYS = [
-    *("run", "procedure", "status", "bench", "simulated", "seed", "bench_seconds", "points", "results"),
-    *("acceptance", "asked_again"),
+    *("run", "procedure", "status", "bench", "simulated", "seed", "metadata", "equipment", "bench_seconds"),
+    *("points", "results", "acceptance", "asked_again"),
 ]
 POINT_KEYS = ["step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n"]
 
@@ -311,6 +311,7 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
         "quiet": True,
         "yes": False,
         "settings": {},
+        "metadata": {},
     }
     assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])
     assert footer["status"] == "complete"

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
+from vcfbench.bench.equipment import equipment_on
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import filled_roles, require_still, safe_action
 from vcfbench.bench.safety import SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.station import station
+from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, InterlockError
 
 if TYPE_CHECKING:
@@ -17,18 +19,20 @@ if TYPE_CHECKING:
     from vcfbench.bench.roles import Role
     from vcfbench.bench.station import Station
     from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
+    from vcfbench.record.metadata import Equipment
 
 __all__ = ["BenchCheck", "CheckedInstrument", "check_bench"]
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedInstrument:
-    """One instrument: who answered (None: nobody), and what is wrong with it (None: nothing)."""
+    """One instrument: who answered (None: nobody), what is wrong with it (None: nothing), and its calibration."""
 
     role: str
     resource: str
     identity: Identity | None
     problem: str | None
+    equipment: Equipment
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +71,24 @@ def check_bench(description: BenchDescription) -> BenchCheck:
 
 
 def _check(role: Role, description: BenchDescription, stand: Station, safety: SafetyStack) -> CheckedInstrument:
-    resource = getattr(description, role.name).resource
     try:
         instrument, identity = open_role(role.name, description, stand)
     except BenchError as error:
-        return CheckedInstrument(role.name, resource, None, str(error))
+        return _checked(role, description, None, str(error))
     safety.register(safe_action(role, instrument, description))
     try:
         _examine(role, instrument)
     except BenchError as error:
-        return CheckedInstrument(role.name, resource, identity, str(error))
-    return CheckedInstrument(role.name, resource, identity, None)
+        return _checked(role, description, identity, str(error))
+    return _checked(role, description, identity, None)
+
+
+def _checked(
+    role: Role, description: BenchDescription, identity: Identity | None, problem: str | None
+) -> CheckedInstrument:
+    known = {} if identity is None else {role.name: identity}
+    [equipment] = equipment_on(utc_now().date(), description, [role.name], known)
+    return CheckedInstrument(role.name, equipment.resource, identity, problem, equipment)
 
 
 def _examine(role: Role, instrument: Instrument) -> None:

@@ -37,6 +37,7 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
     """Yield every contradiction within `description`."""
     return chain(
         _roles(description),
+        _calibrations(description),
         _temperatures(description),
         _models(description),
         _rails(description),
@@ -59,6 +60,17 @@ def _roles(description: BenchDescription) -> Iterator[InvalidValue]:
         for key in LIMITS_OF.get(role, ()):
             if getattr(description.limits, key) is None:
                 yield InvalidValue(f"limits.{key}", f"a limit for the {role} of this bench", None)
+
+
+def _calibrations(description: BenchDescription) -> Iterator[InvalidValue]:
+    """Check that a calibration is due after it was made."""
+    for role in (*ROLES, "rate_table"):
+        part = getattr(description, role)
+        if part is None or part.calibrated is None or part.calibration_due is None:
+            continue
+        if part.calibration_due <= part.calibrated:
+            expected = f"a day after {role}.calibrated = {part.calibrated}"
+            yield InvalidValue(f"{role}.calibration_due", expected, part.calibration_due)
 
 
 def _temperatures(description: BenchDescription) -> Iterator[InvalidValue]:

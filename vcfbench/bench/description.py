@@ -7,6 +7,7 @@ Settings of procedures are those of their own classes (:mod:`vcfbench.bench.sett
 
 from __future__ import annotations
 
+from datetime import date  # noqa: TC003 - msgspec reads it
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, field
@@ -45,12 +46,14 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
 
 __all__ = [
+    "CALIBRATION_KEYS",
     "Acceptance",
     "BenchDescription",
     "ChamberRole",
     "Expected",
     "FunctionGeneratorRole",
     "Knowledge",
+    "Laboratory",
     "Limits",
     "MultimeterRole",
     "Node",
@@ -89,7 +92,23 @@ class SerialSettings(Part, frozen=True, kw_only=True):
     flow_control: Literal["none", "dtr_dsr", "rts_cts", "xon_xoff"] = "dtr_dsr"
 
 
-class _VisaRole(Part, frozen=True, kw_only=True):
+class _Calibrated(Part, frozen=True, kw_only=True):
+    """When an instrument was calibrated, until when that holds, and the number of its certificate: for the record.
+
+    `inventory_number` is what is written on it: some instruments tell no serial number.
+    """
+
+    calibrated: date | None = None
+    calibration_due: date | None = None
+    certificate: Text | None = None
+    inventory_number: Text | None = None
+
+
+CALIBRATION_KEYS = _Calibrated.__struct_fields__
+"""What of a role no driver is told."""
+
+
+class _VisaRole(_Calibrated, frozen=True, kw_only=True):
     """An instrument reached through VISA."""
 
     resource: Resource
@@ -131,7 +150,7 @@ class ChamberRole(_VisaRole, frozen=True, kw_only=True):
     model: Model
 
 
-class RateTableRole(Part, frozen=True, kw_only=True):
+class RateTableRole(_Calibrated, frozen=True, kw_only=True):
     """The single-axis rate table: a dialect on a serial port, or on anything pyserial opens by URL."""
 
     dialect: Dialect
@@ -158,6 +177,15 @@ class Site(Part, frozen=True, kw_only=True):
 
     latitude_deg: Latitude
     mains_hz: Literal[50, 60] = 50
+
+
+class Laboratory(Part, frozen=True, kw_only=True):
+    """Whose bench it is, for records and reports; `operator` runs it where nobody else is named."""
+
+    name: Text | None = None
+    address: Text | None = None
+    email: Text | None = None
+    operator: Text | None = None
 
 
 class Knowledge(Part, frozen=True, kw_only=True):
@@ -247,6 +275,7 @@ class BenchDescription(Part, frozen=True, kw_only=True):
     expected: Expected = field(default_factory=Expected)
     acceptance: Acceptance = field(default_factory=Acceptance)
     uncertainty: Knowledge = field(default_factory=Knowledge)
+    laboratory: Laboratory = field(default_factory=Laboratory)
     simulation: Simulation | None = None
     served: Served | None = None
 

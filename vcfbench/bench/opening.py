@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
+from vcfbench.bench.description import CALIBRATION_KEYS
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ def open_role(role: str, description: BenchDescription, stand: Station, **more: 
 def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
     """Return what the bench file says of `role`, and what the driver needs to know of the station besides."""
     settings = structs.asdict(getattr(description, role))
+    for key in CALIBRATION_KEYS:
+        del settings[key]
     if role in {"multimeter", "v_vc_meter"}:
         return {**settings, "mains_hz": float(description.site.mains_hz)}
     if role == "rate_table":

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field, structs
 
@@ -217,6 +217,17 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     def start_up_s(self) -> float:
         """Wait after power-on, s: at least that after any other step."""
         return max(self.warm_up_s, self.settle_s)
+
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the keys by which these settings are told the device `dut`; none where they do not go by it."""
+        del dut
+        return {}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device that these settings name, None where they name none."""
+        return None
 
     @property
     def warm_again_s(self) -> float:

@@ -149,6 +149,8 @@ def expectation(node: inspect.Type) -> str:
 def _shape(node: inspect.Type) -> str:
     if isinstance(node, inspect.BoolType):
         return "true or false"
+    if isinstance(node, inspect.DateType):
+        return "a day, as in 2026-01-15"
     if isinstance(node, inspect.TupleType):
         return f"a list of {len(node.item_types)} numbers"
     if isinstance(node, inspect.VarTupleType) and node.max_length is not None:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
+_CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
+
 app = typer.Typer(no_args_is_help=True, help="Show and check a bench.")
 
 app.command("discover")(discover)
@@ -81,19 +83,25 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
             "ok": each.problem is None,
             "problem": each.problem,
             "safe": safe.get(each.role),
+            **{key: told[key] for key in _CALIBRATION},
         }
-        for each in done.instruments
+        for each, told in ((each, each.equipment.as_json()) for each in done.instruments)
     }
     return {"bench": bench, "ok": done.failure() is None, "instruments": instruments}
 
 
 def _print_check(title: str, done: BenchCheck) -> None:
+    from vcfbench.bench.equipment import calibration_words  # noqa: PLC0415
     from vcfbench.report.text import left_table  # noqa: PLC0415
 
     rows = (
-        (each.role, "ok" if each.problem is None else "FAILED", each.resource, _who(each)) for each in done.instruments
+        (
+            *(each.role, "ok" if each.problem is None else "FAILED", each.resource),
+            *(calibration_words(each.equipment), _who(each)),
+        )
+        for each in done.instruments
     )
-    table = left_table(("role", "state", "resource", "who answers"), rows)
+    table = left_table(("role", "state", "resource", "calibration", "who answers"), rows)
     typer.echo(f"{title}\n\n{table}\n")
     for each in done.instruments:
         if each.problem is not None:

@@ -40,6 +40,7 @@ class RunOptions:
     quiet: bool
     yes: bool
     settings: Mapping[str, Any]
+    metadata: Mapping[str, Any]
 
 
 def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
@@ -50,9 +51,11 @@ def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, endin
     if options.dry_run:
         _dry_run(procedure, settings, options)
         return
+    from vcfbench.record.metadata import metadata_of  # noqa: PLC0415
     from vcfbench.runs.asked import Asked, prepare  # noqa: PLC0415
 
-    asked = Asked(procedure, options.bench, options.seed, settings, options.runs, options.speed)
+    told = metadata_of(options.metadata)
+    asked = Asked(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=told)
     _carry_out(asked, prepare, options, ending)
 
 
@@ -96,6 +99,7 @@ def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals:
         display=lambda estimate_s: _progress(options, estimate_s),
         person=at_the_terminal(signals, yes=options.yes),
         options=asdict(options),
+        warn=lambda words: typer.echo(f"vcfbench: warning: {words}", err=True),
     )
     try:
         return conducted(watched, signals, preparing)
@@ -140,10 +144,12 @@ def _show_text(run: Run, physical_minimum_s: float) -> None:
 
 
 def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:
+    from vcfbench.record.metadata import metadata_of  # noqa: PLC0415
     from vcfbench.runs.asked import Asked, Checked, prepare  # noqa: PLC0415
 
     try:
-        asked = Asked(procedure, options.bench, options.seed, settings, speed=options.speed)
+        told = metadata_of(options.metadata)
+        asked = Asked(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=told)
         planned = prepare(asked, Checked()).planned()
     except BenchError as error:
         if options.json:

@@ -43,7 +43,16 @@ def resume(
     from vcfbench.cli.conduct import resume as resumed  # noqa: PLC0415
 
     options = RunOptions(
-        bench=bench, seed=None, json=json, dry_run=False, runs=runs, speed=speed, quiet=quiet, yes=yes, settings={}
+        bench=bench,
+        seed=None,
+        json=json,
+        dry_run=False,
+        runs=runs,
+        speed=speed,
+        quiet=quiet,
+        yes=yes,
+        settings={},
+        metadata={},
     )
     with tracing(trace):
         resumed(run, procedure, options, context.find_object(EarlyAndLate))

@@ -110,6 +110,25 @@ Set_ = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="A setting, of those listed below; repeatable."),
 ]
 
+Dut_ = Annotated[
+    str | None,
+    typer.Option("--dut", metavar="SERIAL", help="Serial number of the device under test."),
+]
+Operator_ = Annotated[str | None, typer.Option("--operator", metavar="NAME", help="Who runs it, for the record.")]
+Note_ = Annotated[str | None, typer.Option("--note", metavar="TEXT", help="Anything to remember, for the record.")]
+Tag_ = Annotated[
+    list[str] | None,
+    typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists; repeatable."),
+]
+Ambient_ = Annotated[
+    float | None,
+    typer.Option("--ambient-temperature-c", metavar="DEGC", help="Temperature of the room, for the record."),
+]
+Humidity_ = Annotated[
+    float | None,
+    typer.Option("--humidity-percent", metavar="PERCENT", help="Relative humidity of the room, for the record."),
+]
+
 
 def _common(
     bench: Bench_ = None,
@@ -118,6 +137,12 @@ def _common(
     speed: Speed_ = None,
     settings: Set_ = None,
     *,
+    dut: Dut_ = None,
+    operator: Operator_ = None,
+    note: Note_ = None,
+    tag: Tag_ = None,
+    ambient_temperature_c: Ambient_ = None,
+    humidity_percent: Humidity_ = None,
     context: typer.Context,
     trace: Trace_ = None,
     json: Json_ = False,
@@ -140,13 +165,15 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 
     def run(context: typer.Context, **options: Any) -> None:
         from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+        from vcfbench.cli.metadata import METADATA_OPTIONS, told_of_run  # noqa: PLC0415
         from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
 
         given = {key: value for key in own if (value := options.pop(key)) is not None}
         given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
         settings = asked_by_command(options.pop("settings") or (), given, own, lists)
         with tracing(options.pop("trace")):
-            asked = RunOptions(**options, settings=settings.values)
+            metadata = told_of_run({key: options.pop(key) for key in METADATA_OPTIONS})
+            asked = RunOptions(**options, settings=settings.values, metadata=metadata)
             conduct(chosen, settings, asked, context.find_object(EarlyAndLate))
 
     _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.option})

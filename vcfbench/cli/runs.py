@@ -14,6 +14,8 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.outline import Outline
@@ -154,10 +156,32 @@ def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[st
         "acceptance": told["acceptance"],
         "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
         **{key: told[key] for key in ("resumed", "not_checked") if key in told},
+        "metadata": told["metadata"],
+        "equipment": told["equipment"],
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
         "versions": record.header.get("versions", {}),
     }
+
+
+def _told_of(run: Run) -> Iterator[str]:
+    """Yield in lines what the record says of the run beside what was measured."""
+    from vcfbench.bench.equipment import overdue_words  # noqa: PLC0415
+
+    told = run.metadata
+    conditions = ((told.ambient_temperature_c, "degC"), (told.humidity_percent, "% relative humidity"))
+    words = [
+        *([f"device {told.dut}"] if told.dut else []),
+        *([f"operator {told.operator}"] if told.operator else []),
+        *(f"{value:g} {unit}" for value, unit in conditions if value is not None),
+        *(f"{key}={value}" for key, value in told.tags.items()),
+    ]
+    if words:
+        yield ", ".join(words)
+    if told.note:
+        yield f"note: {told.note}"
+    for each in overdue_words(run.equipment):
+        yield f"overdue: {each}"
 
 
 def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
@@ -169,6 +193,8 @@ def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> N
         f"{printable(line['run'])}: {_status(line)}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
         f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
     )
+    for words in _told_of(run):
+        typer.echo(f"{printable(words)}\n")
     typer.echo(text_of(run.report()))
     for said in run.asked_again:
         typer.echo(f"\nasked again: {printable(said)}")

@@ -125,6 +125,16 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     zero: PartSettings = field(default_factory=dict)
     temperature: PartSettings = field(default_factory=dict)
 
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the key of the part that keeps a certificate."""
+        return {"kvc": {"dut": dut}}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device whose certificate is kept."""
+        return self.kvc.get("dut")
+
     @property
     def warm_again_s(self) -> float:
         """What its first part needs: the others have found the gyroscope warm."""

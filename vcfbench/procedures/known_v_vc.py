@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -81,11 +81,21 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     dut: Annotated[
         Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope: what is found is kept under it", extra={"option": True}),
+        Meta(description="serial number of the gyroscope, as --dut: what is found is kept under it"),
     ] = None
     devices: Annotated[
         str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
     ] = "devices"
+
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the key of the device."""
+        return {"dut": dut}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device under whose serial number is kept what is found."""
+        return self.dut
 
     @property
     def store(self) -> DeviceStore:

@@ -38,6 +38,7 @@ __all__ = [
     "Share",
     "load_device",
     "read_entry",
+    "require_serial",
 ]
 
 FORMAT = 1
@@ -288,7 +289,7 @@ class DeviceStore:
         Raises:
             ConfigError: the serial number cannot be one, or an entry cannot be read.
         """
-        _require_serial(serial)
+        require_serial(serial)
         return tuple(Entry(path, _read(path, serial)) for _, path in _numbered(self.root / serial))
 
     def device(self, serial: str) -> Device:
@@ -325,7 +326,7 @@ class DeviceStore:
         Raises:
             ConfigError: a number in it is none, its serial number cannot be one, or it cannot be written.
         """
-        _require_serial(record.serial)
+        require_serial(record.serial)
         text = _text(record)
         directory = self.root / record.serial
         self._require_own(record.serial)
@@ -369,7 +370,8 @@ def _kind(record: DeviceRecord) -> str:
     return "certificate" if isinstance(record, Certificate) else "self-calibration"
 
 
-def _require_serial(serial: str) -> None:
+def require_serial(serial: str) -> None:
+    """See that `serial` can be the serial number of a device; ConfigError when it cannot."""
     if not _SERIAL.fullmatch(serial) or _RESERVED.fullmatch(serial):
         raise ConfigError(
             f"serial number {serial!a}: expected letters, digits, '-', '_' and '.' within: it names a directory"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError, PlanError
-from vcfbench.files import shown
+from vcfbench.files import dotted, shown
+from vcfbench.record.metadata import RunMetadata, metadata_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,10 +47,17 @@ def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
     return nullcontext(_Nothing())
 
 
+def warned(words: str) -> None:
+    """Warn as Python does."""
+    warnings.warn(words, UserWarning, stacklevel=2)
+
+
 class Asked(Struct, frozen=True):
     """What was asked for; `settings` with the words for errors, `options` are the words of it that the record keeps.
 
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
+    `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
+    from beginning.
     """
 
     procedure: str | Path | AnyProcedure
@@ -62,6 +71,8 @@ class Asked(Struct, frozen=True):
     operator: Operator | None = None
     person: Operator | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    metadata: RunMetadata = field(default_factory=RunMetadata)
+    warn: Callable[[str], None] = warned
 
 
 class Checked(Struct):
@@ -73,6 +84,7 @@ class Checked(Struct):
     name: str = ""
     description: BenchDescription | None = None
     seed: int | None = None
+    metadata: RunMetadata = field(default_factory=RunMetadata)
 
 
 class Prepared(Struct, frozen=True):
@@ -152,6 +164,7 @@ def dry_run(
     seed: int | None = None,
     settings: Mapping[str, Any] | None = None,
     speed: str | float | None = None,
+    metadata: Mapping[str, Any] | RunMetadata | None = None,
 ) -> DryRun:
     """Walk the plan of `procedure` with answers predicted, each step held against the limits of the bench.
 
@@ -164,7 +177,8 @@ def dry_run(
     """
     from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
-    return prepare(Asked(procedure, bench, seed, asked_in_python(settings or {}), speed=speed), Checked()).planned()
+    told, asked_of = metadata_of(metadata), asked_in_python(settings or {})
+    return prepare(Asked(procedure, bench, seed, asked_of, speed=speed, metadata=told), Checked()).planned()
 
 
 def prepare(asked: Asked, checked: Checked) -> Prepared:
@@ -179,6 +193,7 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
     checked.name = getattr(asked.procedure, "name", str(asked.procedure))
+    checked.metadata = asked.metadata
     checked.description = description = described(asked.bench)
     chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
     checked.name = chosen.name
@@ -186,7 +201,8 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     checked_pace(description, asked.speed)
     require_needs(chosen, description)
     with blamed_on(chosen):
-        settings = settings_of(chosen, description, asked.settings, _source(asked.bench))
+        settings = settings_of(chosen, description, _with_device(asked, chosen), _source(asked.bench))
+    checked.metadata = _completed(asked.metadata, settings, description)
     return Prepared(with_settings(description, settings), chosen, settings)
 
 
@@ -201,6 +217,33 @@ def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
         if (mistake := mistake_of(procedure, error)) is not None:
             raise mistake from error
         raise
+
+
+def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
+    """Return the settings that were asked for, with the device for a procedure that goes by what is known of it."""
+    from vcfbench.bench.layering import Layer, merged  # noqa: PLC0415
+
+    told = {} if asked.metadata.dut is None else procedure.settings.keys_of_device(asked.metadata.dut)
+    if not told or asked.settings is None:
+        return Layer(told, dotted) if told else asked.settings
+    return Layer(merged(told, asked.settings.values), asked.settings.naming)
+
+
+def _completed(metadata: RunMetadata, settings: ProcedureSettings, description: BenchDescription) -> RunMetadata:
+    """Return what is told of the run, with the device of the settings and the operator of the bench file.
+
+    Raises:
+        ConfigError: another device is in the settings.
+    """
+    if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
+        raise ConfigError(
+            f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
+        )
+    return replace(
+        metadata,
+        dut=metadata.dut or settings.named_device,
+        operator=metadata.operator or description.laboratory.operator,
+    )
 
 
 def _source(bench: BenchDescription | Path | str | None) -> str | None:

@@ -13,6 +13,7 @@ from msgspec import Struct, field
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
+from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.runs.asked import Asked, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
 
@@ -50,6 +51,7 @@ def run(
     runs: str | Path = "runs",
     speed: str | float | None = None,
     operator: Operator | None = None,
+    metadata: Mapping[str, Any] | RunMetadata | None = None,
 ) -> Run:
     """Run `procedure` on `bench`, record it, make the bench safe, and return what it came to.
 
@@ -67,6 +69,9 @@ def run(
         speed: of a simulated bench, times real time, or ``"max"``, the default.
         operator: is called with what only hands can do (a ``Request``: words, seconds) and returns when it is done,
             with words for the record. On a simulated bench None does it to the simulated world.
+        metadata: what the record says of the run beside what is measured, each key of :class:`RunMetadata`:
+            ``{"dut": "G-0042", "operator": "A. Person", "tags": {"batch": "7"}}``. A procedure that goes by what is
+            known of a device goes by what is known of this one.
 
     Raises:
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
@@ -87,7 +92,19 @@ def run(
         from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
         told = asked_in_python(settings or {})
-    asked = Asked(procedure, bench, seed, told, Path(runs), speed, observers, operator=operator, options=options)
+        said = metadata_of(metadata)
+    asked = Asked(
+        procedure,
+        bench,
+        seed,
+        told,
+        Path(runs),
+        speed,
+        observers,
+        operator=operator,
+        options=options,
+        metadata=said,
+    )
     with StopSignals() as signals:
         return conduct(asked, signals)
 
@@ -165,6 +182,8 @@ class _Course(Struct):
             observers_lost=tuple(self.observers_lost()),
             not_checked=() if execution is None else execution.not_checked,
             device_entry=self.kept,
+            metadata=self.checked.metadata,
+            equipment=equipment_of(self.header),
             resumed=breaks(self.header, len(points)),
             _came_to=came_to.report,
         )
@@ -183,6 +202,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
         require_operator(asked, prepared.description, planned)
         if prepared.description.simulated:
             _load_numpy()
+    _warn_of_calibrations(asked, prepared)
     record = _Record(course, prepared)
     display = Shielded(partial(asked.display, planned.bench_seconds))
     course.observers = _shielded(asked.observers)
@@ -203,6 +223,18 @@ def _perform(course: _Course, signals: StopSignals) -> None:
     finally:
         signals.close()
         record.close(display.lost)
+
+
+def _warn_of_calibrations(asked: Asked, prepared: Prepared) -> None:
+    """Say which of the instruments that the run opens are overdue, before anything else is said."""
+    from vcfbench.bench.equipment import equipment_on, overdue_words  # noqa: PLC0415
+    from vcfbench.bench.roles import needed_roles  # noqa: PLC0415
+    from vcfbench.runs.needs import roles_of  # noqa: PLC0415
+
+    description = prepared.description
+    roles = [each.name for each in needed_roles(description, roles_of(prepared.procedure, description))]
+    for words in overdue_words(equipment_on(utc_now().date(), description, roles, {})):
+        asked.warn(words)
 
 
 def _load_numpy() -> None:
@@ -284,7 +316,10 @@ class _Record(Struct):
     def _header(self, name: str, identities: Mapping[str, Identity], began_s: float) -> dict[str, Any]:
         import msgspec  # noqa: PLC0415
 
+        from vcfbench.bench.equipment import equipment_on  # noqa: PLC0415
+
         course, description = self.course, self.prepared.description
+        equipment = equipment_on(utc_now().date(), description, identities, identities)
         return {
             "run": name,
             "procedure": self.prepared.procedure.name,
@@ -297,6 +332,8 @@ class _Record(Struct):
             "settings": msgspec.to_builtins(self.prepared.settings),
             "bench": msgspec.to_builtins(description),
             "began_s": began_s,
+            "metadata": course.checked.metadata.as_json(),
+            "equipment": [each.as_json() for each in equipment],
             **profile_of(description),
             **self.prepared.told(),
         }
@@ -401,7 +438,8 @@ class _Record(Struct):
         if done.directory is None or done.physical_minimum_s is None:
             return
         answer = done.as_json()
-        del answer["run"]  # it holds the time of day; the same seed shall give the same bytes
+        for key in ("run", "equipment"):  # they go by the time of day; the same seed shall give the same bytes
+            del answer[key]
         answer["physical_minimum_s"] = done.physical_minimum_s
         write_result(done.directory / "result.json", answer)
         write_text(done.directory / "points.csv", points_csv(done.points))

@@ -10,6 +10,7 @@ from vcfbench import errors
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.record.directory import RunDirectory, find_run
 from vcfbench.record.directory import list_runs as recorded_runs
+from vcfbench.record.metadata import equipment_of, metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.run import Run, breaks
 
@@ -79,6 +80,8 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         observers_lost=tuple(lost),
         damage=record.damage,
         not_checked=not_checked(record),
+        metadata=metadata_from(header),
+        equipment=equipment_of(header),
         resumed=tuple(map(printable, breaks(header, len(record.points)))),
         _came_to=came_to.report,
     )

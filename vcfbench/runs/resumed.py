@@ -7,10 +7,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.bench.description import CALIBRATION_KEYS
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
 from vcfbench.plans.step import Effect, Outcome
+from vcfbench.record.metadata import metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
 
@@ -32,8 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["BrokenOff", "broken_off", "resume"]
 
 _MAY_DIFFER = {
-    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate"),
-    *("resource", "timeout_s", "serial", "serial_pause_s"),
+    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory"),
+    *("resource", "timeout_s", "serial", "serial_pause_s", *CALIBRATION_KEYS),
 }
 """What of a bench file matters to nothing that was measured: by its path, or by its key in the table of a role. The
 settings of procedures are those of the record."""
@@ -145,6 +147,7 @@ class BrokenOff:
 
         header = self.record.header
         checked.name = str(header.get("procedure"))
+        checked.metadata = metadata_from(header)
         chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
         if chosen.name != checked.name:
             raise ConfigError(f"{self.directory.run} is a run of {checked.name!r}, not of {chosen.name!r}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
 from vcfbench.record.damage import own_readings
+from vcfbench.record.metadata import RunMetadata
 from vcfbench.record.plain import plain
 from vcfbench.report.document import Report
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.acceptance import Acceptance
     from vcfbench.errors import BenchError
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.metadata import Equipment
     from vcfbench.record.schema import Point, Status
 
 
@@ -52,7 +54,9 @@ class Run:
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
     `not_checked` says what the procedure would have checked on a bench with more instruments. `device_entry` is the
     file in the device store that the run added, None if it added none. `resumed` says, for each time that the run was
-    broken off and resumed, what had been measured before.
+    broken off and resumed, what had been measured before. `metadata` is which device it was of, who did it and under
+    what conditions (``run.metadata.dut``), `equipment` the instruments that it opened, with the dates of their
+    calibration.
     """
 
     procedure: str
@@ -73,6 +77,8 @@ class Run:
     damage: str | None = None
     not_checked: tuple[str, ...] = ()
     device_entry: Path | None = None
+    metadata: RunMetadata = field(default_factory=RunMetadata)
+    equipment: tuple[Equipment, ...] = ()
     resumed: tuple[str, ...] = ()
     _came_to: Report = field(default=Report(), repr=False)
 
@@ -130,6 +136,8 @@ class Run:
             "bench": self.bench,
             "simulated": self.simulated,
             "seed": self.seed,
+            "metadata": self.metadata.as_json(),
+            "equipment": [each.as_json() for each in self.equipment],
             "bench_seconds": self.bench_seconds or 0.0,
             "points": [point.as_json() for point in self.points],
             "results": {} if self.results is None else plain(self.results),

@@ -1,0 +1,182 @@
+"""Device, operator, conditions and the equipment's dates: told to a run, in its record, in what it came to."""
+
+from __future__ import annotations
+
+import json
+from datetime import date, timedelta
+from typing import TYPE_CHECKING
+
+import pytest
+
+import vcfbench
+from tests import warm
+from vcfbench.bench.equipment import equipment_on, overdue_words
+from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
+TOLD = {
+    "dut": "G-0042",
+    "note": "after the new solder",
+    "tags": {"batch": "7", "wafer": "W3"},
+    "ambient_temperature_c": 23.1,
+    "humidity_percent": 41.0,
+}
+METER = 'model = "34401A"\n'
+OVERDUE = METER + 'calibrated = 2019-01-15\ncalibration_due = 2020-01-15\ncertificate = "K-7"\n'
+
+
+def bench_file(folder: Path, meter: str = OVERDUE) -> Path:
+    path = folder / "station.toml"
+    text = embedded_text("ideal").replace(METER, meter) + '\n[laboratory]\noperator = "A. Person"\n'
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("metadata")
+
+
+@pytest.fixture(scope="module")
+def run(place: Path) -> Run:
+    with pytest.warns(
+        UserWarning, match=r"multimeter \(34401A, GPIB0::22::INSTR\): its calibration was due 2020-01-15"
+    ):
+        return vcfbench.run("turntable", bench_file(place), settings=QUICK, runs=place / "runs", metadata=TOLD)
+
+
+def test_a_run_says_what_it_was_told(run: Run) -> None:
+    assert run.metadata == vcfbench.RunMetadata(operator="A. Person", **TOLD)  # type: ignore[arg-type]
+    assert run.as_json()["metadata"] == {**TOLD, "operator": "A. Person"}
+
+
+def test_a_run_names_its_equipment_and_marks_what_is_overdue(run: Run) -> None:
+    found = {each.role: each for each in run.equipment}
+    assert list(found) == ["power", "rate_source", "multimeter", "oscilloscope", "rate_table"]
+    meter = found["multimeter"]
+    assert (meter.calibrated, meter.calibration_due) == (date(2019, 1, 15), date(2020, 1, 15))
+    assert (meter.certificate, meter.overdue, meter.serial_number) == ("K-7", True, None)  # it answers 0, which is none
+    assert meter.identity is not None
+    assert meter.identity.model == "34401A"
+    assert found["rate_source"].serial_number == "MY44021876"
+    assert [each.role for each in run.equipment if each.overdue] == ["multimeter"]
+
+
+def test_all_of_it_is_in_the_record(run: Run) -> None:
+    assert run.directory is not None
+    again = vcfbench.load_run(run.directory)
+    assert (again.metadata, again.equipment) == (run.metadata, run.equipment)
+    assert again == run
+    stored = json.loads((run.directory / "result.json").read_text(encoding="utf-8"))
+    assert stored["metadata"] == run.metadata.as_json()
+    assert "equipment" not in stored  # what is overdue goes by the day
+
+
+def test_resume_keeps_what_the_run_was_told(run: Run, place: Path) -> None:
+    assert run.directory is not None
+    lines = (run.directory / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    cut = place / "runs" / "20260821T142530Z-turntable-0a1b2c"
+    cut.mkdir()
+    (cut / "journal.jsonl").write_bytes(b"".join(lines[:30]))
+    recalibrated = bench_file(place, METER + "calibration_due = 2999-01-15\n")
+    resumed = vcfbench.resume(cut, recalibrated)
+    assert resumed.metadata == run.metadata
+    assert not any(each.overdue for each in resumed.equipment)  # the bench is that of today
+
+
+def test_two_devices_are_refused(place: Path) -> None:
+    asked = {"metadata": {"dut": "G-1"}, "settings": {"dut": "G-2"}}
+    with pytest.raises(ConfigError, match=r"dut: the device is G-1, and G-2 in the settings"):
+        vcfbench.dry_run("kvc", "lab", **asked)  # type: ignore[arg-type]
+    assert not (place / "devices").exists()
+
+
+@pytest.mark.parametrize("asked", [{"settings": {"dut": "G-1"}}, {"metadata": {"dut": "G-1"}}])
+def test_the_device_of_the_settings_is_that_of_the_run(
+    asked: dict[str, dict[str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    quick = {**QUICK, "k_vc": "150", "virtual_rates_deg_s": [10.0, 20.0], "cycles": 1}
+    settings = {**quick, **asked.get("settings", {})}
+    run = vcfbench.run("self-calibration", "lab", settings=settings, metadata=asked.get("metadata"))
+    assert run.metadata.dut == "G-1"
+    assert run.header["settings"]["dut"] == "G-1"
+    assert run.device_entry is not None
+    assert run.device_entry.parent.name == "G-1"
+
+
+def test_the_command_takes_all_of_it_and_warns(place: Path) -> None:
+    command = ["vcfbench", "run", "turntable", "--bench", str(bench_file(place)), "--runs", "commanded", "--quiet"]
+    quick = ["--set", "rates_deg_s=10,0,-10", "--set", "samples=3", "--set", "settle_s=0.5"]
+    told = ["--dut", "G-7", "--operator", "B. Person", "--note", "n", "--tag", "batch=7", "--tag", "wafer=W3"]
+    room = ["--ambient-temperature-c", "22.5", "--humidity-percent", "40"]
+    done = warm.run([*command, *quick, *told, *room, "--json"], place)
+    said = {"dut": "G-7", "operator": "B. Person", "note": "n", "tags": {"batch": "7", "wafer": "W3"}}
+    answer = json.loads(done.stdout)
+    assert answer["metadata"] == {**said, "ambient_temperature_c": 22.5, "humidity_percent": 40.0}
+    assert "vcfbench: warning: multimeter (34401A, GPIB0::22::INSTR): its calibration was due 2020-01-15" in done.stderr
+    shown = warm.run(["vcfbench", "runs", "show", "last", "--runs", "commanded"], place).stdout
+    assert "device G-7, operator B. Person, 22.5 degC, 40 % relative humidity, batch=7, wafer=W3\n" in shown
+    assert "\nnote: n\n" in shown
+    assert "\noverdue: multimeter (34401A" in shown
+    dry = warm.run(["vcfbench", "run", "turntable", *told, *room, "--dry-run", "--json"], place)
+    assert json.loads(dry.stdout)["dry_run"] is True
+
+
+@pytest.mark.parametrize("tag", ["batch", "=7", "batch="])
+def test_a_tag_without_key_or_value_is_refused(tag: str, tmp_path: Path) -> None:
+    done = warm.run(["vcfbench", "run", "turntable", "--dry-run", "--tag", tag], tmp_path)
+    assert done.returncode == 2
+    assert f"--tag {tag}: expected KEY=VALUE" in done.stderr
+
+
+def test_a_tag_twice_is_refused(tmp_path: Path) -> None:
+    done = warm.run(["vcfbench", "run", "turntable", "--dry-run", "--tag", "a=1", "--tag", "a=2"], tmp_path)
+    assert (done.returncode, "a is given twice" in done.stderr) == (2, True)
+
+
+def test_bench_check_shows_the_calibrations(tmp_path: Path) -> None:
+    due = utc_now().date() + timedelta(days=30)
+    path = bench_file(tmp_path).read_text(encoding="utf-8").replace('"33220A"', f'"33220A"\ncalibration_due = {due}')
+    (tmp_path / "station.toml").write_text(path, encoding="utf-8")
+    shown = warm.run(["vcfbench", "bench", "check", "--bench", "station.toml"], tmp_path).stdout
+    assert "OVERDUE since 2020-01-15" in shown
+    assert f"due {due}" in shown
+    told = json.loads(warm.run(["vcfbench", "bench", "check", "--bench", "station.toml", "--json"], tmp_path).stdout)
+    meter = told["instruments"]["multimeter"]
+    assert (meter["calibrated"], meter["certificate"], meter["overdue"]) == ("2019-01-15", "K-7", True)
+
+
+@pytest.mark.parametrize(("due", "overdue"), [(date(2026, 5, 1), False), (date(2026, 4, 30), True)])
+def test_a_calibration_holds_on_the_day_when_it_is_due(due: date, *, overdue: bool) -> None:
+    description = parse_bench(embedded_text("ideal").replace(METER, f"{METER}calibration_due = {due}\n"), "station")
+    [found] = equipment_on(date(2026, 5, 1), description, ["multimeter"], {})
+    assert found.overdue is overdue
+    assert len(list(overdue_words([found]))) == overdue
+
+
+@pytest.mark.parametrize(
+    ("dates", "words"),
+    [
+        ("calibrated = 2026-01-15\ncalibration_due = 2026-01-15", "a day after multimeter.calibrated = 2026-01-15"),
+        ('calibrated = "soon"', "multimeter.calibrated: expected a day, as in 2026-01-15, came 'soon'"),
+        ("calibrated = 2026-01-15T10:00:00", "multimeter.calibrated: expected a day, as in 2026-01-15"),
+        ("calibrated = 20260115", "multimeter.calibrated: expected a day, as in 2026-01-15, came 20260115"),
+    ],
+)
+def test_dates_that_cannot_be_are_refused(dates: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        parse_bench(embedded_text("ideal").replace(METER, f"{METER}{dates}\n"), "station.toml")
+
+
+def test_a_day_may_stand_in_quotes() -> None:
+    description = parse_bench(embedded_text("ideal").replace(METER, f'{METER}calibrated = "2026-01-15"\n'), "station")
+    assert description.multimeter is not None
+    assert description.multimeter.calibrated == date(2026, 1, 15)

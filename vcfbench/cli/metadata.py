@@ -1,0 +1,39 @@
+"""``--dut``, ``--operator``, ``--note``, ``--tag`` and the conditions of the room, as a run takes them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = ["METADATA_OPTIONS", "tags_of", "told_of_run"]
+
+METADATA_OPTIONS = ("dut", "operator", "note", "tag", "ambient_temperature_c", "humidity_percent")
+"""Names of the options of ``vcfbench run`` that only the record is told."""
+
+
+def told_of_run(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that were given, by the names that a record has; ConfigError as of :func:`tags_of`."""
+    given = {name: value for name, value in options.items() if value is not None and name != "tag"}
+    tags = tags_of(options["tag"] or ())
+    return {**given, "tags": tags} if tags else given
+
+
+def tags_of(given: Iterable[str]) -> dict[str, str]:
+    """Return what stands behind each ``--tag``.
+
+    Raises:
+        ConfigError: one has no key or no value, or a key is given twice.
+    """
+    tags: dict[str, str] = {}
+    for each in given:
+        key, equals, value = (part.strip() for part in each.partition("="))
+        if not (key and equals and value):
+            raise ConfigError(f"--tag {each}: expected KEY=VALUE, as in --tag batch=7")
+        if key in tags:
+            raise ConfigError(f"--tag {each}: {key} is given twice")
+        tags[key] = value
+    return tags
