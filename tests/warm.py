@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 FORKS = hasattr(os, "fork")
 """Windows does not fork: there every command is a fresh interpreter."""
-THIRD_PARTIES = ("numpy.random", "pydantic", "pytest", "pyvisa", "rich.live", "scipy.linalg", "scipy.special", "serial")
+THIRD_PARTIES = (
+    *("matplotlib.figure", "matplotlib.backends.backend_svg", "numpy.random", "pydantic", "pytest", "pyvisa"),
+    *("rich.live", "scipy.linalg", "scipy.special", "serial"),
+)
 
 
 @cache

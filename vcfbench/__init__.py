@@ -69,13 +69,14 @@ if TYPE_CHECKING:
     from vcfbench.record.devices import Device, load_device
     from vcfbench.record.metadata import Equipment, RunMetadata
     from vcfbench.record.schema import Point, Status
-    from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
+    from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
     from vcfbench.report.text import text_of
     from vcfbench.runs.asked import DryRun, dry_run
     from vcfbench.runs.conduct import run
     from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
+    from vcfbench.runs.written import write_report
 
 __version__ = "0.1.0"
 
@@ -120,6 +121,7 @@ __all__ = [
     "Nonlinearity",
     "NotSafe",
     "Note",
+    "Notice",
     "Observer",
     "Oscilloscope",
     "OutOfSync",
@@ -192,6 +194,7 @@ __all__ = [
     "take",
     "text_of",
     "v_vc_on",
+    "write_report",
 ]
 
 _HOMES = {
@@ -328,6 +331,7 @@ _HOMES = {
         "Column",
         "Figure",
         "Heading",
+        "Notice",
         "Report",
         "Series",
         "Table",
@@ -348,6 +352,7 @@ _HOMES = {
         "RawReading",
         "Run",
     ),
+    "runs.written": ("write_report",),
 }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -97,7 +96,6 @@ def test_a_device_that_nobody_knows_is_an_error_with_those_that_are_known(store:
 
 
 def test_the_history_is_drawn_into_a_file(store: DeviceStore, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     for name, begins in (("history.png", b"\x89PNG"), ("history.svg", b"<?xml")):
         shown = call("G-1", "--devices", str(store.root), "--plot", str(tmp_path / name))
         assert shown.exit_code == 0
@@ -106,13 +104,6 @@ def test_the_history_is_drawn_into_a_file(store: DeviceStore, tmp_path: Path) ->
     refused = call("G-1", "--devices", str(store.root), "--plot", str(tmp_path / "history.xyz"))
     assert refused.exit_code == 2
     assert "no picture can be written" in refused.stderr
-
-
-def test_without_matplotlib_the_extra_is_named(store: DeviceStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    refused = call("G-1", "--devices", str(store.root), "--plot", "history.png")
-    assert refused.exit_code == 2
-    assert "pip install vcfbench[plot]" in refused.stderr
 
 
 def test_a_device_is_loaded_from_python(store: DeviceStore) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Report, Series, Table, Text
+from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
 from vcfbench.report.text import left_table, table_text, text_of
 
 FIGURE = Figure("a line", Axis("rate", "deg/s"), Axis("output", "V"), [Series("it", [0.0, 1.0], [0.0, 1.0])])
@@ -37,6 +37,11 @@ def test_parts_have_an_empty_line_between_and_figures_are_left_out() -> None:
     report = Report([Heading("Head"), Text("one\n  two"), FIGURE, Heading("Next", 2), Heading("Third", 3), FIGURE])
     assert text_of(report) == "Head\n====\n\none\n  two\n\nNext\n----\n\nThird"
     assert text_of(Report()) == ""
+
+
+def test_a_notice_is_its_words_and_names_beside_values_have_no_heads() -> None:
+    pairs = Table([Column("", align="left"), Column("", align="left")], [("run", "1"), ("bench", "paper")], "whose")
+    assert text_of(Report([Notice("not real"), pairs])) == "not real\n\nwhose\nrun     1\nbench   paper"
 
 
 def test_long_lines_of_text_are_wrapped_under_their_indentation() -> None:

@@ -329,6 +329,10 @@ def _made_of(quantity: Measurand) -> str:
 BANDWIDTH = Procedure(
     name="bandwidth",
     title=BUILT_IN["bandwidth"][1],
+    method=(
+        "A sine on V_Vc makes a virtual rate of known frequency and amplitude; the response in the output, over the "
+        "static gain, is fitted by the closed form of the two sense modes and the demodulator."
+    ),
     settings=BandwidthSettings,
     plan=plan,
     results=results,

@@ -451,6 +451,10 @@ def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Made)
 CHARACTERIZE = Procedure(
     name="characterize",
     title=BUILT_IN["characterize"][1],
+    method=(
+        "The procedures of a characterisation are done one after the other in one session, each as by itself; the "
+        "data sheet brings their results together."
+    ),
     settings=CharacterizeSettings,
     plan=plan,
     results=results,

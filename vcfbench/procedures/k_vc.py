@@ -97,6 +97,11 @@ def _matched(settings: KVcSettings) -> Routine[Outcome]:
 K_VC = Procedure(
     name="kvc",
     title=BUILT_IN["kvc"][1],
+    method=(
+        "The table turns the gyroscope at rates of both signs; at each, V_Vc is adjusted with the table at rest until "
+        "the output, less its zero, is the same (a null comparison), and V_Vc is measured. Rate over V_Vc, as a curve "
+        "with its uncertainty, is the certificate of the device."
+    ),
     settings=KVcSettings,
     plan=k_vc,
     results=k_vc_results,

@@ -224,6 +224,10 @@ def _sample(
 ONLINE = Procedure(
     name="online",
     title=BUILT_IN["online"][1],
+    method=(
+        "While the gyroscope measures a true rate, a sine on V_Vc adds a known virtual one. Its lock-in in the output "
+        "gives the scale factor window by window; the output with the sine taken out is the true rate."
+    ),
     settings=OnlineSettings,
     plan=online,
     results=online_results,

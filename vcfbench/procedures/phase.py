@@ -467,6 +467,11 @@ def _made_of(quantity: Measurand) -> str:
 PHASE = Procedure(
     name="phase",
     title=BUILT_IN["phase"][1],
+    method=(
+        "Waveforms of drive, carrier, sense signal and output are captured by the oscilloscope, the table turning and "
+        "V_Vc standing for a rate in turn. Sines fitted to them give the phases of carrier, Coriolis and virtual "
+        "signal and of the demodulator, and what their errors do to K_Vc."
+    ),
     settings=PhaseSettings,
     plan=plan,
     results=results,

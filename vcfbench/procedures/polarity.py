@@ -319,6 +319,10 @@ def _verdict(settings: PolaritySettings, found: PolarityResult) -> str:
 POLARITY = Procedure(
     name="polarity",
     title=BUILT_IN["polarity"][1],
+    method=(
+        "The table turns a little either way, then V_Vc is set to either sign; the signs of what the output does tell "
+        "whether table, V_Vc and output are connected the right way round."
+    ),
     settings=PolaritySettings,
     plan=polarity,
     results=results,

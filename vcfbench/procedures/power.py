@@ -303,6 +303,11 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
 POWER = Procedure(
     name="power",
     title=BUILT_IN["power"][1],
+    method=(
+        "Currents of both rails are logged from power-on, in the orders in which rails can come on, with the output "
+        "beside them; then each rail is stepped about its level, and what the output does gives the rejection of the "
+        "supply."
+    ),
     settings=PowerSettings,
     plan=plan,
     results=power_results,

@@ -40,6 +40,7 @@ class Procedure(Generic[S, R]):
     Args:
         name: of its command, of its table in the bench file and in its records: ``turntable``.
         title: one line, the help of its command.
+        method: what is done, in some sentences for the reader of a report; empty: the title says it.
         settings: the class of its settings, each with its range and its default.
         plan: makes the plan, a generator of steps, from the settings.
         results: makes the results from settings and what was measured (the points, a sequence, with all else that the
@@ -64,6 +65,7 @@ class Procedure(Generic[S, R]):
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
     entry: Callable[[S, R, Made], Kept | None] | None = None
     in_one_piece: str = ""
+    method: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""

@@ -366,6 +366,11 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
 RESONANCE = Procedure(
     name="resonance",
     title=BUILT_IN["resonance"][1],
+    method=(
+        "Frequency and quality factor of the drive mode and of both sense modes are measured by ring-down and by "
+        "sweep with the generator and the oscilloscope, and compared by E_n. The mode split is the difference of the "
+        "frequencies."
+    ),
     settings=ResonanceSettings,
     plan=plan,
     results=results,

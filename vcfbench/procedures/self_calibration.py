@@ -120,6 +120,11 @@ def _block(settings: SelfCalibrationSettings, rate_deg_s: float, levels_v: dict[
 SELF_CALIBRATION = Procedure(
     name="self-calibration",
     title=BUILT_IN["self-calibration"][1],
+    method=(
+        "Without a rate table: V_Vc is set to levels that stand, by the certificate of the device, for known rates, "
+        "and the output is read at each. A least-squares line gives scale factor, bias and linearity, which are "
+        "compared with the device's last entry."
+    ),
     settings=SelfCalibrationSettings,
     plan=self_calibration,
     results=self_calibration_results,

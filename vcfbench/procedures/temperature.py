@@ -315,6 +315,11 @@ def _measured_there(settings: TemperatureSettings) -> Routine[None]:
 TEMPERATURE = Procedure(
     name="temperature",
     title=BUILT_IN["temperature"][1],
+    method=(
+        "At each temperature of a cycle, up and down again, the gyroscope is left to settle; then scale factor, bias "
+        "and drive frequency are measured. Polynomials through the results give the temperature coefficients, the two "
+        "directions the hysteresis."
+    ),
     settings=TemperatureSettings,
     plan=plan,
     results=temperature_results,

@@ -416,6 +416,10 @@ def _made_of(quantity: Measurand) -> str:
 VIBRATION = Procedure(
     name="vibration",
     title=BUILT_IN["vibration"][1],
+    method=(
+        "A second generator adds a sine to V_Vc, which the gyroscope feels as a vibrating rate. The response in the "
+        "output is compared with the closed form."
+    ),
     settings=VibrationSettings,
     plan=vibration,
     results=results,

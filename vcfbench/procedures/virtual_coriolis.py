@@ -290,6 +290,13 @@ def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> Virt
 VIRTUAL_CORIOLIS = Procedure(
     name="virtual-coriolis",
     title=BUILT_IN["virtual-coriolis"][1],
+    method=(
+        "Step 1: the output is read at rest and at the match rate on the rate table. Step 2: the table at rest, V_Vc "
+        "is adjusted until the output changes by as much; rate over V_Vc is K_Vc. Step 3: the turntable calibration. "
+        "Step 4: the same rates again by V_Vc = rate / K_Vc, the table at rest. Each output is the mean of repeated "
+        "readings. Least-squares lines through both columns give scale factors and biases; their comparison tells how "
+        "well the virtual rate stands for a real one. Uncertainties are combined after the GUM (JCGM 100)."
+    ),
     settings=VirtualCoriolisSettings,
     plan=virtual_coriolis,
     results=_results,

@@ -216,6 +216,11 @@ def _report(_settings: WarmupSettings, _measured: Measured, results: WarmupResul
 WARMUP = Procedure(
     name="warmup",
     title=BUILT_IN["warmup"][1],
+    method=(
+        "From power-on the output is recorded at rest until three means in a row agree. Turn-on is when the output "
+        "first stays within its tolerance; an exponential fitted to the readings gives amplitude, time constant and "
+        "warm-up time."
+    ),
     settings=WarmupSettings,
     plan=warmup,
     results=_results,

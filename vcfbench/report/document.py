@@ -13,7 +13,20 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["Axis", "Cell", "Column", "Figure", "Heading", "Part", "Report", "Series", "Table", "Text", "Value"]
+__all__ = [
+    "Axis",
+    "Cell",
+    "Column",
+    "Figure",
+    "Heading",
+    "Notice",
+    "Part",
+    "Report",
+    "Series",
+    "Table",
+    "Text",
+    "Value",
+]
 
 Value: TypeAlias = "float | str | None"
 """What stands in a table: a number, a text, or None where there is nothing."""
@@ -39,6 +52,14 @@ class Text:
     """Words, in lines that stay as they are."""
 
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Words that nobody must overlook, such as that a bench was simulated; `kind` says how they are meant."""
+
+    text: str
+    kind: Literal["warning", "pass", "marginal", "fail"] = "warning"
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +123,11 @@ class Table:
             for value, column in zip(row, columns, strict=True):
                 _require_printable(value, column, number)
 
+    @property
+    def has_heads(self) -> bool:
+        """Whether any column has a head; names beside values need none."""
+        return any(column.head for column in self.columns)
+
     def printed(self) -> tuple[tuple[str, ...], ...]:
         """Return every row as texts, each value in its digits."""
         return tuple(
@@ -157,6 +183,8 @@ class Series:
         y: what, in the unit of its y axis.
         u_y: standard uncertainty of each `y`; None where it is not known.
         kind: ``"points"``, ``"line"`` or ``"bars"``.
+        low: lower end of a band about it (a confidence interval), in the unit of the y axis; None for no band.
+        high: its upper end; there where `low` is.
 
     Raises:
         ValueError: there are not as many of one as of the other, or something is no finite number.
@@ -167,15 +195,26 @@ class Series:
     y: Sequence[float]
     u_y: Sequence[float] | None = None
     kind: Literal["points", "line", "bars"] = "points"
+    low: Sequence[float] | None = None
+    high: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         """Keep tuples of floats, and refuse what cannot be drawn."""
-        for name in ("x", "y", "u_y"):
+        for name in ("x", "y", "u_y", "low", "high"):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._checked(name, values))
         if self.kind not in ("points", "line", "bars"):
             raise ValueError(f"series {self.label!r}: expected points, line or bars, came {self.kind!r}")
+        if (self.low is None) != (self.high is None):
+            raise ValueError(f"series {self.label!r}: a band has two ends, came one")
+        if any(low > high for low, high in zip(self.low or (), self.high or (), strict=True)):
+            raise ValueError(f"series {self.label!r}: the lower end of its band is above the upper one")
+
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """All values along the y axis: the series itself and its band."""
+        return (*self.y, *(self.low or ()), *(self.high or ()))
 
     def _checked(self, name: str, values: Iterable[float]) -> tuple[float, ...]:
         numbers = tuple(map(float, values))
@@ -190,7 +229,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure: title, axes and what is drawn. Who renders it chooses size, colours and marks.
+    """A figure: title, axes, what is drawn, and words below it. Who renders it chooses size, colours and marks.
 
     Raises:
         ValueError: there is no series, or a logarithmic axis has values that are not positive.
@@ -200,18 +239,19 @@ class Figure:
     x: Axis
     y: Axis
     series: Sequence[Series]
+    caption: str = ""
 
     def __post_init__(self) -> None:
         """Keep a tuple, and refuse what cannot be drawn."""
         object.__setattr__(self, "series", tuple(self.series))
         if not self.series:
             raise ValueError(f"figure {self.title!r} has no series")
-        for axis, name in ((self.x, "x"), (self.y, "y")):
-            if axis.scale == "log" and any(value <= 0.0 for each in self.series for value in getattr(each, name)):
+        for axis, name, drawn in ((self.x, "x", "x"), (self.y, "y", "heights")):
+            if axis.scale == "log" and any(value <= 0.0 for each in self.series for value in getattr(each, drawn)):
                 raise ValueError(f"figure {self.title!r}: a logarithmic {name} axis has positive values only")
 
 
-Part: TypeAlias = "Heading | Table | Figure | Text"
+Part: TypeAlias = "Heading | Table | Figure | Text | Notice"
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +264,7 @@ class Report:
         """Keep a tuple, and refuse what is no part."""
         object.__setattr__(self, "parts", tuple(self.parts))
         for part in self.parts:
-            if not isinstance(part, Heading | Table | Figure | Text):
+            if not isinstance(part, Heading | Table | Figure | Text | Notice):
                 raise ValueError(  # noqa: TRY004  # a value in it is wrong
-                    f"a report has headings, tables, figures and texts, came a {type(part).__name__}"
+                    f"a report has headings, tables, figures, texts and notices, came a {type(part).__name__}"
                 )

@@ -1,46 +1,64 @@
-"""A report as a piece of HTML, for notebooks; figures are left out."""
+"""A report as a piece of HTML: for notebooks, and for the page that holds a whole one."""
 
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from vcfbench.report.document import Figure, Heading, Table, Text
+from vcfbench.report.document import Figure, Heading, Notice, Table, Text
+from vcfbench.report.text import printable_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from vcfbench.report.document import Part, Report
 
-__all__ = ["html_of"]
+__all__ = ["escaped", "html_of"]
+
+_SHORT: Final = 28
+"""Texts of so many characters stay in one line of a table: names, numbers, units."""
 
 
-def html_of(report: Report) -> str:
-    """Return the parts one after the other: headings, tables with their digits, texts in their lines."""
-    return "\n".join(_part(part) for part in report.parts if not isinstance(part, Figure))
+def html_of(report: Report, draw: Callable[[Figure], str] | None = None) -> str:
+    """Return the parts one after the other: headings, tables with their digits, texts in their lines.
+
+    `draw` makes an element of each figure; without it figures are left out.
+    """
+    pieces = (_part(part, draw) for part in report.parts)
+    return "\n".join(piece for piece in pieces if piece)
 
 
-def _part(part: Part) -> str:
+def escaped(text: str) -> str:
+    """Return `text` as it can stand in HTML, in quotes too: its markup is shown, and what cannot be printed."""
+    return escape(printable_lines(text))
+
+
+def _part(part: Part, draw: Callable[[Figure], str] | None) -> str:
     match part:
         case Heading():
-            return f"<h{part.level}>{escape(part.text)}</h{part.level}>"
+            return f"<h{part.level}>{escaped(part.text)}</h{part.level}>"
         case Table():
             return _table(part)
         case Text():
-            return f"<pre>{escape(part.text)}</pre>"
-        case Figure():  # left out
-            return ""
+            return f"<pre>{escaped(part.text)}</pre>"
+        case Notice():
+            return f'<p class="notice {part.kind}"><strong>{escaped(part.text)}</strong></p>'
+        case Figure():
+            return "" if draw is None else draw(part)
 
 
 def _table(table: Table) -> str:
-    sides = [f' style="text-align:{column.align}"' for column in table.columns]
-    caption = f"<caption>{escape(table.title)}</caption>" if table.title else ""
-    head = _row("th", [column.head for column in table.columns], sides)
+    sides = [column.align for column in table.columns]
+    caption = f"<caption>{escaped(table.title)}</caption>" if table.title else ""
+    head = f"<thead>{_row('th', [column.head for column in table.columns], sides)}</thead>" if table.has_heads else ""
     body = "".join(_row("td", row, sides) for row in table.printed())
-    return f"<table>{caption}<thead>{head}</thead><tbody>{body}</tbody></table>"
+    return f'<div style="overflow-x:auto"><table>{caption}{head}<tbody>{body}</tbody></table></div>'
 
 
 def _row(tag: str, cells: Sequence[str], sides: Sequence[str]) -> str:
-    return (
-        f"<tr>{''.join(f'<{tag}{side}>{escape(cell)}</{tag}>' for cell, side in zip(cells, sides, strict=True))}</tr>"
-    )
+    return f"<tr>{''.join(_cell(tag, *each) for each in zip(cells, sides, strict=True))}</tr>"
+
+
+def _cell(tag: str, text: str, side: str) -> str:
+    whole = ";white-space:nowrap" if len(text) <= _SHORT else ""
+    return f'<{tag} style="text-align:{side}{whole}">{escaped(text)}</{tag}>'

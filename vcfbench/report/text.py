@@ -6,14 +6,14 @@ import math
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
-from vcfbench.report.document import Column, Figure, Heading, Table, Text
+from vcfbench.report.document import Column, Figure, Heading, Notice, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from vcfbench.report.document import Part, Report
 
-__all__ = ["left_table", "table_text", "text_of"]
+__all__ = ["left_table", "printable_lines", "table_text", "text_of"]
 
 WIDTH = 130
 """Lines of text that are longer are wrapped; of a table that is wider its last column, if that is of texts."""
@@ -36,7 +36,7 @@ def _part(part: Part) -> str:
             return "\n".join([title, *(rule * len(title) for rule in _RULES[part.level - 1 : part.level])])
         case Table():
             return table_text(part, WIDTH)
-        case Text():
+        case Text() | Notice():
             return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(_line(line)))
         case Figure():  # left out
             return ""
@@ -55,7 +55,8 @@ def table_text(table: Table, most: float = math.inf) -> str:
         widths[-1] = int(room)
         rows = [part for row in rows for part in _under_itself(row, widths[-1])]
     head, *lines = ("   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows)
-    return "\n".join([*([_line(table.title)] if table.title else []), head, "-" * len(head), *lines])
+    above = [head, "-" * len(head)] if table.has_heads else []
+    return "\n".join([*([_line(table.title)] if table.title else []), *above, *lines])
 
 
 def _under_itself(row: list[str], width: int) -> list[list[str]]:
@@ -79,6 +80,11 @@ def _aligned(cell: str, width: int, side: Callable[[str, int], str]) -> str:
 def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return columns of texts, all to the left."""
     return table_text(Table([Column(head, align="left") for head in heads], list(rows)))
+
+
+def printable_lines(text: str) -> str:
+    """Return `text` with its lines as they are, those escaped that hold what cannot be printed."""
+    return "\n".join(map(_line, text.split("\n")))
 
 
 def _line(text: str) -> str:

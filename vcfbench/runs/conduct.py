@@ -324,6 +324,7 @@ class _Record(Struct):
             "run": name,
             "procedure": self.prepared.procedure.name,
             "title": self.prepared.procedure.title,
+            **({"method": method} if (method := self.prepared.procedure.method) else {}),
             "simulated": description.simulated,
             "seed": course.checked.seed,
             "versions": _versions(),

@@ -1,0 +1,108 @@
+"""Reports of runs as files."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+import vcfbench
+from vcfbench.errors import ConfigError
+from vcfbench.report.document import Figure, Heading, Notice
+from vcfbench.report.text import text_of
+from vcfbench.runs.reported import full_report
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path_factory.mktemp("runs"))
+
+
+def recorded(run: Run, folder: Path, **changes: object) -> Run:
+    """Return the run of a record like that of `run`, with other words in its header."""
+    assert run.directory is not None
+    header, *lines = (run.directory / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+    copy = folder / "20260821T142530Z-own-0a1b2c"
+    copy.mkdir()
+    told = json.dumps({**json.loads(header), **changes})
+    (copy / "journal.jsonl").write_text("\n".join([told, *lines, ""]), encoding="utf-8")
+    return vcfbench.load_run(copy)
+
+
+def test_a_report_says_who_what_and_by_what_means(quick: Run) -> None:
+    report = full_report(quick)
+    heads = [part.text for part in report.parts if isinstance(part, Heading)]
+    assert heads == [
+        *("Calibration report: turntable", "Identification", "Conditions", "Equipment", "Method", "Results"),
+        *("Settings", "Provenance"),
+    ]
+    notices = [part.text for part in report.parts if isinstance(part, Notice)]
+    assert notices == ["SIMULATED: instruments and gyroscope were simulated (seed 3). Nothing here was measured."]
+    titles = [part.title for part in report.parts if isinstance(part, Figure)]
+    assert titles == ["Output against the table's rate", "Residuals of the least-squares line"]
+    words = text_of(report)
+    for said in (quick.name, "A least-squares line", "MY44021876", "GPIB0::22::INSTR", "SHA-256", "rates_deg_s"):
+        assert str(said) in words
+
+
+def test_the_same_record_gives_the_same_bytes(quick: Run, tmp_path: Path) -> None:
+    (page,) = vcfbench.write_report(quick, tmp_path / "one.html")
+    assert quick.directory is not None
+    (again,) = vcfbench.write_report(vcfbench.load_run(quick.directory), tmp_path / "two.html")
+    assert page.read_bytes() == again.read_bytes()
+    assert "<svg" in page.read_text(encoding="utf-8")
+
+
+def test_the_figures_of_a_markdown_report_lie_beside_it(quick: Run, tmp_path: Path) -> None:
+    text, *figures = vcfbench.write_report(quick, str(tmp_path / "my run.md"))
+    assert [each.name for each in figures] == ["my run-1.svg", "my run-2.svg"]
+    assert all(each.read_bytes().startswith(b"<?xml") for each in figures)
+    assert "(my%20run-2.svg)" in text.read_text(encoding="utf-8")
+
+
+def test_a_pdf_has_the_name_of_the_run_and_the_number_on_every_page(quick: Run, tmp_path: Path) -> None:
+    pypdf = pytest.importorskip("pypdf")
+    (path,) = vcfbench.write_report(quick, tmp_path / "run.pdf")
+    pages = [page.extract_text() for page in pypdf.PdfReader(path).pages]
+    for number, page in enumerate(pages, start=1):
+        assert str(quick.name) in page
+        assert f"page {number} of {len(pages)}" in page
+    assert "SIMULATED" in pages[0]
+
+
+def test_what_cannot_be_written_is_refused(quick: Run, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"expected a name that ends in \.html, \.pdf, \.md"):
+        vcfbench.write_report(quick, tmp_path / "run.doc")
+    with pytest.raises(ConfigError, match=r"cannot be written: No such file"):
+        vcfbench.write_report(quick, tmp_path / "nowhere" / "run.html")
+
+
+def test_a_record_whose_procedure_is_not_here_gives_a_report(quick: Run, tmp_path: Path) -> None:
+    run = recorded(quick, tmp_path, procedure="own", title="<script>of mine", method="")
+    words = text_of(full_report(run))
+    assert "no results: the procedure 'own' is not known here" in words
+    assert "<script>of mine" in words
+    (path,) = vcfbench.write_report(run, tmp_path / "own.html")
+    assert "<script" not in path.read_text(encoding="utf-8")
+
+
+def test_an_incomplete_record_gives_a_report_that_says_so(quick: Run, tmp_path: Path) -> None:
+    run = recorded(quick, tmp_path)
+    assert run.directory is not None
+    journal = run.directory / "journal.jsonl"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
+    notices = [p for p in full_report(vcfbench.load_run(run.directory)).parts if isinstance(p, Notice)]
+    assert (notices[1].kind, notices[1].text) == ("fail", "This run is not complete, its record is incomplete")
+
+
+def test_a_run_that_was_not_recorded_has_a_report() -> None:
+    run = vcfbench.Run("own", vcfbench.Status.COMPLETE)
+    assert "not recorded" in text_of(full_report(run))

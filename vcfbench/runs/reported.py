@@ -1,0 +1,251 @@
+"""The whole report of a run, as it can be handed to who asked for it: who, what, by what means, and what came of it.
+
+It is made of nothing but the run and its record, so the same record gives the same report.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shlex
+from functools import partial
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.errors import ConfigError
+from vcfbench.plans.measured import Measured
+from vcfbench.record.journal import lines_of
+from vcfbench.record.plain import plain
+from vcfbench.record.schema import Status
+from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
+from vcfbench.report.generic import results_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.plans.measured import WindowReadings
+    from vcfbench.report.document import Part
+    from vcfbench.runs.run import Run
+
+__all__ = ["full_report", "title_of"]
+
+_LONG: Final = 100
+"""A window of so many readings is drawn reading by reading."""
+
+
+def full_report(run: Run) -> Report:
+    """Return the whole report of `run`; headings of level 2 begin its sections.
+
+    Raises:
+        ConfigError: the record cannot be read any more.
+    """
+    header = run.header
+    return Report(
+        [
+            Heading(title_of(run)),
+            *_notices(run),
+            *_identification(run, header),
+            *_conditions(run, header),
+            *_equipment(header),
+            *_method(run, header),
+            *_results(run),
+            *_remarks(run),
+            *_settings(header),
+            *_provenance(run, header),
+        ]
+    )
+
+
+def title_of(run: Run) -> str:
+    """Return the title of the report of `run`."""
+    return f"Calibration report: {run.procedure}"
+
+
+def _notices(run: Run) -> Iterator[Notice]:
+    """Say what nobody must overlook: a simulation, a run that is not whole, the verdict."""
+    if run.simulated:
+        seed = "" if run.seed is None else f" (seed {run.seed})"
+        yield Notice(f"SIMULATED: instruments and gyroscope were simulated{seed}. Nothing here was measured.")
+    if run.status is not Status.COMPLETE:
+        why = "" if run.error is None else f": {run.error}"
+        yield Notice(f"This run is not complete, its record is {run.status.value}{why}", "fail")
+    if run.verdict is not None:
+        word = run.verdict.word
+        yield Notice(f"Verdict: {word.upper()}", word)
+
+
+def _pairs(rows: Sequence[tuple[str, Any]], title: str = "") -> Table:
+    """Lay out names beside values; what is not known is left out."""
+    known = [(name, str(value)) for name, value in rows if value is not None]
+    return Table([Column("", align="left"), Column("", align="left")], known, title)
+
+
+def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
+    yield Heading("Identification", 2)
+    rows = [
+        ("run", run.name or "not recorded"),
+        ("procedure", run.procedure),
+        ("what it is", header.get("title")),
+        ("status", run.status.value),
+    ]
+    yield _pairs(rows)
+
+
+def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
+    yield Heading("Conditions", 2)
+    bench, settings = header.get("bench", {}), header.get("settings", {})
+    latitude = bench.get("site", {}).get("latitude_deg")
+    warm_up_s = settings.get("warm_up_s")
+    took_s = run.bench_seconds
+    rows = [
+        ("began", _clock(header.get("utc"))),
+        ("took", None if took_s is None else f"{took_s:.0f} s ({took_s / 3600.0:.2f} h) of bench time"),
+        ("bench", run.bench),
+        ("station", bench.get("title") or None),
+        ("latitude", None if latitude is None else f"{latitude:g} deg"),
+        ("wait after power-on", None if warm_up_s is None else f"{warm_up_s:g} s"),
+    ]
+    yield _pairs(rows)
+
+
+def _clock(told: object) -> str | None:
+    """Return a time of day of a record to the second."""
+    return None if told is None else f"{str(told)[:19].replace('T', ' ')} UTC"
+
+
+def _equipment(header: Mapping[str, Any]) -> Iterator[Part]:
+    identities, bench = header.get("identities", {}), header.get("bench", {})
+    if not identities:
+        return
+    yield Heading("Equipment", 2)
+    columns = [Column(name, align="left") for name in ("role", "maker and model", "serial", "firmware", "resource")]
+    rows = [
+        (
+            *(role.replace("_", " "), f"{who.get('maker', '')} {who.get('model', '')}".strip() or "-"),
+            *(who.get("serial") or "-", who.get("firmware") or "-", (bench.get(role) or {}).get("resource", "-")),
+        )
+        for role, who in identities.items()
+    ]
+    yield Table(columns, rows)
+
+
+def _method(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
+    yield Heading("Method", 2)
+    told = header.get("method") or _method_known(run.procedure) or header.get("title")
+    yield Text(str(told or f"The procedure {run.procedure}, of which the record says no more."))
+
+
+def _method_known(name: str) -> str:
+    """Return what the procedure does, for records of before they said so."""
+    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
+
+    try:
+        return PROCEDURES[name].method if name in PROCEDURES else ""
+    except ConfigError:  # its package cannot be loaded; the title says something
+        return ""
+
+
+def _results(run: Run) -> Iterator[Part]:
+    yield Heading("Results", 2)
+    yield from run.report().parts
+    if run.no_results is not None:
+        stored = "no results" if run.results is None else "results as they were stored with the run"
+        yield Text(f"{stored}: {run.no_results}")
+    yield from _record(run)
+
+
+def _record(run: Run) -> Iterator[Figure]:
+    """Draw the raw readings of long windows over time, from the first of them on."""
+    windows = [each for each in _measured(run).readings.windows if len(each.t_s) >= _LONG]
+    if windows:
+        t_s, output_v = _joined(windows)
+        yield Figure(
+            "Record of the raw readings",
+            Axis("time", "s"),
+            Axis("output", "V"),
+            [Series("readings", (t_s - t_s[0]).tolist(), output_v.tolist(), kind="line")],
+        )
+
+
+def _measured(run: Run) -> Measured:
+    if run.directory is None:
+        return Measured(run.points)
+    return Measured(run.points, partial(lines_of, run.directory / "journal.jsonl"))
+
+
+def _joined(windows: Sequence[WindowReadings]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and voltages of all windows, one after the other."""
+    import numpy as np  # noqa: PLC0415  # few runs have long windows
+
+    return np.concatenate([each.t_s for each in windows]), np.concatenate([each.voltage_v for each in windows])
+
+
+def _remarks(run: Run) -> Iterator[Part]:
+    asked = [f"asked again: {each}" for each in run.asked_again]
+    lost = [f"observer left out: {each}" for each in run.observers_lost]
+    if asked or lost:
+        yield Heading("Remarks", 2)
+        yield from (Text(each) for each in chain(asked, lost))
+
+
+def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
+    told = {key: value for key, value in header.get("settings", {}).items() if key != "station"}
+    tables = results_table(told, head="setting")
+    if tables:
+        yield Heading("Settings", 2)
+        yield from tables
+
+
+def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
+    from vcfbench import __version__  # noqa: PLC0415
+
+    yield Heading("Provenance", 2)
+    versions = ", ".join(f"{name} {version}" for name, version in header.get("versions", {}).items())
+    own = header.get("procedure_file")
+    rows = [
+        ("measured with", versions or None),
+        ("report made with", f"vcfbench {__version__}"),
+        ("command", _command(header)),
+        ("bench simulated", None if run.simulated is None else "yes" if run.simulated else "no"),
+        ("seed of its noise", run.seed),
+        ("bench file", _sha256_of_bench(header)),
+        ("procedure's file", f"{own['path']}, SHA-256 {own['sha256']}" if isinstance(own, dict) else None),
+        ("record", None if run.directory is None else f"journal.jsonl, SHA-256 {_sha256(run)}"),
+    ]
+    yield _pairs(rows)
+
+
+def _command(header: Mapping[str, Any]) -> str | None:
+    """Return the command that made the record, as it would be typed; what was left to its default is left out."""
+    options = header.get("options")
+    if not isinstance(options, dict):
+        return None
+    words = ["vcfbench", "run", str(header.get("procedure"))]
+    for key, value in options.items():
+        name = f"--{key.replace('_', '-')}"
+        if key == "settings" and isinstance(value, dict):
+            words += chain.from_iterable(("--set", f"{each}={told}") for each, told in value.items())
+        elif value is True:
+            words.append(name)
+        elif value not in (None, False, (), [], {}):
+            words += [name, str(value)]
+    return shlex.join(words)
+
+
+def _sha256_of_bench(header: Mapping[str, Any]) -> str | None:
+    """Name the bench file by what it holds with its defaults, as the record has it: keys sorted, no spaces."""
+    import msgspec  # noqa: PLC0415  # it is loaded by now
+
+    if not header.get("bench"):
+        return None
+    path = header.get("options", {}).get("bench")
+    told = hashlib.sha256(msgspec.json.encode(plain(header["bench"]), order="sorted")).hexdigest()
+    return f"{path or 'the one that comes along'}, its values SHA-256 {told}"
+
+
+def _sha256(run: Run) -> str:
+    assert run.directory is not None  # noqa: S101  # asked before
+    with (run.directory / "journal.jsonl").open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
