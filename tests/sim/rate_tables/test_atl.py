@@ -79,3 +79,13 @@ def test_servo_and_zero(host: Host) -> None:
     assert host.ask("PPO") == "90.0000\r\n>\r\n"
     host.ask("SRV0")
     assert not host.world.table.servo_closed
+
+
+@pytest.mark.parametrize("motion", ["JOG20", "HOM", "MOV10", "RMO10"])
+def test_what_srv0_has_switched_off_does_not_move_before_srv1(host: Host, motion: str) -> None:
+    host.ask("SRV0")
+    assert host.ask(motion) == "?\r\n>\r\n"
+    host.wait(2.0)
+    assert host.world.table.angle_deg() == 0.0
+    host.ask("SRV1")
+    assert "?" not in host.ask(motion)

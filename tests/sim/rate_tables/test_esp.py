@@ -135,3 +135,9 @@ def test_the_stage_knows_degrees_only(host: Host) -> None:
     host.ask("1SN2")
     assert host.ask("TE?") == "101"
     assert host.ask("1VU?;1AU?") == "400.0000\r\n1000.0000"
+
+
+@pytest.mark.parametrize("spelt", ["1TP", "1 TP", " 1TP ", "1 TP;"])
+def test_blanks_are_passed_over(host: Host, spelt: str) -> None:
+    assert host.ask(spelt) == "0.0000"
+    assert host.ask("TE?") == "0"

@@ -176,7 +176,7 @@ def test_an_unknown_interlock_is_refused() -> None:
         ("acl", b":STAT:CSR? A1INTLK,7\n", b"0", b"1"),
         ("zaber", b"/1 1 01\n", b"@01 1 01 OK BUSY -- 0", b"@01 1 01 OK IDLE FH 0"),
         ("zaber", b"/1 1 warnings\n", b"@01 1 OK BUSY -- 00", b"@01 1 OK IDLE FH 02 FH FO"),
-        ("zaber", b"/1 1 move vel 1000\n", b"@01 1 OK BUSY -- 0", b"@01 1 RJ IDLE FH DRIVERDISABLED"),
+        ("zaber", b"/1 1 move vel 1000\n", b"@01 1 OK BUSY NI 0", b"@01 1 RJ IDLE FH DRIVERDISABLED"),
         ("zaber", b"/1 1 driver enable\n", b"@01 1 OK BUSY -- 0", b"@01 1 RJ IDLE FH DRIVERDISABLED"),
         ("atl", b"JOG1\r", b">", b"?\r\n>"),
         ("atl", b"SRV1\r", b">", b"?\r\n>"),
@@ -263,7 +263,7 @@ def test_a_stepping_motor_stalls_beyond_its_pull_out_rate() -> None:
     bench.wait(2.0)
     assert bench.rate_deg_s == pytest.approx(0.0, abs=1e-6)
     assert bench.ask(b"/1 1\n") == b"@01 1 OK IDLE FS 0"
-    assert bench.ask(b"/1 1 warnings clear\n") == b"@01 1 OK IDLE -- 01 FS"
+    assert bench.ask(b"/1 1 warnings clear\n") == b"@01 1 OK IDLE -- 02 FS NI"
     bench.start()
     assert bench.rate_deg_s == pytest.approx(RATE, rel=1e-3)
 

@@ -98,3 +98,51 @@ def test_position_and_velocity_read_back(host: Host) -> None:
 def test_every_reply_is_well_formed(text: str) -> None:
     reply = Host().ask("/" + text)
     assert not reply or re.fullmatch(r"@01 \d+( \d\d+)? (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) \S.*", reply)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("comm.address", "1"),
+        ("resolution", "64"),
+        ("peripheralid", "0"),
+        ("motion.busy", "0"),
+        ("comm.rs232.baud", "115200"),
+        ("knob.enable", "0"),
+    ],
+)
+def test_settings_that_clients_ask_for(host: Host, setting: str, value: str) -> None:
+    assert host.ask(f"/1 1 get {setting}") == f"@01 1 OK IDLE -- {value}"
+
+
+def test_a_movement_that_breaks_off_another_is_noted_until_one_begins_at_rest(host: Host) -> None:
+    host.ask("/1 1 move vel 29127")
+    host.wait(0.02)
+    assert host.ask("/1 1 move vel 2000") == "@01 1 OK BUSY NI 0"
+    host.ask("/1 1 stop")
+    host.wait(2.0)
+    assert host.ask("/1 1 warnings") == "@01 1 OK IDLE NI 01 NI"
+    assert host.ask("/1 1 move rel 100") == "@01 1 OK BUSY -- 0"
+    host.ask("/1 1 move rel 100")
+    assert host.ask("/1 1 warnings clear").endswith(" 01 NI")
+    assert host.ask("/1 1 warnings").endswith(" 00")
+
+
+def test_identifiers_have_two_digits(host: Host) -> None:
+    assert host.ask("/1 1 300 get pos") == ""
+    assert host.ask("/1 1 99 get pos") == "@01 1 99 OK IDLE -- 0"
+
+
+def test_a_speed_beyond_all_numbers_is_refused(host: Host) -> None:
+    assert host.ask("/1 1 set maxspeed 999999999999") == "@01 1 RJ IDLE -- BADDATA"
+
+
+def test_echo_and_reset(host: Host) -> None:
+    assert host.ask("/1 tools echo one two") == "@01 0 OK IDLE -- one two"
+    host.ask("/1 1 set accel 7")
+    host.ask("/1 1 move vel 29127")
+    host.wait(1.0)
+    assert host.ask("/1 system reset").startswith("@01 0 OK")
+    host.wait(20.0)
+    assert host.world.table.rate_deg_s() == 0.0
+    assert host.ask("/1 1 warnings") == "@01 1 OK IDLE -- 00"

@@ -35,7 +35,10 @@ _COMMAND = re.compile(r"([A-Za-z]{3}|[Pp](?=[-+.\d]))([+-]?\d+(?:\.\d*)?|[+-]?\.
 
 
 class AtlTable(Interlocked, LineDevice):
-    """The table. It is off after power-up; SRV1 switches it on, and so does the first JOG (unverified)."""
+    """The table. It is off after power-up; SRV1 switches it on, and so does the first motion (unverified).
+
+    What SRV0 has switched off only SRV1 switches on again (likely; unverified).
+    """
 
     errors_class: ClassVar = TableErrors
 
@@ -43,6 +46,7 @@ class AtlTable(Interlocked, LineDevice):
         super().__init__(world, _TIMING, terminators=b"\r\n", longest=80)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
         self._prompt_after_motion = prompt_after_motion
+        self._servo_off = False
         self._commands: dict[str, Callable[[float | None], str]] = {
             "JOG": self._jog,
             "STO": self._stop,
@@ -93,11 +97,15 @@ class AtlTable(Interlocked, LineDevice):
     def _jog(self, rate_deg_s: float | None) -> str:
         if rate_deg_s is None or abs(rate_deg_s) > _MAX_RATE_DEG_S:
             return _REFUSED
-        if not self._axis.enable():
+        if not self._powered():
             return _REFUSED
         self._sine_ends_s = None
         self._axis.run(rate_deg_s)
         return ""
+
+    def _powered(self) -> bool:
+        """Return whether the drive is on for a motion, which switches it on unless SRV0 has switched it off."""
+        return not self._servo_off and self._axis.enable()
 
     def _home(self, value: float | None) -> str:
         """Move to zero; whether the real prompt waits for the end is unknown, here it does not."""
@@ -106,7 +114,7 @@ class AtlTable(Interlocked, LineDevice):
         return self._move_to(0.0, _HOMING_DEG_S)
 
     def _move_to(self, position_deg: float, speed_deg_s: float) -> str:
-        if not self._axis.enable():
+        if not self._powered():
             return _REFUSED
         self._sine_ends_s = None
         self._axis.go_to(position_deg, speed_deg_s)
@@ -147,7 +155,7 @@ class AtlTable(Interlocked, LineDevice):
         """Oscillate with what AMP, FRQ and CYC have told; no number of cycles is for ever."""
         amplitude_deg, frequency_hz, cycles = self._sine["AMP"], self._sine["FRQ"], self._sine["CYC"]
         fastest = amplitude_deg * 2.0 * math.pi * frequency_hz
-        if value is not None or not 0.0 < fastest <= _MAX_RATE_DEG_S or not self._axis.enable():
+        if value is not None or not 0.0 < fastest <= _MAX_RATE_DEG_S or not self._powered():
             return _REFUSED
         self._axis.oscillate(amplitude_deg, frequency_hz)
         self._sine_ends_s = self._clock.now() + cycles / frequency_hz if cycles else None
@@ -174,6 +182,7 @@ class AtlTable(Interlocked, LineDevice):
     def _servo(self, value: float | None) -> str:
         if value not in {0.0, 1.0}:
             return _REFUSED
+        self._servo_off = not value
         if value:
             return "" if self._axis.enable() else _REFUSED
         self._axis.disable()

@@ -134,7 +134,8 @@ class TableErrors(Struct, frozen=True):
     angle_resolution_deg: float
     """Quantum of the position read-back, deg (BD125 data sheet: 1e-5 deg)."""
     rate_resolution_deg_s: float
-    """Quantum of the rate read-back, deg/s (BD125 data sheet: 1e-5 deg/s)."""
+    """Quantum of the rate, deg/s: of the read-back and of the demand (BD125 data sheet: 1e-5 deg/s; that it is also
+    that of the demand is likely)."""
     readback_delay_s: float = 0.0
     """Age of what the controller says, s, at most 0.5 s (chosen; unverified for every table)."""
     rate_estimate_s: float = 0.0
@@ -183,6 +184,11 @@ class Axis:
             return _quantised(way_deg / errors.rate_estimate_s, errors.rate_resolution_deg_s)
         slope = math.radians(self._errors.encoder_error_deg) * math.cos(self._electrical_rad(table.angle_deg()))
         return _quantised(table.rate_deg_s() * (1.0 + slope), self._errors.rate_resolution_deg_s)
+
+    def in_steps_deg_s(self, rate_deg_s: float) -> float:
+        """Return the rate that the controller makes of a demand: a whole number of its steps, deg/s."""
+        stepped = _quantised(rate_deg_s, self._errors.rate_resolution_deg_s)
+        return rate_deg_s if math.isclose(stepped, rate_deg_s) else stepped  # a whole number of steps keeps its digits
 
     def _encoder_deg(self, ago_s: float) -> float:
         """Return the angle that the encoder gave `ago_s` ago, deg."""

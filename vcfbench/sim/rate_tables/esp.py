@@ -2,7 +2,8 @@
 
 Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
 ``;`` chains; replies end in CR LF. The words of errors are those of PyMeasure's list. Unverified: 19200 Bd, the digits
-of numbers, the stage's limits, which error an interlock reports, that a software limit stops a jog by its ramp.
+of numbers, that blanks are passed over everywhere (so a sibling's manual), the stage's limits, which error an interlock
+reports, that a software limit stops a jog by its ramp.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["EspTable", "TableErrors"]
 
 _TIMING = SerialTiming(baud=19200.0, processing_s=0.002)
-_COMMAND = re.compile(r"(\d*)([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
+_COMMAND = re.compile(r"(\d*)\s*([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
 _UNKNOWN, _RANGE, _AXIS = 6, 7, 37
 _EMERGENCY_STOP, _INTERLOCK = 4, 129
 _AXIS_RANGE, _ABOVE_LIMIT, _BELOW_LIMIT, _NOT_ENABLED = 101, 106, 107, 113

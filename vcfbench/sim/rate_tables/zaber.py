@@ -3,9 +3,10 @@
 Grammar after zaber.serial and zaber-motion: request ``/device axis [id] command[:LRC]``, reply
 ``@dd a [id] OK|RJ BUSY|IDLE flag data[:LRC]``; the names of settings and the parking commands are those that
 zaber-motion sends. Unverified: the factor 1.6384 of velocities, 1.6384e-4 of accelerations, the stage's microsteps and
-limits, that an alert has the form ``!dd a IDLE flag``. The stage turns without end, so there is no ``move min`` and
-``move max``; there are no streams, triggers, device storage and binary packets. Nothing asks for a reference: the
-encoder is absolute.
+limits, that an alert has the form ``!dd a IDLE flag``, that a message with an identifier above 99 is dropped, that NI
+stays up until a movement begins at rest. The stage turns without end, so there is no ``move min`` and ``move max``;
+there are no streams, triggers, indices, sine movements, limits, help, inputs and outputs, device storage and binary
+packets. Nothing asks for a reference: the encoder is absolute.
 """
 
 from __future__ import annotations
@@ -30,8 +31,12 @@ __all__ = ["StepperErrors", "ZaberTable", "longitudinal_redundancy"]
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.002)
 _ALERT_POLL_S = 0.02
 """How often an axis whose end of motion is to be told is looked at, s."""
+_POWER_UP_SPEED_DEG_S, _POWER_UP_ACCELERATION_DEG_S2 = 450.0, 100.0
 _MICROSTEPS = 64
 """Of a full step (the devices' default)."""
+_LAST_IDENTIFIER = 99
+_FASTEST = 2**31 - 1
+"""The largest number that a setting of speed or acceleration takes (chosen; unverified)."""
 _VELOCITY_UNIT = 1.6384
 _ACCELERATION_UNIT = 1.6384e-4
 _REQUEST = re.compile(r"/(?:\s*(\d+)(?:\s+(\d+)(?:\s+(\d+))?)?)?(?:\s*([A-Za-z].*?))?\s*")
@@ -84,7 +89,9 @@ class ZaberTable(Interlocked, LineDevice):
 
     def __init__(self, world: TableWorld, errors: StepperErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
         super().__init__(world, _TIMING, terminators=b"\r\n", longest=256)
-        self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, pull_out_deg_s=errors.pull_out_deg_s)
+        self._axis = ServoAxis(
+            world, errors, acceleration_deg_s2=_POWER_UP_ACCELERATION_DEG_S2, pull_out_deg_s=errors.pull_out_deg_s
+        )
         if errors.step_error_arcsec:
             steps_per_turn = round(microsteps_per_deg * 360.0 / _MICROSTEPS)
             world.table.add_ripple(Ripple(errors.step_error_arcsec, steps_per_turn))
@@ -99,11 +106,18 @@ class ZaberTable(Interlocked, LineDevice):
             "system.axiscount": 1,
             "system.access": 1,
             "system.voltage": 48.0,
+            "comm.address": 1,
+            "comm.rs232.baud": 115200,
+            "knob.enable": 0,
+            "peripheralid": 0,
+            "resolution": _MICROSTEPS,
         }
         self._was_moving = False
+        self._interrupted = False
+        """Whether the latest movement broke off another: NI. A stop is no movement."""
         self._alerts = False
         self._parked = False
-        self._max_speed_deg_s = 450.0
+        self._max_speed_deg_s = _POWER_UP_SPEED_DEG_S
         self._checksums = False
         self._actions: dict[str, Callable[[tuple[str, ...]], str]] = {
             "get": self._get,
@@ -115,6 +129,7 @@ class ZaberTable(Interlocked, LineDevice):
             "driver": self._driver,
             "warnings": self._warnings,
             "tools": self._tools,
+            "system": self._system,
             "renumber": self._renumber,
         }
 
@@ -138,6 +153,8 @@ class ZaberTable(Interlocked, LineDevice):
         if match is None:
             return None
         device, axis, identifier, command = match.groups()
+        if identifier is not None and int(identifier) > _LAST_IDENTIFIER:
+            return None
         request = _Request(int(device or 0), int(axis or 0), identifier, tuple((command or "").split()))
         return self._reply(request) if request.device in {0, 1} else None
 
@@ -173,7 +190,9 @@ class ZaberTable(Interlocked, LineDevice):
         axis = self._axis
         causes = {*axis.latched, *(axis.broken if axis.barred else ())}
         up = [flag for flag, why in _FLAGS.items() if causes & why]
-        return up if axis.enabled else [*up, "FO"]
+        if not axis.enabled:
+            up.append("FO")
+        return [*up, "NI"] if self._interrupted else up
 
     def _get(self, words: tuple[str, ...]) -> str:
         values = self._readings()
@@ -193,6 +212,7 @@ class ZaberTable(Interlocked, LineDevice):
             "comm.alert": str(int(self._alerts)),
             "parking.state": str(int(self._parked)),
             "driver.enabled": str(int(self._axis.enabled)),
+            "motion.busy": str(int(self._axis.moving())),
         }
 
     def _set(self, words: tuple[str, ...]) -> str:
@@ -210,7 +230,7 @@ class ZaberTable(Interlocked, LineDevice):
         return "0"
 
     def _set_limit(self, name: str, value: float) -> None:
-        if value < 1:
+        if not 1 <= value <= _FASTEST:
             raise _Rejected("BADDATA")
         if name == "accel":
             self._axis.change_acceleration(value / self._per_deg / _ACCELERATION_UNIT)
@@ -228,21 +248,36 @@ class ZaberTable(Interlocked, LineDevice):
         self._require_driver()
         if abs(rate) > self._max_speed_deg_s:
             raise _Rejected("BADDATA")
+        self._interrupted = self._axis.moving()
         self._axis.run(rate)
         return "0"
 
     def _go_to(self, position_deg: float) -> str:
         self._require_driver()
+        self._interrupted = self._axis.moving()
         self._axis.go_to(position_deg, self._max_speed_deg_s)
         return "0"
 
     def _tools(self, words: tuple[str, ...]) -> str:
-        """Park or unpark: a parked axis takes no movement. A moving one cannot be parked."""
+        """Echo; park or unpark: a parked axis takes no movement. A moving one cannot be parked."""
+        if words[:1] == ("echo",):
+            return " ".join(words[1:]) or "0"
         if words not in {("parking", "park"), ("parking", "unpark")}:
             raise _Rejected("BADCOMMAND")
         if self._axis.moving():
             raise _Rejected("STATUSBUSY")
         self._parked = words[1] == "park"
+        return "0"
+
+    def _system(self, words: tuple[str, ...]) -> str:
+        """Take the settings of power-up; the axis comes to rest, and its drive is on."""
+        if words != ("reset",):
+            raise _Rejected("BADCOMMAND")
+        self._stop()
+        self._alerts = self._checksums = self._parked = self._interrupted = False
+        self._max_speed_deg_s = _POWER_UP_SPEED_DEG_S
+        self._axis.change_acceleration(_POWER_UP_ACCELERATION_DEG_S2)
+        self._axis.enable()
         return "0"
 
     def _renumber(self, words: tuple[str, ...]) -> str:
@@ -276,6 +311,8 @@ class ZaberTable(Interlocked, LineDevice):
         if words not in {(), ("clear",)}:
             raise _Rejected("BADCOMMAND")
         up = self._flags()
+        if words:
+            self._interrupted = False
         if words and self._axis.enabled:  # a driver that is off is a state, which clearing does not end
             self._axis.clear_latched()
         return " ".join([f"{len(up):02d}", *up])

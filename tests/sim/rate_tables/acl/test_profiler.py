@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.sim.rate_tables.acl import hosts as acl_hosts
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.sim.rate_tables.acl import TableErrors
 
 if TYPE_CHECKING:
     from tests.sim.rate_tables.acl.hosts import AttendedHost, Host
@@ -118,3 +120,14 @@ def test_a_position_limit_clips_a_demand_and_stops_a_run(attended: AttendedHost)
     attended.ask(":Demand:Rate 1,10")
     attended.wait(2.0)
     assert attended.world.table.rate_deg_s() == pytest.approx(10.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("demand", "turns_deg_s"), [("4e-6", 0.0), ("6e-6", 1e-5), ("-20.000004", -20.0), ("0.1", 0.1)]
+)
+def test_the_demand_goes_in_the_steps_of_the_rate(demand: str, turns_deg_s: float) -> None:
+    host = acl_hosts.Host(TableErrors(0.0, 0.0, 1e-5, 1e-5))
+    host.servo()
+    host.ask(f":Demand:Rate 1,{demand}")
+    host.wait(5.0)
+    assert host.world.table.rate_deg_s() == pytest.approx(turns_deg_s, rel=1e-12, abs=1e-15)

@@ -82,7 +82,7 @@ class Profiler:
         if not self.regulates_rate or self._demand.rate_deg_s * self.at_end > 0.0:
             return 0.0
         limit = self.limits.rate_deg_s
-        return max(-limit, min(limit, self._demand.rate_deg_s))
+        return max(-limit, min(limit, self._drive.axis.in_steps_deg_s(self._demand.rate_deg_s)))
 
     def _track(self, limits: AxisLimits) -> None:
         """Go to the demanded state; the real profile is time-optimal, this one makes up its lag in a set time."""
