@@ -157,7 +157,7 @@ def _at(role: str) -> str:
             '"2000"',
             "lab.toml: multimeter.model: expected '34401A' or '34461A' or '34465A' or 'M1', or one that speaks the",
         ),
-        ('"33220A"', '"M1"', "rate_source.model: expected '33220A', or one that speaks the same words"),
+        ('"33220A"', '"M1"', "rate_source.model: expected '33220A' or '33509B'"),
         (
             '"34401A"',
             '"X"\nlike = "33220A"',

@@ -111,7 +111,23 @@ class TableLanguage(Struct, frozen=True):
         return named and model.upper().startswith(self.model_prefix)
 
 
-MODELS: Final = (
+def _trueform(name: str) -> Model:
+    """Return the row of a 33500B or 33600A."""
+    maker = "Agilent" if name.endswith("B") else "Keysight"
+    return Model(
+        name,
+        ("rate_source", "vibration_source"),
+        driver=f"vcfbench.drivers.trueform:Keysight{name}",
+        twin=f"vcfbench.sim.instruments.trueform:Keysight{name}",
+        console="vcfbench.bench.guard.generator:trueform_rules",
+        makers=("AGILENT", "KEYSIGHT"),
+        wires=frozenset({"tcp", "vxi11", "hislip"}),
+        specifications="vcfbench.specifications:KEYSIGHT_33500B",
+        answers={"*IDN?": f"{maker} Technologies,{name},MY52701054,3.05-1.19-2.00-52-00", "OUTP1?": "0"},
+    )
+
+
+MODELS: Final[tuple[Model, ...]] = (
     Model(
         "E3631A",
         ("power",),
@@ -133,6 +149,8 @@ MODELS: Final = (
         specifications="vcfbench.specifications:AGILENT_33220A",
         answers={"*IDN?": "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2", "OUTP?": "0"},
     ),
+    *map(_trueform, ("33509B", "33510B", "33511B", "33512B", "33521B", "33522B")),
+    *map(_trueform, ("33611A", "33612A", "33621A", "33622A")),
     Model(
         "34401A",
         ("multimeter",),
@@ -232,7 +250,8 @@ def resolve(reference: Any) -> Any:
 
 def model_names() -> tuple[str, ...]:
     """Return the names of all models and languages, those of other packages last."""
-    own = tuple(row.name for row in (*MODELS, *LANGUAGES))
+    rows: tuple[Model | TableLanguage, ...] = (*MODELS, *LANGUAGES)
+    own = tuple(row.name for row in rows)
     return (*own, *(name for name in _installed_names() if name not in own))
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AGILENT_33220A",
     "HP_34401A",
+    "KEYSIGHT_33500B",
     "KEYSIGHT_34461A",
     "KEYSIGHT_34465A",
     "KEYSIGHT_E3631A",
@@ -212,6 +213,17 @@ AGILENT_33220A: Final = LevelSpecification(
     ranges_v=(0.32, 1.0, 3.2, 10.0),
     bits=14,
     ranges_source="14 bits by the data sheet; ranges 10 dB apart, each with its own errors: unverified",
+)
+
+KEYSIGHT_33500B: Final = LevelSpecification(
+    model="33500B",
+    setting=0.01,
+    offset_v=4e-3,
+    source="data sheet, from memory and unverified: 1 % of the setting and 2 mV into 50 ohm, hence 4 mV into an open "
+    "circuit; the 33600A's is the same",
+    ranges_v=(0.32, 1.0, 3.2, 10.0),
+    bits=16,
+    ranges_source="16 bits by the data sheet; ranges 10 dB apart, each with its own errors: unverified",
 )
 
 KEYSIGHT_E3631A: Final = SupplySpecification(

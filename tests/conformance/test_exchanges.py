@@ -17,7 +17,7 @@ def _exchanges() -> list[Any]:
             id=f"{model}: {entry['name']} [{entry['grade']}]",
             marks=[pytest.mark.exhaustive] if entry.get("long") else [],
         )
-        for model in walk.MODELS
+        for model in (*walk.MODELS, *walk.SUCCESSORS)
         for entry in walk.load(model)["exchange"]
     ]
 

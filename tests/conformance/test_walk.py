@@ -13,6 +13,7 @@ from tests.conformance.walk import Bench, Command, matches
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+EVERY = (*walk.MODELS, *walk.SUCCESSORS)
 HP_ERA = {"e3631a", "hp34401a"}
 """The pair whose manuals were read whole: what they say of every parameter is held to the number."""
 
@@ -26,7 +27,7 @@ def cases(wanted: Callable[[Command], Any]) -> Callable[[Callable[[str, Command]
     """Make a check of one entry a test of a model: it walks all entries that are `wanted` and names what is wrong."""
 
     def walked(check: Callable[[str, Command], None]) -> Callable[[str], None]:
-        found = {model: [case for case in walk.commands(model) if wanted(case[1])] for model in walk.MODELS}
+        found = {model: [case for case in walk.commands(model) if wanted(case[1])] for model in EVERY}
 
         @pytest.mark.parametrize("model", [model for model, entries in found.items() if entries])
         def test(model: str) -> None:
@@ -200,7 +201,7 @@ def test_queries_are_refused(model: str, command: Command) -> None:
         assert seen == number, f"{message}: {seen}, not {number}"
 
 
-@pytest.mark.parametrize("model", [model for model in walk.MODELS if walk.load(model)["absent"]])
+@pytest.mark.parametrize("model", [model for model in EVERY if walk.load(model)["absent"]])
 def test_what_a_model_has_not_is_refused(model: str) -> None:
     tell(
         wrong(f"{message} [{entry['grade']}]", refused, model, message, entry["number"])
@@ -217,7 +218,7 @@ def refused(model: str, message: str, numbers: list[int]) -> None:
     assert bench.error() == 0
 
 
-@pytest.mark.parametrize("model", walk.MODELS)
+@pytest.mark.parametrize("model", EVERY)
 def test_power_on_state_is_the_reset_state(model: str) -> None:
     bench = walk.bench(model)
     for name, command in walk.commands(model):

@@ -47,6 +47,7 @@ from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorError
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.trueform import Keysight33622A, TrueformErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
 from vcfbench.sim.world import World
 
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
 
 EXPECTATIONS = Path(__file__).parent / "expectations"
 MODELS = ("e3631a", "hp34401a", "agilent33220a", "dso7104b", "keysight34461a", "keysight34465a")
+SUCCESSORS = ("keysight33622a",)
+"""Models that share parser and error queue with one of those: what is their own is walked."""
 
 _NR3 = re.compile(r"[+-]?\d+(\.\d+)?E[+-]\d{2,3}")
 
@@ -121,6 +124,7 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
         world, node="output", errors=MeterErrors.none(), interface=interface
     ),
     "agilent33220a": lambda world, _interface: Agilent33220A(world, GeneratorErrors.none()),
+    "keysight33622a": lambda world, _interface: Keysight33622A(world, TrueformErrors.none()),
     "dso7104b": lambda world, _interface: Dso7104B(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, ScopeErrors.none()
     ),

@@ -15,8 +15,6 @@ from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.bench.settings import Match
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.results import (
-    GENERATOR_ACCURACY,
-    GENERATOR_OFFSET_V,
     repeat_std_v,
     turntable_results,
     u_output_v,
@@ -25,6 +23,7 @@ from vcfbench.procedures.results import (
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point, pooled_std_v
 from vcfbench.sim.instruments.agilent33220a import GeneratorErrors
+from vcfbench.specifications import AGILENT_33220A
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 K, K_VC, READINGS = -0.0125, 150.0, 10
@@ -106,8 +105,8 @@ def test_windows_taken_again_tell_what_readings_within_one_do_not() -> None:
 def test_the_accuracy_of_the_generator_is_the_one_that_its_specimens_are_drawn_within() -> None:
     random = np.random.default_rng(1)
     ranges = [each for _ in range(200) for each in GeneratorErrors.drawn(random).ranges]
-    assert 0.98 < max(abs(each.gain_error) for each in ranges) / GENERATOR_ACCURACY <= 1.0
-    assert 0.98 < max(abs(each.offset_error_v) for each in ranges) / GENERATOR_OFFSET_V <= 1.0
+    assert 0.98 < max(abs(each.gain_error) for each in ranges) / AGILENT_33220A.setting <= 1.0
+    assert 0.98 < max(abs(each.offset_error_v) for each in ranges) / AGILENT_33220A.offset_v <= 1.0
 
 
 def test_a_level_that_nobody_measured_is_known_to_per_cents() -> None:

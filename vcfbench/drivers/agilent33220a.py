@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Agilent33220A"]
 
-_MAX_V = 10.0
+MAX_V = 10.0
 """Into an open circuit |offset| + amplitude / 2 may be 10 V (guide p. 60)."""
+
+OPEN_OHM = replies.OVERLOAD * (1.0 - 1e-9)
+"""What OUTPut:LOAD? answers for infinity, its last digit apart: no double holds 9.9E37 to fifteen decimals."""
 
 
 class Agilent33220A(ScpiInstrument):
@@ -29,6 +32,12 @@ class Agilent33220A(ScpiInstrument):
     model: ClassVar[str] = "33220A"
     number_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=13)  # seen on its siblings
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)  # the relay: no level is anything behind it
+    source: ClassVar[str] = ""
+    """What stands before the words of the channel that drives V_Vc."""
+    output: ClassVar[str] = "OUTP"
+    """The root of the words of its connector."""
+    sine_hz: ClassVar[tuple[float, float]] = (1e-6, 20e6)
+    least_vpp: ClassVar[float] = 20e-3
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
@@ -44,7 +53,7 @@ class Agilent33220A(ScpiInstrument):
         """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
         self._require_voltage(voltage_v)
         self._select_open_circuit()
-        self._session.write("FUNC DC", f"VOLT:OFFS {decimal(voltage_v)}")
+        self._write_source("FUNC DC", f"VOLT:OFFS {decimal(voltage_v)}")
         found_v = self._level_v(voltage_v)
         self._configured = True
         return found_v
@@ -53,17 +62,17 @@ class Agilent33220A(ScpiInstrument):
         """Change the DC level; return the setting read back, V."""
         self._require_voltage(voltage_v)
         self._require_configured("no DC level was configured")
-        self._session.write(f"VOLT:OFFS {decimal(voltage_v)}")
+        self._write_source(f"VOLT:OFFS {decimal(voltage_v)}")
         return self._level_v(voltage_v)
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine into an open circuit, output switch unchanged."""
-        require_within(self, "frequency", frequency_hz, (1e-6, 20e6), "Hz")
-        require_within(self, "amplitude", amplitude_vpp, (20e-3, 20.0), "Vpp")
-        require_within(self, "peak voltage", abs(offset_v) + amplitude_vpp / 2.0, (0.0, _MAX_V), "V")
+        require_within(self, "frequency", frequency_hz, self.sine_hz, "Hz")
+        require_within(self, "amplitude", amplitude_vpp, (self.least_vpp, 2.0 * MAX_V), "Vpp")
+        require_within(self, "peak voltage", abs(offset_v) + amplitude_vpp / 2.0, (0.0, MAX_V), "V")
         self._select_open_circuit()
         # Offset to zero first: an amplitude that does not fit beside it would move it, and be reported as -221.
-        self._session.write(
+        self._write_source(
             "VOLT:OFFS 0",
             "FUNC SIN",
             "VOLT:UNIT VPP",
@@ -71,23 +80,26 @@ class Agilent33220A(ScpiInstrument):
             f"VOLT {decimal(amplitude_vpp)}",
             f"VOLT:OFFS {decimal(offset_v)}",
         )
-        self._read_back("FREQ?", frequency_hz, 1e-6 + frequency_hz * 1e-9, "Hz")
-        self._read_back("VOLT?", amplitude_vpp, _step(amplitude_vpp), "Vpp")
+        self._read_back(f"{self.source}FREQ?", frequency_hz, 1e-6 + frequency_hz * 1e-9, "Hz")
+        self._read_back(f"{self.source}VOLT?", amplitude_vpp, _step(amplitude_vpp), "Vpp")
         self._offset_v(offset_v)
         self._configured = True
 
+    def _write_source(self, *commands: str) -> None:
+        self._session.write(*(f"{self.source}{command}" for command in commands))
+
     def _require_voltage(self, voltage_v: float) -> None:
-        require_within(self, "DC voltage", voltage_v, (-_MAX_V, _MAX_V), "V")
+        require_within(self, "DC voltage", voltage_v, (-MAX_V, MAX_V), "V")
 
     def _require_configured(self, what: str) -> None:
         if not self._configured:
             raise PlanError(f"{what}, nothing was sent", instrument=self.name, resource=self.resource)
 
     def _select_open_circuit(self) -> None:
-        self._session.write("OUTP:LOAD INF")
-        load_ohm = self._session.query_number("OUTP:LOAD?")  # infinity is answered as 9.9E+37
-        if load_ohm < replies.OVERLOAD:
-            raise self._disagreement("OUTP:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
+        self._session.write(f"{self.output}:LOAD INF")
+        load_ohm = self._session.query_number(f"{self.output}:LOAD?")  # infinity is answered as 9.9E+37
+        if load_ohm < OPEN_OHM:
+            raise self._disagreement(f"{self.output}:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
 
     def _level_v(self, wanted_v: float) -> float:
         """Return the level that is set, V. It counts as measured, so it is asked for twice: no digit may be wrong."""
@@ -97,12 +109,12 @@ class Agilent33220A(ScpiInstrument):
                 f"one setting was answered as {first_v:.9g} V and as {again_v:.9g} V",
                 instrument=self.name,
                 resource=self.resource,
-                command="VOLT:OFFS?",
+                command=f"{self.source}VOLT:OFFS?",
             )
         return first_v
 
     def _offset_v(self, wanted_v: float) -> float:
-        return self._read_back("VOLT:OFFS?", wanted_v, _step(wanted_v), "V")
+        return self._read_back(f"{self.source}VOLT:OFFS?", wanted_v, _step(wanted_v), "V")
 
     def _read_back(self, query: str, wanted: float, tolerance: float, unit: str) -> float:
         found = self._session.query_number(query, form=self.number_form)
@@ -121,22 +133,22 @@ class Agilent33220A(ScpiInstrument):
     def enable_output(self) -> None:
         """Close the output relay."""
         self._require_configured("no function was configured")
-        self._session.write("OUTP ON")
+        self._session.write(f"{self.output} ON")
         if not self.output_enabled():
-            raise self._disagreement("OUTP?", "on", "off")
+            raise self._disagreement(f"{self.output}?", "on", "off")
 
     def disable_output(self) -> None:
         """Open the output relay."""
-        self._session.write("OUTP OFF")
+        self._session.write(f"{self.output} OFF")
         if self.output_enabled():
-            raise self._disagreement("OUTP?", "off", "on")
+            raise self._disagreement(f"{self.output}?", "off", "on")
 
     def output_enabled(self) -> bool:
         """Tell whether the output relay is closed."""
         return self._switched_on(None)
 
     def _switched_on(self, deadline: Deadline | None) -> bool:
-        on = self._session.query_bool("OUTP?", deadline)
+        on = self._session.query_bool(f"{self.output}?", deadline)
         self._last_read.note(f"output {'on' if on else 'off'}")
         return on
 
@@ -146,9 +158,9 @@ class Agilent33220A(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write("OUTP OFF", deadline=deadline)
+        self._session.write(f"{self.output} OFF", deadline=deadline)
         if self._switched_on(deadline):
-            raise self._disagreement("OUTP?", "off", "on")
+            raise self._disagreement(f"{self.output}?", "off", "on")
         return "output relay open"
 
 

@@ -11,9 +11,8 @@ from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.schedule import KvcBy, SweepSettings
-from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
+from vcfbench.procedures.v_vc_levels import at_measured_levels, generator_sheet, standing_for
 from vcfbench.record.schema import pooled_std_v
-from vcfbench.specifications import AGILENT_33220A
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,12 +24,10 @@ if TYPE_CHECKING:
     from vcfbench.procedures.uncertainty import Statement
     from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
     from vcfbench.record.schema import Point
+    from vcfbench.specifications import LevelSpecification
 
 __all__ = [
-    "GENERATOR_ACCURACY",
-    "GENERATOR_OFFSET_V",
     "K_VC_UNIT",
-    "LEVEL_RESOLUTION",
     "NullPair",
     "NullVirtualCoriolisResult",
     "SweptTurntableResult",
@@ -46,15 +43,6 @@ __all__ = [
 ]
 
 K_VC_UNIT = "(deg/s)/V"
-
-LEVEL_RESOLUTION = 2.0 * math.sqrt(10.0) / 2**14
-"""Step of the generator's level over the level: 14 bit of a bipolar range that ends at most 10 dB above it (33220A; the
-14 bit are of its data sheet, where the ranges lie is unverified)."""
-
-_U_LEVEL = LEVEL_RESOLUTION / math.sqrt(12.0)
-
-GENERATOR_ACCURACY, GENERATOR_OFFSET_V = AGILENT_33220A.setting, AGILENT_33220A.offset_v
-"""What a 33220A promises of a direct voltage into an open circuit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,7 +270,8 @@ def _four_steps(
     from vcfbench.procedures.uncertainty import four_step_statement  # noqa: PLC0415  # as above
 
     measured = any(point.v_vc_measured_v is not None for point in points)
-    u_v, u_level = u_output_v(points, meter_resolution_v), 0.0 if measured else _U_LEVEL
+    generator = generator_sheet(settings or ProcedureSettings())
+    u_v, u_level = u_output_v(points, meter_resolution_v), 0.0 if measured else _u_level(generator)
     points = standing_for(points, 4, matching.rate_of)
     noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
@@ -296,7 +285,7 @@ def _four_steps(
     set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
     return {
         "k_vc": Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
-        "k_vc_u_generator": 0.0 if measured else _u_generator(set_v) * abs(matching.k_vc),
+        "k_vc_u_generator": 0.0 if measured else _u_generator(generator, set_v) * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
         "turntable": turntable.column(),
         "virtual": virtual.column(),
@@ -347,9 +336,14 @@ def repeat_std_v(points: Sequence[Point]) -> float:
     return math.sqrt(squares / degrees)
 
 
-def _u_generator(v_vc_v: float) -> float:
+def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
     """Return the relative standard uncertainty of a level that is known by its setting alone, rectangular limits."""
-    return (GENERATOR_ACCURACY + GENERATOR_OFFSET_V / abs(v_vc_v)) / math.sqrt(3.0)
+    return (generator.setting + generator.offset_v / abs(v_vc_v)) / math.sqrt(3.0)
+
+
+def _u_level(generator: LevelSpecification) -> float:
+    """Return what the step of its level adds, over the level, on a bipolar range that ends at most 10 dB above it."""
+    return math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
 
 
 def _u_resolution_v(meter_resolution_v: float) -> float:

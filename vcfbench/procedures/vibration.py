@@ -49,8 +49,8 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.schedule import ABBA_SIGNS
+from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
-from vcfbench.specifications import AGILENT_33220A
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -193,7 +193,7 @@ def _static(settings: VibrationSettings) -> Routine[None]:
     yield from _meters(settings, float(settings.nplc))
     yield from v_vc_on()
     asked_v = level_v = 0.0
-    tolerance_v = 1.25 * AGILENT_33220A.limit_v(settings.static_v_vc_v)
+    tolerance_v = 1.25 * generator_sheet(settings).limit_v(settings.static_v_vc_v)
     for sign in ABBA_SIGNS:
         if asked_v != sign * settings.static_v_vc_v:
             asked_v = sign * settings.static_v_vc_v
@@ -259,7 +259,7 @@ def _believed(settings: VibrationSettings, what: str, size: float) -> list[Part]
     """Return what a level adds that nobody measured: the generator's accuracy, rectangular."""
     if settings.v_vc_is_measured:
         return []
-    return [Part(f"generator's accuracy, {what}", size * AGILENT_33220A.setting / math.sqrt(3.0))]
+    return [Part(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
 
 
 def _tones(records: Sequence[tuple[float, ModulatedRecord, Sequence[float]]], mains_hz: float) -> list[Tone]:

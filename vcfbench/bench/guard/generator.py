@@ -1,7 +1,11 @@
-"""What may be said to a generator (33220A, commands after its guide 33220-90002 as public drivers quote it)."""
+"""What may be said to a generator (33220A, commands after its guide 33220-90002 as public drivers quote it).
+
+The 33500B and 33600A take the same with the number of the channel behind SOURce, OUTPut and TRIGger.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -16,7 +20,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import Part
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["GeneratorRules", "generator_rules"]
+__all__ = ["GeneratorRules", "TrueformRules", "generator_rules", "trueform_rules"]
 
 _OPEN_OHM = 9.9e37
 _SOURCE_OHM = 50.0
@@ -41,13 +45,22 @@ _HARMLESS = (
     ),
     *("OUTPut:TRIGger...", "[SOURce:]FREQuency...", "[SOURce:]VOLTage:RANGe:AUTO"),
     *("[SOURce:]FUNCtion:SQUare...", "[SOURce:]FUNCtion:RAMP...", "[SOURce:]FUNCtion:PULSe..."),
-    *("[SOURce:]FUNCtion:USER", "[SOURce:]PULSe...", "[SOURce:]AM:STATe", "[SOURce:]AM:INTernal...", "[SOURce:]FM..."),
+    *(
+        "[SOURce:]FUNCtion:USER",
+        "[SOURce:]FUNCtion:ARBitrary...",
+        "[SOURce:]VOLTage:LIMit...",
+        "[SOURce:]PULSe...",
+        "[SOURce:]AM:STATe",
+        "[SOURce:]AM:INTernal...",
+        "[SOURce:]FM...",
+    ),
     *("[SOURce:]PM...", "[SOURce:]PWM...", "[SOURce:]FSKey...", "[SOURce:]SWEep...", "[SOURce:]BURSt..."),
     *("[SOURce:]MARKer...", "[SOURce:]DATA..."),
 )
 """Of those none makes the peak voltage higher; a waveform in memory is a share of the amplitude."""
 
 _FUNCTIONS = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC", "USER")
+_TRUEFORM_FUNCTIONS = (*_FUNCTIONS[:-1], "TRIangle", "ARBitrary", "PRBS")
 
 
 @dataclass(slots=True)
@@ -75,7 +88,7 @@ class _State:
     @property
     def factor(self) -> float:
         """What the open circuit has more than the load that the generator is told."""
-        return 1.0 if self.load_ohm >= _OPEN_OHM else (self.load_ohm + _SOURCE_OHM) / self.load_ohm
+        return 1.0 if self.load_ohm >= _OPEN_OHM * (1.0 - 1e-9) else (self.load_ohm + _SOURCE_OHM) / self.load_ohm
 
     def peak_v(self) -> float:
         """Return the peak voltage into an open circuit."""
@@ -104,11 +117,32 @@ def generator_rules(description: BenchDescription) -> GeneratorRules:
     return GeneratorRules(description.limits.of("max_v_vc_v"))
 
 
+def trueform_rules(description: BenchDescription) -> TrueformRules:
+    """Return the rules of a 33500B or 33600A of the bench."""
+    return TrueformRules(GeneratorRules(description.limits.of("max_v_vc_v"), _TRUEFORM_FUNCTIONS))
+
+
+_FIRST_SOURCE = re.compile(r"(?i)(?:(?<=;)|^)(\s*:?)SOUR(?:CE)?1?:")
+_FIRST_OUTPUT = re.compile(r"(?i)(?:(?<=;)|^)(\s*:?(?:OUTP(?:UT)?|TRIG(?:GER)?))1(?=[\s:;?]|$)")
+
+
+class TrueformRules:
+    """The rules of a generator whose first channel is on the bench; what names another channel is not known to them."""
+
+    def __init__(self, rules: GeneratorRules) -> None:
+        self._rules = rules
+
+    def judge(self, message: str, ask: Ask) -> None:
+        """Raise Beyond or Unreadable when `message` may not be sent."""
+        self._rules.judge(_FIRST_OUTPUT.sub(r"\1", _FIRST_SOURCE.sub(r"\1", message)), ask)
+
+
 class GeneratorRules:
     """The peak voltage, offset included, stays within the limit into an open circuit, whatever load is told."""
 
-    def __init__(self, max_v: float) -> None:
+    def __init__(self, max_v: float, functions: tuple[str, ...] = _FUNCTIONS) -> None:
         self._max_v = max_v
+        self._functions = functions
         self._rules: dict[str, Callable[[_State, Part], None]] = {
             "[SOURce:]FUNCtion": self._function,
             "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]": self._amplitude,
@@ -146,7 +180,7 @@ class GeneratorRules:
     def _apply(self, state: _State, part: Part) -> None:
         """Take frequency, amplitude, offset; what is left out may be the present value or the default: the worse."""
         word = part.path.partition(":")[2]
-        state.function = _known_function(word)
+        state.function = self._known_function(word)
         given = part.arguments
         if state.function == "DC":  # an amplitude is ignored, the one that was set may come back with another function
             pass
@@ -159,7 +193,7 @@ class GeneratorRules:
 
     def _function(self, state: _State, part: Part) -> None:
         part.require(1)
-        state.function = _known_function(part.argument(0))
+        state.function = self._known_function(part.argument(0))
 
     def _amplitude(self, state: _State, part: Part) -> None:
         part.require(1)
@@ -216,6 +250,12 @@ class GeneratorRules:
         state.function, state.vpp, state.offset_v, state.load_ohm = "SIN", _DEFAULT_VPP, 0.0, _SOURCE_OHM
         state.in_vpp = True
 
+    def _known_function(self, word: str) -> str:
+        for spelling in self._functions:
+            if header_pattern(spelling).fullmatch(word):
+                return spelling
+        raise Unreadable(f"there is no function {word!r}")
+
     def _vpp(self, state: _State, text: str) -> float:
         """Return an amplitude; the largest is what the output can do, and less than the smallest sets the smallest."""
         if not state.in_vpp and not text.upper().endswith("VPP"):
@@ -232,10 +272,3 @@ def _switches_off(part: Part) -> bool:
     """Tell whether `part` opens the output relay, which must never need a look at anything first."""
     is_switch = header_pattern("OUTPut[:STATe]").fullmatch(part.path) is not None
     return is_switch and len(part.arguments) == 1 and part.argument(0) in {"OFF", "0"}
-
-
-def _known_function(word: str) -> str:
-    for spelling in _FUNCTIONS:
-        if header_pattern(spelling).fullmatch(word):
-            return spelling
-    raise Unreadable(f"there is no function {word!r}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.agilent33220a.settings import FREQUENCY_HZ
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Parameter, ScpiError, boolean, quoted, real
 from vcfbench.sim.scpi.lexer import Kind, Token
 
@@ -70,7 +69,7 @@ def mode_switch(pattern: str, mode: str) -> Command:
 
 def frequency_limits(model: _Model) -> Limits:
     """Return what the function can, Hz."""
-    return Limits(*FREQUENCY_HZ[model.state["func"]], default=1000.0)
+    return Limits(*model.kind.frequency_hz[model.state["func"]], default=1000.0)
 
 
 def _angle_limits(reach_deg: float, low_deg: float) -> Callable[[_Model], Limits]:

@@ -21,7 +21,7 @@ from vcfbench.sim.instruments.agilent33220a.commands import TABLE
 from vcfbench.sim.instruments.agilent33220a.levels import Levels
 from vcfbench.sim.instruments.agilent33220a.modulation import Player
 from vcfbench.sim.instruments.agilent33220a.rules import Rules
-from vcfbench.sim.instruments.agilent33220a.settings import RESET, GeneratorErrors, OutputRange
+from vcfbench.sim.instruments.agilent33220a.settings import KIND_33220A, RESET, GeneratorErrors, Kind, OutputRange
 from vcfbench.sim.scpi import (
     GPIB,
     LAN,
@@ -37,6 +37,8 @@ from vcfbench.sim.scpi import (
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
+    from vcfbench.sim.instruments.agilent33220a.settings import Settings
+    from vcfbench.sim.scpi import CommandTable
     from vcfbench.sim.sources import Drive, Played
 
 __all__ = ["TABLE", "Agilent33220A", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
@@ -65,6 +67,11 @@ class Agilent33220A(ScpiInstrument):
     """
 
     errors_class: ClassVar = GeneratorErrors
+    own_name: ClassVar[str] = "33220A"
+    kind: ClassVar[Kind] = KIND_33220A
+    table: ClassVar[CommandTable] = TABLE
+    reset_state: ClassVar[Settings] = RESET
+    longest_line: ClassVar[int] = _LONGEST_LINE
 
     def __init__(
         self,
@@ -72,12 +79,12 @@ class Agilent33220A(ScpiInstrument):
         errors: GeneratorErrors,
         interface: str = "usb",
         noise_seed: int = 0,
-        model: str = "33220A",
+        model: str | None = None,
     ) -> None:
-        self._model = model
+        self._model = model or self.own_name
         self._world = world
-        self.state: dict[str, Any] = dict(RESET)
-        self._stored: dict[int, dict[str, Any]] = {0: dict(RESET)}  # at power-down; it was off for long
+        self.state: dict[str, Any] = dict(self.reset_state)
+        self._stored: dict[int, dict[str, Any]] = {0: dict(self.reset_state)}  # at power-down; it was off for long
         self.state_names = {0: "AUTO_RECALL", 1: "STATE_1", 2: "STATE_2", 3: "STATE_3", 4: "STATE_4"}
         self.auto_recall = False
         self.panel: dict[str, Any] = {"display": True, "text": "", "beep": True, "lock": False, "exclude": "NONE"}
@@ -95,17 +102,25 @@ class Agilent33220A(ScpiInstrument):
         self._questionable = Register()
         self.engine = ScpiEngine(
             self,
-            TABLE,
+            self.table,
             world.clock,
-            dialect=Dialect(out_of_range=clip, input_limit=_LONGEST_LINE),
+            dialect=Dialect(out_of_range=clip, input_limit=self.longest_line),
             interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
             status=Status({3: self._questionable}),
         )
-        self.memory = ArbitraryMemory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
-        self.levels = Levels(self.state, errors, self.memory, self.engine.report)
-        self.rules = Rules(self.state, self.levels, self.engine.report)
+        self.memory = self.made_memory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
+        self.levels = self.made_levels(errors)
+        self.rules = Rules(self.kind, self.state, self.levels, self.engine.report)
         self._player = Player(self.state, errors, self.levels, self.memory, noise_seed)
         world.drive_v_vc(None)
+
+    def made_memory(self, full_scale: int) -> ArbitraryMemory:
+        """Return the waveform memory of the model."""
+        return ArbitraryMemory(full_scale)
+
+    def made_levels(self, errors: GeneratorErrors) -> Levels:
+        """Return the rules between amplitude and offset of the model."""
+        return Levels(self.state, errors, self.memory, self.engine.report)
 
     @property
     def questionable(self) -> Register:
@@ -118,7 +133,7 @@ class Agilent33220A(ScpiInstrument):
 
     def reset(self) -> None:
         """Take the *RST state: output off; stored waveforms and states stay."""
-        self.state.update(RESET)
+        self.state.update(self.reset_state)
         self.restart()
 
     def abort(self) -> None:

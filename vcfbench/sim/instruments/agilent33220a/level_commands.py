@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.instruments.agilent33220a.declarations import LEVEL_S, nr3
-from vcfbench.sim.instruments.agilent33220a.settings import MAX_PEAK_V, MIN_VPP, conflict
+from vcfbench.sim.instruments.agilent33220a.settings import MAX_PEAK_V, conflict
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Quantity, boolean
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ def _amplitude_limits(model: _Model) -> Limits:
     unit = model.state["unit"]
     low, high, default = (
         model.levels.in_unit(oc * model.levels.share, unit)
-        for oc in (MIN_VPP, 2 * MAX_PEAK_V, 0.1 / model.levels.share)
+        for oc in (model.kind.least_vpp, 2 * MAX_PEAK_V, 0.1 / model.levels.share)
     )
     return Limits(low, high, default=default)
 
@@ -41,9 +41,11 @@ def vpp_of(model: _Model, given: Quantity) -> float:
     if unit == "DBM" and math.isinf(model.state["load"]):
         raise conflict("amplitude units changed to Vpp due to high-Z load")
     if unit != "DBM" and given.value <= 0.0:
-        return model.levels.clipped(given.value, Limits(MIN_VPP * model.levels.share, math.inf), "amplitude")
+        return model.levels.clipped(
+            given.value, Limits(model.kind.least_vpp * model.levels.share, math.inf), "amplitude"
+        )
     vpp = model.levels.in_vpp(given.value, unit)
-    low, high = MIN_VPP * model.levels.share, 2.0 * model.levels.max_v()
+    low, high = model.kind.least_vpp * model.levels.share, 2.0 * model.levels.max_v()
     if not low * (1 - 1e-12) <= vpp <= high * (1 + 1e-12):
         return model.levels.clipped(vpp, Limits(low, high), "amplitude")
     return model.levels.in_vpp(model.levels.rounded(given.value), unit)
@@ -76,7 +78,7 @@ def _levels(model: _Model) -> tuple[float, float]:
 
 
 def _set_high(model: _Model, high: float) -> None:
-    low, gap = _levels(model)[0], MIN_VPP * model.levels.share
+    low, gap = _levels(model)[0], model.kind.least_vpp * model.levels.share
     high = model.levels.rounded(high)
     if high - low < gap:
         low = max(high - gap, -model.levels.max_v())
@@ -87,7 +89,7 @@ def _set_high(model: _Model, high: float) -> None:
 
 
 def _set_low(model: _Model, low: float) -> None:
-    high, gap = _levels(model)[1], MIN_VPP * model.levels.share
+    high, gap = _levels(model)[1], model.kind.least_vpp * model.levels.share
     low = model.levels.rounded(low)
     if high - low < gap:
         high = min(low + gap, model.levels.max_v())

@@ -114,7 +114,8 @@ class Levels:
         """Return Vpp per Vrms of the function (noise: unverified)."""
         if self._settings["func"] == "USER":
             return 2.0 * (crest(self._memory.points(self._settings["user"])) or 1.0)
-        factors = {"SIN": 2.0 * math.sqrt(2.0), "RAMP": 2.0 * math.sqrt(3.0), "NOIS": 6.6}
+        factors = {"SIN": 2.0 * math.sqrt(2.0), "RAMP": 2.0 * math.sqrt(3.0), "TRI": 2.0 * math.sqrt(3.0)}
+        factors["NOIS"] = 6.6
         return factors.get(self._settings["func"], 2.0)
 
     def direct_v(self) -> float:

@@ -123,6 +123,8 @@ class Player:
                 return shapes.Sine()
             case "RAMP":
                 return shapes.ramp(settings["symmetry"] / 100.0)
+            case "TRI":
+                return shapes.ramp(0.5)
             case "SQU":
                 return shapes.Pulse(settings["duty"] / 100.0, _SQUARE_EDGE_S * hz)
             case "PULS":

@@ -22,7 +22,7 @@ __all__ = ["COMMANDS"]
 
 
 def _duty_swing_limits(model: _Model) -> Limits:
-    return Limits(0.0, 100.0 * widest_swing_s(model.state) * model.state["freq"])
+    return Limits(0.0, 100.0 * widest_swing_s(model.state, model.kind) * model.state["freq"])
 
 
 def _set_duty_swing(model: _Model, percent: float) -> None:
@@ -48,14 +48,14 @@ COMMANDS = (
     setting(
         "[SOURce:]FM:DEViation",
         "FM:dev",
-        Number(unit="HZ", limits=lambda model: Limits(FIRST_HZ, fm_limit_hz(model.state))),
+        Number(unit="HZ", limits=lambda model: Limits(FIRST_HZ, fm_limit_hz(model.state, model.kind))),
         nr3,
     ),
     angle("[SOURce:]PM:DEViation", "PM:dev", 0.0, 360.0),
     setting(
         "[SOURce:]PWM:DEViation",
         "PWM:dev",
-        Number(unit="S", limits=lambda model: Limits(0.0, widest_swing_s(model.state))),
+        Number(unit="S", limits=lambda model: Limits(0.0, widest_swing_s(model.state, model.kind))),
         nr3,
     ),
     Command(

@@ -23,7 +23,7 @@ from vcfbench.sim.instruments.agilent33220a.level_commands import (
     offset_shown,
     vpp_of,
 )
-from vcfbench.sim.instruments.agilent33220a.settings import FREQUENCY_HZ, FUNCTIONS
+from vcfbench.sim.instruments.agilent33220a.settings import FUNCTIONS
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Parameter, Special, boolean, quoted
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def _apply(function: str) -> Command:
 
     def write(model: _Model, frequency: float | None, amplitude: Any, offset: Any) -> None:
         model.state.update(mode="", trigger="IMM", duty=50.0, symmetry=100.0, range_auto=True, offset=0.0)
-        low, high = FREQUENCY_HZ[function]
+        low, high = model.kind.frequency_hz[function]
         model.state["freq"] = min(max(1000.0 if frequency is None else frequency, low), high)
         model.rules.select(function)
         _apply_levels(model, amplitude, offset)
@@ -69,7 +69,9 @@ _FREQUENCY_WORDS = {"RAMP": "ramp frequency", "PULS": "pulse frequency", "USER":
 
 
 def _apply_parameters(function: str) -> tuple[Parameter, ...]:
-    limits = Limits(*FREQUENCY_HZ[function], default=1000.0)
+    def limits(model: _Model) -> Limits:
+        return Limits(*model.kind.frequency_hz[function], default=1000.0)
+
     return (
         Number(unit="HZ", limits=limits, name=_FREQUENCY_WORDS.get(function, "frequency"), required=False),
         Number(unit=AMPLITUDE_UNITS, deferred=True, with_unit=True, required=False),

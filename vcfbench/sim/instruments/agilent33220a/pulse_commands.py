@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.instruments.agilent33220a.declarations import TUNE_S, nr3, setting
-from vcfbench.sim.instruments.agilent33220a.rules import SHORTEST_EDGE_S, longest_edge_s, width_limits_s
+from vcfbench.sim.instruments.agilent33220a.rules import longest_edge_s, width_limits_s
 from vcfbench.sim.scpi import Choice, Command, Limits, Number
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def _set_period(model: _Model, seconds: float) -> None:
 
 def _width_limits(model: _Model) -> Limits:
     """Return the widths that fit the period, s."""
-    return Limits(*width_limits_s(model.state))
+    return Limits(*width_limits_s(model.state, model.kind))
 
 
 def _set_width(model: _Model, seconds: float) -> None:
@@ -29,7 +29,7 @@ def _set_width(model: _Model, seconds: float) -> None:
 
 
 def _duty_of_pulse_limits(model: _Model) -> Limits:
-    shortest, longest = width_limits_s(model.state)
+    shortest, longest = width_limits_s(model.state, model.kind)
     return Limits(100.0 * shortest * model.state["freq"], 100.0 * longest * model.state["freq"])
 
 
@@ -38,7 +38,7 @@ def _set_pulse_duty(model: _Model, percent: float) -> None:
 
 
 def _edge_limits(model: _Model) -> Limits:
-    return Limits(SHORTEST_EDGE_S, longest_edge_s(model.state))
+    return Limits(model.kind.edge_s[0], longest_edge_s(model.state, model.kind))
 
 
 COMMANDS = (

@@ -8,16 +8,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.instruments.agilent33220a.settings import FREQUENCY_HZ, conflict
+from vcfbench.sim.instruments.agilent33220a.settings import conflict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.instruments.agilent33220a.levels import Levels
-    from vcfbench.sim.instruments.agilent33220a.settings import Settings
+    from vcfbench.sim.instruments.agilent33220a.settings import Kind, Settings
     from vcfbench.sim.scpi import ScpiError
 
-__all__ = ["SHORTEST_EDGE_S", "Rules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
+__all__ = ["Rules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
 
 _NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user"}
 _MODE_WORDS = {"SWE": "sweep", "BURS": "burst"}
@@ -26,40 +26,34 @@ _NOT_ABLE = {"SWE": "not able to sweep this function", "BURS": "not able to burs
 _ROUND_OFF = 1 + 1e-12
 _ABOVE_HZ = 100e3
 """How far FM may go above the function's highest frequency."""
-_BURST_HZ = (2e-3, 6e6)
-"""Frequencies of counted bursts; only infinite ones go beyond 6 MHz."""
 _TIMED_BURST_HZ = 2.001e-3
 """Lowest frequency of bursts of the internal timer: one cycle and the rest go into its longest period."""
 _BURST_REST_S = 200e-9
 LONGEST_PERIOD_S = 500.0
 _EDGE_SHARE = 0.625
-_NARROW_DUTY_HZ = 10e6
-SHORTEST_EDGE_S, _LONGEST_EDGE_S = 5e-9, 100e-9
-_SHORTEST_PULSE_S = {10.0: 20e-9, 100.0: 200e-9, 1000.0: 2e-6, math.inf: 20e-6}
-"""Least width, high and low, of pulses of a period up to so many seconds (general knowledge, unverified)."""
 
 
-def fm_limit_hz(settings: Settings) -> float:
+def fm_limit_hz(settings: Settings, kind: Kind) -> float:
     """Return the largest deviation of the function: 10.05 MHz of a sine, 150 kHz of a ramp."""
-    return float(FREQUENCY_HZ[settings["func"]][1] + _ABOVE_HZ) / 2.0
+    return float(kind.frequency_hz[settings["func"]][1] + _ABOVE_HZ) / 2.0
 
 
-def width_limits_s(settings: Settings) -> tuple[float, float]:
+def width_limits_s(settings: Settings, kind: Kind) -> tuple[float, float]:
     """Return the least and the largest width of a pulse of the present period and edges, s."""
     period = 1.0 / settings["freq"]
-    shortest = next(width for limit, width in _SHORTEST_PULSE_S.items() if period <= limit * _ROUND_OFF)
+    shortest = next(width for limit, width in kind.least_width_s.items() if period <= limit * _ROUND_OFF)
     return shortest, period - max(shortest, settings["edge"] / _EDGE_SHARE)
 
 
-def longest_edge_s(settings: Settings) -> float:
+def longest_edge_s(settings: Settings, kind: Kind) -> float:
     """Return the largest edge time of a pulse of the present width and period, s."""
     room: float = min(settings["width"], 1.0 / settings["freq"] - settings["width"])
-    return max(min(_LONGEST_EDGE_S, _EDGE_SHARE * room), SHORTEST_EDGE_S)
+    return max(min(kind.edge_s[1], _EDGE_SHARE * room), kind.edge_s[0])
 
 
-def widest_swing_s(settings: Settings) -> float:
+def widest_swing_s(settings: Settings, kind: Kind) -> float:
     """Return how far a pulse's width may be modulated: high and low keep their least width."""
-    least, longest = width_limits_s(settings)
+    least, longest = width_limits_s(settings, kind)
     least = max(least, settings["edge"] / _EDGE_SHARE)
     return float(max(min(settings["width"] - least, longest - settings["width"]), 0.0))
 
@@ -67,7 +61,8 @@ def widest_swing_s(settings: Settings) -> float:
 class Rules:
     """Keeps the settings consistent; `report` takes the conflicts."""
 
-    def __init__(self, settings: Settings, levels: Levels, report: Callable[[ScpiError], None]) -> None:
+    def __init__(self, kind: Kind, settings: Settings, levels: Levels, report: Callable[[ScpiError], None]) -> None:
+        self._kind = kind
         self._settings = settings
         self._levels = levels
         self._report = report
@@ -82,7 +77,7 @@ class Rules:
         settings = self._settings
         left_dc = settings["func"] == "DC" and function != "DC"
         settings["func"] = function
-        low, high = FREQUENCY_HZ[function]
+        low, high = self._kind.frequency_hz[function]
         if not low <= settings["freq"] <= high:
             settings["freq"] = min(max(settings["freq"], low), high)
             word = "reduced" if function != "PULS" else "changed"
@@ -135,7 +130,11 @@ class Rules:
 
     def _fit_square(self) -> None:
         settings = self._settings
-        if settings["func"] != "SQU" or settings["freq"] <= _NARROW_DUTY_HZ or 40.0 <= settings["duty"] <= 60.0:
+        if (
+            settings["func"] != "SQU"
+            or settings["freq"] <= self._kind.narrow_duty_hz
+            or 40.0 <= settings["duty"] <= 60.0
+        ):
             return
         settings["duty"] = min(max(settings["duty"], 40.0), 60.0)
         self._conflict("frequency forced duty cycle change")
@@ -146,7 +145,7 @@ class Rules:
         if settings["func"] != "PULS":
             return
         self._lower("edge", _EDGE_SHARE * 0.5 / settings["freq"], "edge time decreased due to period")
-        shortest, longest = width_limits_s(settings)
+        shortest, longest = width_limits_s(settings, self._kind)
         self._lower("width", longest, "pulse width decreased due to period")
         if settings["width"] < shortest / _ROUND_OFF:
             settings["width"] = shortest
@@ -162,9 +161,11 @@ class Rules:
         """Keep FM above 0 Hz and not too far above the highest frequency, and PWM within the pulse."""
         settings = self._settings
         if settings["mode"] == "PWM":
-            self._lower("PWM:dev", widest_swing_s(settings), "PWM deviation decreased due to pulse parameters")
+            self._lower(
+                "PWM:dev", widest_swing_s(settings, self._kind), "PWM deviation decreased due to pulse parameters"
+            )
         if settings["mode"] == "FM":
-            highest = FREQUENCY_HZ[settings["func"]][1] + _ABOVE_HZ - settings["freq"]
+            highest = self._kind.frequency_hz[settings["func"]][1] + _ABOVE_HZ - settings["freq"]
             self._lower("FM:dev", settings["freq"], "FM deviation cannot exceed carrier")
             self._lower("FM:dev", highest, "FM deviation exceeds max frequency")
 
@@ -173,9 +174,10 @@ class Rules:
         if settings["mode"] != "BURS":
             return
         timed = settings["burst_mode"] == "TRIG" and settings["trigger"] == "IMM"
-        low, high = (_TIMED_BURST_HZ if timed else _BURST_HZ[0]), _BURST_HZ[1]
+        low, high = self._kind.burst_hz
+        low = max(_TIMED_BURST_HZ, low) if timed else low
         if math.isinf(settings["cycles"]) or settings["func"] not in {"SIN", "SQU"}:
-            high = FREQUENCY_HZ[settings["func"]][1]
+            high = self._kind.frequency_hz[settings["func"]][1]
         if not low <= settings["freq"] <= high:
             settings["freq"] = min(max(settings["freq"], low), high)
             self._conflict("frequency made compatible with burst mode")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
@@ -9,16 +11,18 @@ from msgspec import Struct
 from vcfbench.sim.scpi import ScpiError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
 
 __all__ = [
-    "FREQUENCY_HZ",
     "FUNCTIONS",
+    "KIND_33220A",
     "MAX_PEAK_V",
-    "MIN_VPP",
     "RESET",
     "SOURCE_OHM",
     "GeneratorErrors",
+    "Kind",
     "OutputRange",
     "Settings",
     "conflict",
@@ -29,9 +33,6 @@ Settings = dict[str, Any]
 SOURCE_OHM = 50.0
 MAX_PEAK_V = 10.0
 """Largest peak voltage into an open circuit; half of it into 50 ohm."""
-MIN_VPP = 0.02
-"""Smallest amplitude into an open circuit, Vpp; half of it into 50 ohm."""
-
 FUNCTIONS = {
     "SIN": "SINusoid",
     "SQU": "SQUare",
@@ -41,15 +42,46 @@ FUNCTIONS = {
     "DC": "DC",
     "USER": "USER",
 }
-FREQUENCY_HZ = {
-    "SIN": (1e-6, 20e6),
-    "SQU": (1e-6, 20e6),
-    "RAMP": (1e-6, 200e3),
-    "PULS": (500e-6, 5e6),
-    "USER": (1e-6, 6e6),
-    "NOIS": (1e-6, 20e6),
-    "DC": (1e-6, 20e6),
-}
+
+
+class Kind(Struct, frozen=True):
+    """What one generator of the family can do, and another not.
+
+    Args:
+        frequency_hz: by function, lowest and highest.
+        least_vpp: smallest amplitude into an open circuit, Vpp; half of it into 50 ohm.
+        edge_s: shortest and longest edge of a pulse.
+        least_width_s: least width, high and low, of pulses of a period up to so many seconds.
+        narrow_duty_hz: above it square waves have a duty cycle of 40 to 60 %; infinity where they need not.
+        burst_hz: frequencies of counted bursts; only infinite ones go beyond.
+    """
+
+    frequency_hz: Mapping[str, tuple[float, float]]
+    least_vpp: float
+    edge_s: tuple[float, float]
+    least_width_s: Mapping[float, float]
+    narrow_duty_hz: float
+    burst_hz: tuple[float, float]
+
+
+KIND_33220A = Kind(
+    frequency_hz=MappingProxyType(
+        {
+            "SIN": (1e-6, 20e6),
+            "SQU": (1e-6, 20e6),
+            "RAMP": (1e-6, 200e3),
+            "PULS": (500e-6, 5e6),
+            "USER": (1e-6, 6e6),
+            "NOIS": (1e-6, 20e6),
+            "DC": (1e-6, 20e6),
+        }
+    ),
+    least_vpp=0.02,
+    edge_s=(5e-9, 100e-9),
+    least_width_s=MappingProxyType({10.0: 20e-9, 100.0: 200e-9, 1000.0: 2e-6, math.inf: 20e-6}),  # unverified
+    narrow_duty_hz=10e6,
+    burst_hz=(2e-3, 6e6),
+)
 
 RESET: Settings = {
     "func": "SIN",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.instruments.agilent33220a.declarations import FIRST_HZ, frequency_limits, mode_switch, nr3, setting
-from vcfbench.sim.instruments.agilent33220a.settings import FREQUENCY_HZ
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, boolean
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[
     """Declare one of STARt, STOP, CENTer, SPAN, which share two numbers."""
 
     def do(model: _Model, value: float) -> None:
-        low, high = FIRST_HZ, FREQUENCY_HZ[model.state["func"]][1]
+        low, high = FIRST_HZ, model.kind.frequency_hz[model.state["func"]][1]
         wanted = write(model.state["start"], model.state["stop"], value)
         model.state["start"], model.state["stop"] = (min(max(hz, low), high) for hz in wanted)
         model.restart()
@@ -35,7 +34,7 @@ def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[
 
 
 def _sweep_limits(model: _Model) -> Limits:
-    high = FREQUENCY_HZ[model.state["func"]][1]
+    high = model.kind.frequency_hz[model.state["func"]][1]
     return Limits(-high, high)
 
 

@@ -1,0 +1,53 @@
+"""The driver of the 33500B and 33600A, in words and behind the simulated generator."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.drivers.openings import NO_ERROR, opening
+from vcfbench.clock import Deadline
+from vcfbench.drivers.trueform import Keysight33509B, Keysight33522B, Keysight33622A
+from vcfbench.errors import InstrumentError, LimitError
+from vcfbench.testing import Exchange, expected_exchange, over_visa
+
+OPENING = opening("Agilent Technologies,33522B,MY1,3.05-1.19-2.00-52-00")
+OPEN = over_visa(Keysight33522B, name="rate_source")
+BLIND: Exchange = (b"\nOUTP1 OFF\n", None)
+OPEN_CIRCUIT: list[Exchange] = [("OUTP1:LOAD?", "+9.900000000000000E+37")]
+
+
+def test_a_direct_voltage_goes_to_the_first_channel_and_the_load_is_left_where_it_is_right() -> None:
+    exchanges: list[Exchange] = [
+        *OPEN_CIRCUIT,
+        ("SOUR1:FUNC DC", None),
+        ("SOUR1:VOLT:OFFS 0.0666", None),
+        NO_ERROR,
+        *[("SOUR1:VOLT:OFFS?", "+6.6600000000000E-02")] * 2,
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        assert generator.configure_dc(0.0666) == 0.0666
+
+
+def test_a_load_of_50_ohm_is_changed_and_limits_that_forbid_it_are_told() -> None:
+    exchanges: list[Exchange] = [
+        ("OUTP1:LOAD?", "+5.000000000000000E+01"),
+        ("OUTP1:LOAD INF", None),
+        ("SYST:ERR?", '-221,"Settings conflict; output limits are on"'),
+        NO_ERROR,
+    ]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        with pytest.raises(InstrumentError, match="output limits are on") as caught:
+            generator.configure_dc(1.0)
+        assert caught.value.number == -221
+
+
+def test_frequencies_are_those_of_the_model() -> None:
+    assert [each.sine_hz[1] for each in (Keysight33509B, Keysight33522B, Keysight33622A)] == [20e6, 30e6, 120e6]
+    with expected_exchange(OPEN, OPENING) as generator, pytest.raises(LimitError, match="frequency of"):
+        generator.configure_sine(31e6, 1.0)
+
+
+def test_safe_is_the_first_output_off_by_read_back() -> None:
+    exchanges: list[Exchange] = [BLIND, ("OUTP1 OFF", None), NO_ERROR, ("OUTP1?", "0")]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+        assert generator.make_safe(Deadline.after(generator.clock, 3.0)).safe

@@ -1,0 +1,74 @@
+"""The 33500B and 33600A beside the 33220A: consoles, data sheet and drawn specimens."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tests.successors import BENCH
+from vcfbench.bench.discovery import recognise
+from vcfbench.bench.file import parse_bench
+from vcfbench.bench.guard.generator import trueform_rules
+from vcfbench.bench.guard.message import Unreadable
+from vcfbench.bench.guard.rules import Beyond
+from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.v_vc_levels import generator_sheet
+from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.sim.instruments.trueform import TrueformErrors
+from vcfbench.specifications import KEYSIGHT_33500B
+
+if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+
+ANSWERS = {"FUNC?": "DC", "VOLT:UNIT?": "VPP", "VOLT?": "+1.0E-01", "VOLT:OFFS?": "+0.0E+00", "OUTP:LOAD?": "+9.9E+37"}
+
+
+@pytest.fixture(scope="module")
+def described() -> BenchDescription:
+    return parse_bench(BENCH.read_text(encoding="utf-8").replace("max_v_vc_v = 10", "max_v_vc_v = 2"), "lab.toml")
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        *("SOUR1:VOLT:OFFS 1.9", "SOURCE1:VOLT:OFFS -2;:OUTP1 ON", "VOLT:OFFS 2", "OUTPUT1:STATE OFF", "OUTP1 OFF"),
+        *(
+            "SOUR1:FUNC TRI",
+            "SOUR1:VOLT:LIM:HIGH 1;STAT ON",
+            "SOUR1:FUNC:ARB:SRAT 1E6",
+            "TRIG1",
+            "SOUR1:APPL:SIN 1,1,0",
+        ),
+    ],
+)
+def test_the_console_takes_the_number_of_the_channel(message: str, described: BenchDescription) -> None:
+    trueform_rules(described).judge(message, ANSWERS.__getitem__)
+
+
+@pytest.mark.parametrize(
+    ("message", "refusal"),
+    [
+        *(("SOUR1:VOLT:OFFS 2.1", Beyond), ("FREQ 1;:SOUR1:VOLT:OFFS 2.1", Beyond), ("SOUR1:APPL:DC 1,1,3", Beyond)),
+        *(("SOUR2:VOLT 1", Unreadable), ("OUTP2 ON", Unreadable), ("SOUR1:COMB:FEED CH2", Unreadable)),
+    ],
+)
+def test_the_console_refuses_too_much_and_the_other_channel(
+    message: str, refusal: type[Exception], described: BenchDescription
+) -> None:
+    with pytest.raises(refusal):
+        trueform_rules(described).judge(message, ANSWERS.__getitem__)
+
+
+def test_specimens_lie_within_the_sheet_that_the_uncertainties_use(described: BenchDescription) -> None:
+    settings = settings_of(VIRTUAL_CORIOLIS, described)
+    assert generator_sheet(settings) is KEYSIGHT_33500B
+    drawn = [each for seed in range(40) for each in TrueformErrors.drawn(np.random.default_rng(seed)).ranges]
+    assert 0.9 < max(abs(each.gain_error) for each in drawn) / KEYSIGHT_33500B.setting <= 1.0
+    assert 0.9 < max(abs(each.offset_error_v) for each in drawn) / KEYSIGHT_33500B.offset_v <= 1.0
+
+
+def test_discovery_finds_both_badges() -> None:
+    assert recognise("Agilent Technologies,33510B,MY52201807,3.05-1.19-2.00-52-00") == "33510B"
+    assert recognise("Keysight Technologies,33622A,MY53801234,A.02.03-3.15-03-64-02") == "33622A"

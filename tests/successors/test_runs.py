@@ -1,0 +1,33 @@
+"""A bench of nothing but successors: the whole calibration, in one process and over TCP, and who is found there."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.cli.test_run_served import SHORT, answer, serving
+from tests.successors import BENCH
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bench with few rates."""
+    path = tmp_path_factory.mktemp("successors") / "bench.toml"
+    path.write_text(BENCH.read_text(encoding="utf-8").replace("\n[procedure.drive]", SHORT), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("procedure", ["turntable", "virtual-coriolis"])
+def test_a_calibration_over_tcp_gives_the_same_bytes_as_in_one_process(
+    procedure: str, bench: Path, tmp_path: Path
+) -> None:
+    alone = answer(tmp_path, procedure, "--bench", str(bench), "--seed", "7")
+    assert alone["status"] == "complete"
+    with serving(bench, "--wires", "tcp", "--seed", "7") as served:
+        over_tcp = answer(tmp_path, procedure, "--bench", str(served))
+    assert json.dumps(over_tcp) == json.dumps(alone)

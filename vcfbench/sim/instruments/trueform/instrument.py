@@ -1,0 +1,180 @@
+"""Simulated 33500B and 33600A: a 33220A's output behind another command table, limits, memory and accuracy.
+
+Sources: single pages of the Agilent 33500 Series Operating and Service Guide (p. 62 output termination; the VOLTage
+subsystem), the maker's help pages, a driver made from the maker's SCPI description of the 33500B, and a users' record
+of what a 33600A answers after ``*RST``. What none of them has is the 33220A's and unverified: times, the words of -221
+and -222, what gives way to what.
+
+Not simulated: the second channel (V_Vc is on the first), PRBS, sums and BPSK, sequences, lists, gated output, the timer
+as trigger, and the lower amplitudes of a 33600A at high frequencies.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a.settings import RESET, OutputRange
+from vcfbench.sim.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
+from vcfbench.sim.instruments.trueform.commands import TABLE
+from vcfbench.sim.instruments.trueform.kinds import SERIES_33500B, SERIES_33600A, Series, kind
+from vcfbench.sim.instruments.trueform.levels import LimitedLevels
+from vcfbench.specifications import KEYSIGHT_33500B
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vcfbench.sim.instruments.agilent33220a.settings import Kind, Settings
+    from vcfbench.sim.scpi import CommandTable
+
+_LIMITS: dict[str, Any] = {"limit_on": False, "limit_high": 10.0, "limit_low": -10.0}
+_ARBITRARY: dict[str, Any] = {"srate": 40e3, "filter": "STEP", "advance": "SRAT"}
+_LONGEST_LINE = 15 * MOST_POINTS + 1024
+_FREQUENCY_ERROR = 2e-6
+"""Of the time base: 1 ppm a year and 1 ppm of temperature (general knowledge of the data sheet, unverified)."""
+
+
+def _reset_state(series: Series) -> Settings:
+    return {**RESET, **_LIMITS, **_ARBITRARY, "edge": series.edge_reset_s}
+
+
+class TrueformErrors(GeneratorErrors, frozen=True):
+    """Imperfections of one specimen; each is off at zero. The converter has 16 bits."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> TrueformErrors:
+        """Return a specimen drawn uniformly within the data sheet (unverified, as the sheet says itself)."""
+        sheet = KEYSIGHT_33500B
+        ranges = tuple(
+            OutputRange(
+                upper, float(rng.uniform(-sheet.setting, sheet.setting)), float(rng.uniform(-1.0, 1.0)) * sheet.offset_v
+            )
+            for upper in sheet.ranges_v
+        )
+        amplitude = float(rng.uniform(-0.01, 0.01))
+        return cls(ranges, amplitude, float(rng.uniform(-_FREQUENCY_ERROR, _FREQUENCY_ERROR)), sheet.bits, 4)
+
+
+class Trueform(Agilent33220A):
+    """A generator of the series; arguments as of the 33220A."""
+
+    errors_class: ClassVar = TrueformErrors
+    table: ClassVar[CommandTable] = TABLE
+    longest_line: ClassVar[int] = _LONGEST_LINE
+    series: ClassVar[Series]
+
+    def made_memory(self, full_scale: int) -> NamedWaveforms:
+        """Return the waveform memory of the series."""
+        self.waveforms = NamedWaveforms(full_scale)
+        return self.waveforms
+
+    def made_levels(self, errors: GeneratorErrors) -> LimitedLevels:
+        """Return levels that keep within VOLTage:LIMit."""
+        self.limited = LimitedLevels(self.state, errors, self.memory, self.engine.report)
+        return self.limited
+
+    def identity(self) -> str:
+        """Return the reply of a real unit, but for the model."""
+        return self.series.identity.format(self._model)
+
+    def choose_arbitrary(self, name: str) -> None:
+        """FUNCtion:ARBitrary: select a waveform; another length is another frequency at the same sample rate."""
+        self.waveforms.points(name)
+        self.state["user"] = name
+        self.tune_arbitrary()
+        self.update()
+
+    def tune_arbitrary(self) -> None:
+        """Take the frequency that the sample rate gives, where an arbitrary waveform is selected."""
+        if self.state["func"] == "USER":
+            self.state["freq"] = self.state["srate"] / len(self.waveforms.points(self.state["user"]))
+
+
+class Keysight33509B(Trueform):
+    """The 33509B."""
+
+    own_name: ClassVar[str] = "33509B"
+    series: ClassVar[Series] = SERIES_33500B
+    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
+
+
+class Keysight33510B(Trueform):
+    """The 33510B."""
+
+    own_name: ClassVar[str] = "33510B"
+    series: ClassVar[Series] = SERIES_33500B
+    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
+
+
+class Keysight33511B(Trueform):
+    """The 33511B."""
+
+    own_name: ClassVar[str] = "33511B"
+    series: ClassVar[Series] = SERIES_33500B
+    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
+
+
+class Keysight33512B(Trueform):
+    """The 33512B."""
+
+    own_name: ClassVar[str] = "33512B"
+    series: ClassVar[Series] = SERIES_33500B
+    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
+
+
+class Keysight33521B(Trueform):
+    """The 33521B."""
+
+    own_name: ClassVar[str] = "33521B"
+    series: ClassVar[Series] = SERIES_33500B
+    kind: ClassVar[Kind] = kind(SERIES_33500B, 30e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
+
+
+class Keysight33522B(Trueform):
+    """The 33522B."""
+
+    own_name: ClassVar[str] = "33522B"
+    series: ClassVar[Series] = SERIES_33500B
+    kind: ClassVar[Kind] = kind(SERIES_33500B, 30e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
+
+
+class Keysight33611A(Trueform):
+    """The 33611A."""
+
+    own_name: ClassVar[str] = "33611A"
+    series: ClassVar[Series] = SERIES_33600A
+    kind: ClassVar[Kind] = kind(SERIES_33600A, 80e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
+
+
+class Keysight33612A(Trueform):
+    """The 33612A."""
+
+    own_name: ClassVar[str] = "33612A"
+    series: ClassVar[Series] = SERIES_33600A
+    kind: ClassVar[Kind] = kind(SERIES_33600A, 80e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
+
+
+class Keysight33621A(Trueform):
+    """The 33621A."""
+
+    own_name: ClassVar[str] = "33621A"
+    series: ClassVar[Series] = SERIES_33600A
+    kind: ClassVar[Kind] = kind(SERIES_33600A, 120e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
+
+
+class Keysight33622A(Trueform):
+    """The 33622A."""
+
+    own_name: ClassVar[str] = "33622A"
+    series: ClassVar[Series] = SERIES_33600A
+    kind: ClassVar[Kind] = kind(SERIES_33600A, 120e6)
+    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
