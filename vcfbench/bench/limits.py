@@ -6,7 +6,7 @@ Each instrument wraps a driver and is one itself; what is not limited goes strai
 from __future__ import annotations
 
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         UnprovedCommand,
     )
 
-__all__ = ["LimitChecks", "LimitedChamber", "LimitedGenerator", "LimitedRateTable", "LimitedSupply"]
+__all__ = ["LimitChecks", "LimitedChamber", "LimitedGenerator", "LimitedRateTable", "LimitedSupply", "driver_of"]
 
 
 class LimitChecks(Struct, frozen=True):
@@ -94,11 +94,21 @@ def _at_most(what: str, value: float, limit: float, unit: str) -> None:
         raise LimitError(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
 
 
+def driver_of(instrument: Any) -> Any:
+    """Return the driver behind an instrument of a bench: for who judges by himself what is sent."""
+    return instrument.driver if isinstance(instrument, _Limited) else instrument
+
+
 class _Limited:
     """What every wrapped instrument passes on."""
 
     def __init__(self, instrument: Instrument) -> None:
         self._instrument = instrument
+
+    @property
+    def driver(self) -> Instrument:
+        """What stands behind the limits."""
+        return self._instrument
 
     @property
     def name(self) -> str:

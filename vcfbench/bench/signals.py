@@ -79,21 +79,21 @@ class StopSignals:
 
     def wait(self, clock: Clock, instant_s: float) -> None:
         """Wait on `clock`; the wait as a whole is a safe point."""
-        self._at_safe_point = True
+        before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
         try:
             self.safe_point()
             clock.sleep_until(instant_s)
         finally:
-            self._at_safe_point = False
+            self._at_safe_point = before
 
     def attend(self, act: Callable[[], _T]) -> _T:
         """Wait for what a person does; the wait as a whole is a safe point."""
-        self._at_safe_point = True
+        before, self._at_safe_point = self._at_safe_point, True
         try:
             self.safe_point()
             return act()
         finally:
-            self._at_safe_point = False
+            self._at_safe_point = before
 
     @contextmanager
     def breakable(self) -> Iterator[None]:

@@ -1,17 +1,16 @@
-"""``vcfbench talk``: a small console on any instrument of a bench."""
+"""``vcfbench talk``: the whole bench at one prompt, or a small console on one of its instruments."""
 
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from vcfbench.cli.completion import role_names
+from vcfbench.cli.prompt import history
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
 
@@ -39,9 +38,12 @@ class _Stop(Exception):
 
 def talk(
     role: Annotated[
-        str,
-        typer.Argument(autocompletion=role_names, help="power, rate_source, multimeter, v_vc_meter, rate_table ..."),
-    ],
+        str | None,
+        typer.Argument(
+            autocompletion=role_names,
+            help="power, rate_source, multimeter, rate_table ...; without it the whole bench.",
+        ),
+    ] = None,
     bench: Annotated[
         Path | None,
         typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
@@ -60,11 +62,21 @@ def talk(
         bool, typer.Option("--unguarded", help="Send everything, beyond the limits of the bench file too.")
     ] = False,
 ) -> None:
-    """Talk to one instrument in its own words; its error queue is read after every line, and it is left safe.
+    """Talk to the bench in words of its own, or to one instrument in the instrument's; what was open is left safe.
+
+    power.on, multimeter.read, table.rate 10, v_vc.set 0.1, help; multimeter *IDN? goes to the instrument as typed.
 
     Answers go to stdout, everything else to stderr. Lines come from -c, else from stdin; the first that is refused or
     fails ends it with exit code 3, unless a person types them.
     """
+    if role is None:
+        from vcfbench.cli.talk_bench import talk_to_bench  # noqa: PLC0415
+
+        if unguarded:
+            _remark(_UNGUARDED)
+        with tracing(trace):
+            talk_to_bench(bench, seed, command, guarded=not unguarded, timeout_s=timeout)
+        return
     from vcfbench.bench.console import open_console  # noqa: PLC0415
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
 
@@ -109,7 +121,7 @@ def _converse(console: Console) -> None:
     from vcfbench.bench.console import BrokenOff  # noqa: PLC0415
 
     conversation = _Conversation(console)
-    with _history():
+    with history("talk-history"):
         while not console.closed:
             try:
                 line = console.read_line(lambda: input(f"{console.role}> "))
@@ -210,34 +222,3 @@ def _seconds(text: str) -> float:
 
 def _remark(text: str) -> None:
     typer.echo(text, err=True)
-
-
-@contextlib.contextmanager
-def _history() -> Iterator[None]:
-    """Keep typed lines from one conversation to the next, where there is a readline."""
-    try:
-        import readline  # noqa: PLC0415
-    except ImportError:
-        yield
-        return
-    path = _state_directory() / "vcfbench" / "talk-history"
-    with contextlib.suppress(OSError):
-        readline.read_history_file(path)
-    try:
-        yield
-    finally:
-        readline.set_history_length(1000)
-        with contextlib.suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            readline.write_history_file(path)
-
-
-def _state_directory() -> Path:
-    """Return where programs of this user keep what they remember; a temporary place without a home."""
-    told = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
-    if told:
-        return Path(told)
-    try:
-        return Path.home() / ".local" / "state"
-    except RuntimeError:
-        return Path(tempfile.gettempdir())

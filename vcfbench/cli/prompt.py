@@ -1,0 +1,64 @@
+"""A prompt with history and tab completion, where the system has a readline."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+__all__ = ["history"]
+
+
+@contextmanager
+def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterator[None]:
+    """Keep typed lines from one conversation to the next under `name`; TAB completes the first word of a line."""
+    try:
+        import readline  # noqa: PLC0415  # Windows has none
+    except ImportError:
+        yield
+        return
+    path = _state_directory() / "vcfbench" / name
+    readline.clear_history()
+    with suppress(OSError):
+        readline.read_history_file(path)
+    before = readline.get_completer(), readline.get_completer_delims()
+    _complete_with(candidates)
+    try:
+        yield
+    finally:
+        readline.set_completer(before[0])
+        readline.set_completer_delims(before[1])
+        readline.set_history_length(1000)
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            readline.write_history_file(path)
+
+
+def _complete_with(candidates: Callable[[], Sequence[str]]) -> None:
+    import readline  # noqa: PLC0415
+
+    def complete(text: str, state: int) -> str | None:
+        fitting = [each for each in candidates() if each.startswith(text)] if readline.get_begidx() == 0 else []
+        return f"{fitting[state]} " if state < len(fitting) else None
+
+    readline.set_completer(complete)
+    readline.set_completer_delims(" ")  # words have dots in them
+    libedit = "libedit" in (readline.__doc__ or "")  # macOS
+    readline.parse_and_bind("bind ^I rl_complete" if libedit else "tab: complete")
+
+
+def _state_directory() -> Path:
+    """Return where programs of this user keep what they remember; a temporary place without a home."""
+    told = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
+    if told:
+        return Path(told)
+    try:
+        return Path.home() / ".local" / "state"
+    except RuntimeError:
+        return Path(tempfile.gettempdir())

@@ -1,0 +1,132 @@
+"""``vcfbench talk`` without a role: the whole bench at one prompt."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import typer
+
+from vcfbench.cli.prompt import history
+from vcfbench.errors import BenchError, ConfigError, NotSafe, PlanError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from vcfbench.bench.signals import StopSignals
+    from vcfbench.runs.by_hand import ByHand
+
+__all__ = ["talk_to_bench"]
+
+_OWN = ("help", "quit")
+
+
+class _Stop(Exception):
+    """The conversation is over."""
+
+
+def talk_to_bench(
+    bench: Path | None, seed: int | None, lines: Iterable[str] | None, *, guarded: bool, timeout_s: float | None
+) -> None:
+    """Open the whole bench and do what is typed, or `lines`; it is made safe when it is left, however it is left."""
+    from vcfbench.bench.bench import open_bench  # noqa: PLC0415
+    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
+
+    with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals) as opened:
+        by_hand = ByHand(opened, signals, _remark, guarded=guarded, timeout_s=timeout_s)
+        if lines is None and sys.stdin.isatty():
+            _remark(f"{opened.description.title}: {', '.join(opened.instruments)}")
+            _remark("help shows the words, TAB completes them; Ctrl-D and Ctrl-C leave, and make the bench safe")
+            _converse(by_hand, signals)
+        else:
+            _recite(by_hand, signals, (line.rstrip("\r\n") for line in (sys.stdin if lines is None else lines)))
+
+
+def _recite(by_hand: ByHand, signals: StopSignals, lines: Iterable[str]) -> None:
+    """Do prepared lines; the first that is refused or fails ends it."""
+    with suppress(_Stop):
+        for line in lines:
+            refusal = signals.attend(lambda: _perform(by_hand, line))  # noqa: B023  # run at once
+            if refusal is not None:
+                raise BenchError(refusal, command=line.strip())
+
+
+def _converse(by_hand: ByHand, signals: StopSignals) -> None:
+    """Do what a person types; what is refused or fails is told, and the next line taken."""
+    from vcfbench.errors import Aborted  # noqa: PLC0415
+
+    with history("talk-bench-history", lambda: [*by_hand.names(), *_OWN]), suppress(_Stop):
+        while True:
+            try:
+                line = signals.attend(lambda: input(f"{by_hand.bench.description.name}> "))
+                # a stop in the middle of an exchange is one at once: nothing waits for an answer, the table least
+                refusal = signals.attend(lambda: _perform(by_hand, line))  # noqa: B023  # run at once
+                if refusal is not None:
+                    _remark(refusal)
+            except EOFError:
+                return
+            except (Aborted, NotSafe):
+                raise
+            except BenchError as error:
+                _remark(str(error))
+
+
+def _perform(by_hand: ByHand, line: str) -> str | None:
+    """Do what a line says; return what an instrument says against it."""
+    name, _, rest = line.strip().partition(" ")
+    name = name.removeprefix(".")
+    if not name or name.startswith("//"):
+        return None
+    if name in {"quit", "exit"}:
+        raise _Stop
+    if name == "help":
+        _remark(_help(by_hand))
+    elif name in by_hand.words:
+        typer.echo(by_hand.perform(name, rest.split()) or "done")
+    elif name in by_hand.names():
+        return _raw(by_hand, name, rest.strip())
+    else:
+        raise _unknown(by_hand, name)
+    return None
+
+
+def _raw(by_hand: ByHand, name: str, message: str) -> str | None:
+    from vcfbench.bench.console import summary  # noqa: PLC0415
+
+    if not message:
+        raise ConfigError(f"{name}: expected what is to be sent, as in {name} *IDN?")
+    said = by_hand.raw(name, message)
+    if said.answer is not None:
+        typer.echo(summary(said.answer))
+    elif said.refusal is None:
+        _remark("no error")
+    return said.refusal
+
+
+def _unknown(by_hand: ByHand, name: str) -> PlanError:
+    from difflib import get_close_matches  # noqa: PLC0415
+
+    from vcfbench.runs.by_hand import ALIASES, WORDS  # noqa: PLC0415
+
+    roles = {word.name: word.role for word in WORDS}
+    role = roles.get(name, ALIASES.get(name, name))
+    if role in {*filter(None, roles.values())}:
+        if role in by_hand.bench.instruments:
+            return PlanError(f"{name!r}: the language of {role} cannot be typed")
+        return PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
+    close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)
+    return PlanError(f"there is no word {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
+
+
+def _help(by_hand: ByHand) -> str:
+    shown = [(" ".join((word.name, *word.takes)), word.means) for word in by_hand.words.values()]
+    shown += [("ROLE LINE", f"send a line as it is, judged first: {', '.join(by_hand.consoles)}"), ("quit", "leave")]
+    width = max(len(usage) for usage, _ in shown)
+    return "\n".join(f"{usage:<{width}}  {means}" for usage, means in shown)
+
+
+def _remark(text: str) -> None:
+    typer.echo(text, err=True)

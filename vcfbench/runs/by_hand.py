@@ -1,0 +1,428 @@
+"""The whole bench by hand: a line of words each, carried out by the steps that procedures are made of.
+
+So the PCB is powered in the right order, every level and rate is held against the limits of the bench, and every answer
+comes as a run would get it. What follows the name of a role goes to that instrument as it is, judged first.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from msgspec import Struct, structs
+
+from vcfbench.bench.console import Console
+from vcfbench.bench.guard import guard_of
+from vcfbench.bench.limits import LimitChecks, driver_of
+from vcfbench.bench.settings import Station
+from vcfbench.clock import sleep
+from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
+from vcfbench.plans.step import Context
+from vcfbench.plans.steps import (
+    AwaitRate,
+    CheckRails,
+    ConfigureGenerator,
+    ConfigureMeter,
+    DisableSupply,
+    DisableTable,
+    DisableVvc,
+    EnableSupply,
+    EnableTable,
+    EnableVvc,
+    SetRate,
+    SetSine,
+    SetVvc,
+)
+from vcfbench.procedures.routines import look_at_drive, rails_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.console import Said
+    from vcfbench.bench.signals import StopSignals
+    from vcfbench.plans.step import Routine, Step
+
+__all__ = ["ALIASES", "WORDS", "ByHand", "Word"]
+
+_T = TypeVar("_T")
+
+ALIASES: Final = {
+    "table": "rate_table",
+    "scope": "oscilloscope",
+    "meter": "multimeter",
+    "v_vc": "rate_source",
+    "vibration": "vibration_source",
+}
+"""Short names of roles."""
+
+_LONGEST_WAIT_S = 86_400.0
+
+
+class Word(Struct, frozen=True):
+    """A word: who does it (None: the bench), what it takes, what it does, and the limits that it is held against."""
+
+    name: str
+    role: str | None
+    takes: tuple[str, ...]
+    means: str
+    limits: str = ""
+
+
+WORDS: Final = (
+    Word(
+        "power.on", "power", (), "V_Vc off, rails set and on, read back", "min_rail_v, max_rail_v, max_rail_current_a"
+    ),
+    Word("power.read", "power", (), "voltage and current of each rail"),
+    Word("power.off", "power", (), "V_Vc off, then the rails"),
+    Word("multimeter.read", "multimeter", (), "one reading of the output, V"),
+    Word("v_vc.set", "rate_source", ("VOLTS",), "V_Vc to a level, output on", "max_v_vc_v"),
+    Word("v_vc.sine", "rate_source", ("HZ", "VOLTS"), "V_Vc a sine, peak VOLTS, output on", "max_v_vc_v"),
+    Word("v_vc.off", "rate_source", (), "output off"),
+    Word("v_vc.read", "v_vc_meter", (), "one reading of V_Vc, V"),
+    Word("vibration.sine", "vibration_source", ("HZ", "VOLTS"), "second generator a sine, output on", "max_v_vc_v"),
+    Word("vibration.off", "vibration_source", (), "its output off"),
+    Word("scope.drive", "oscilloscope", (), "frequency, amplitude and phase of the drive signal"),
+    Word("table.rate", "rate_table", ("DEG_S",), "ramp to a rate and wait for it", "max_rate_deg_s"),
+    Word("table.read", "rate_table", (), "rate and angle read back"),
+    Word("table.stop", "rate_table", (), "ramp to rest, servo kept"),
+    Word("table.off", "rate_table", (), "to rest, servo open"),
+    Word("chamber.set", "chamber", ("DEG_C",), "air on, to a temperature", "min_temperature_c, max_temperature_c"),
+    Word("chamber.read", "chamber", (), "temperature of the air, and of the device"),
+    Word("chamber.off", "chamber", (), "air off"),
+    Word("status", None, (), "what is on, what turns"),
+    Word("wait", None, ("SECONDS",), "let bench time pass"),
+    Word("safe", None, (), "table to rest, outputs off, and go on"),
+)
+"""Every word of the bench but those of the prompt itself."""
+
+_SECOND_METER_RANGE_V = 10.0
+
+
+class ByHand:
+    """An open bench, spoken to in words.
+
+    Args:
+        bench: the bench.
+        signals: what stops it.
+        guarded: whether lines to single instruments are judged before they are sent.
+        timeout_s: what an exchange of such a line may take; None is the bench file's.
+        tell: is told what is done, step by step.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        signals: StopSignals,
+        tell: Callable[[str], None],
+        *,
+        guarded: bool = True,
+        timeout_s: float | None = None,
+    ) -> None:
+        description = bench.description
+        self.bench = bench
+        self._tell = tell
+        self._checks = LimitChecks.of(description)
+        self._context = Context(bench, lambda _: None)
+        self._settings = structs.replace(description.procedure, station=_station(bench))
+        self._ready: set[str] = set()
+        self.consoles: Mapping[str, Console] = {
+            role: Console(
+                driver_of(instrument),
+                bench.identities[role],
+                guard=guard_of(role, description) if guarded else None,
+                clock=bench.clock,
+                signals=signals,
+                timeout_s=getattr(description, role).timeout_s if timeout_s is None else timeout_s,
+            )
+            for role, instrument in bench.instruments.items()
+            if _can_be_typed(driver_of(instrument))
+        }
+        self.words = {word.name: word for word in WORDS if word.role is None or word.role in bench.instruments}
+
+    def names(self) -> list[str]:
+        """Return all that a line can begin with: words, roles and their short names."""
+        short = [alias for alias, role in ALIASES.items() if role in self.consoles]
+        return sorted({*self.words, *self.consoles, *short})
+
+    def raw(self, name: str, message: str) -> Said:
+        """Send `message` to the instrument called `name` as it is, in the limits of the bench."""
+        role = ALIASES.get(name, name)
+        self._ready.discard(role)  # what it is set to is not known any more
+        try:
+            return self.consoles[role].say(message)
+        except LimitError as error:
+            error.hint = error.hint or "the limits are those of [limits] in the bench file"
+            raise
+
+    def perform(self, name: str, values: list[str]) -> str:
+        """Do a word and return its answer; empty where it has none.
+
+        Raises:
+            ConfigError: it takes other values.
+            LimitError: they leave a limit of the bench, which is named; nothing was sent.
+            BenchError: an instrument did not do it.
+        """
+        word = self.words[name]
+        numbers = _numbers(word, values)
+        act: Callable[..., str] = getattr(self, f"_{name.replace('.', '_')}")
+        try:
+            return act(*numbers)
+        except LimitError as error:
+            if word.limits:
+                error.hint = f"limits.{word.limits.replace(', ', ', limits.')} of bench {self.bench.description.name}"
+            error.instrument = error.instrument or word.role
+            raise
+
+    def _carry_out(self, steps: Routine[_T]) -> _T:
+        """Perform steps as a run does, telling each with what came of it."""
+        advance: Callable[[], Step] = partial(next, steps)
+        while True:
+            try:
+                step = advance()
+            except StopIteration as end:
+                return end.value  # type: ignore[no-any-return]
+            try:
+                step.within(self._checks)
+                self._context.begin()
+                result = step.perform(self._context)
+            except BenchError as error:
+                advance = partial(steps.throw, error)
+                continue
+            said = result.describe()
+            self._tell(f"{step.describe()}{f': {said}' if said else ''}")
+            advance = partial(steps.send, result)
+
+    # Power
+
+    def _power_on(self) -> str:
+        self._carry_out(self._powering())
+        return self._power_read()
+
+    def _powering(self) -> Routine[None]:
+        if "rate_source" in self.bench.instruments:
+            yield from self._v_vc_off_steps()
+        settings = self._settings
+        rails = rails_of(settings)
+        for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
+            yield rail
+        yield EnableSupply()
+        sleep(self.bench.clock, settings.settle_s)
+        yield CheckRails(rails, settings.rail_tolerance_v)
+
+    def _power_read(self) -> str:
+        power = self.bench.power
+        return ", ".join(
+            f"{rail.output} {power.measure_voltage_v(rail.output):+.4f} V {power.measure_current_a(rail.output):.4f} A"
+            for rail in self._settings.rails
+        )
+
+    def _power_off(self) -> str:
+        self._carry_out(self._unpowering())
+        return ""
+
+    def _unpowering(self) -> Routine[None]:
+        try:
+            if "rate_source" in self.bench.instruments:
+                yield from self._v_vc_off_steps()
+        finally:
+            yield DisableSupply()
+
+    def _require_power(self) -> None:
+        """Refuse to drive the input of a PCB that has no power: its protection would carry the current."""
+        if "power" in self.bench.instruments and not self.bench.power.outputs_enabled():
+            raise InterlockError("the PCB has no power, nothing was sent", hint="power.on comes first")
+
+    # Generators
+
+    def _v_vc_off_steps(self) -> Routine[None]:
+        self._ready.discard("rate_source")
+        yield DisableVvc()
+
+    def _v_vc_set(self, volts: float) -> str:
+        self._checks.v_vc(volts)
+        self._require_power()
+        self._carry_out(self._level(volts))
+        return ""
+
+    def _level(self, volts: float) -> Routine[None]:
+        if "rate_source" not in self._ready:
+            yield DisableVvc()
+            yield ConfigureGenerator(0.0)
+            yield EnableVvc()
+            self._ready.add("rate_source")
+        yield SetVvc(volts)
+
+    def _v_vc_sine(self, frequency_hz: float, peak_v: float) -> str:
+        self._checks.v_vc(peak_v, "peak voltage")
+        self._require_power()
+        self._carry_out(self._sine(frequency_hz, peak_v))
+        return ""
+
+    def _sine(self, frequency_hz: float, peak_v: float) -> Routine[None]:
+        self._ready.discard("rate_source")
+        yield SetSine(frequency_hz, peak_v)
+        yield EnableVvc()
+
+    def _v_vc_off(self) -> str:
+        self._carry_out(self._v_vc_off_steps())
+        return ""
+
+    def _vibration_sine(self, frequency_hz: float, peak_v: float) -> str:
+        self._checks.v_vc(peak_v, "peak voltage")
+        self._require_power()
+        source = self.bench.vibration_source
+        source.configure_sine(frequency_hz, 2.0 * peak_v)
+        source.enable_output()
+        return ""
+
+    def _vibration_off(self) -> str:
+        self.bench.vibration_source.disable_output()
+        return ""
+
+    # Meters and oscilloscope
+
+    def _multimeter_read(self) -> str:
+        if "multimeter" not in self._ready:
+            settings = self._settings
+            self._carry_out(_alone(ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))))
+            self._ready.add("multimeter")
+        return f"{self.bench.multimeter.read_voltage_v():+.8g} V"
+
+    def _v_vc_read(self) -> str:
+        meter = self.bench.v_vc_meter
+        if "v_vc_meter" not in self._ready:
+            meter.configure_dc_voltage(_SECOND_METER_RANGE_V, float(self._settings.nplc))
+            self._ready.add("v_vc_meter")
+        return f"{meter.read_voltage_v():+.8g} V"
+
+    def _scope_drive(self) -> str:
+        self._carry_out(look_at_drive(self._settings))
+        return ""
+
+    # Table
+
+    def _table_rate(self, rate_deg_s: float) -> str:
+        self._checks.rate(rate_deg_s)
+        self._carry_out(self._turning(rate_deg_s))
+        return f"{self.bench.rate_table.rate_deg_s():+.4f} deg/s"
+
+    def _turning(self, rate_deg_s: float) -> Routine[None]:
+        table, settings = self.bench.rate_table, self._settings
+        if "rate_table" not in self._ready:
+            yield EnableTable()
+            self._ready.add("rate_table")
+        ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, table.rate_deg_s())
+        yield ramp
+        deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
+        yield AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+
+    def _table_read(self) -> str:
+        table = self.bench.rate_table
+        fault = table.fault()
+        return f"{table.rate_deg_s():+.4f} deg/s, {table.angle_deg():.4f} deg{f', fault: {fault}' if fault else ''}"
+
+    def _table_stop(self) -> str:
+        table, settings = self.bench.rate_table, self._settings
+        rate_deg_s = table.rate_deg_s()
+        table.stop(settings.acceleration_deg_s2)
+        ramp_s = abs(rate_deg_s) / settings.acceleration_deg_s2
+        deadline_s = 2.0 * ramp_s + settings.rate_deadline_s
+        self._carry_out(_alone(AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
+        return ""
+
+    def _table_off(self) -> str:
+        self._table_stop()
+        self._ready.discard("rate_table")
+        self._carry_out(_alone(DisableTable()))
+        return ""
+
+    # Chamber
+
+    def _chamber_set(self, temperature_c: float) -> str:
+        chamber, ramp_k_min = self.bench.chamber, self._checks.limits.of("max_ramp_k_min")
+        set_c = chamber.set_temperature(temperature_c, ramp_k_min)
+        if not chamber.flow_enabled():
+            chamber.enable_flow()
+        return f"set to {set_c:+.1f} degC, at most {ramp_k_min:g} K/min"
+
+    def _chamber_read(self) -> str:
+        chamber = self.bench.chamber
+        device_c = chamber.device_temperature_c()
+        device = "" if device_c is None else f", device {device_c:+.1f} degC"
+        return f"air {chamber.air_temperature_c():+.1f} degC{device}"
+
+    def _chamber_off(self) -> str:
+        self.bench.chamber.disable_flow()
+        return ""
+
+    # The bench
+
+    def _status(self) -> str:
+        states: dict[str, Callable[[Any], str]] = {
+            "power": lambda it: f"on, {self._power_read()}" if it.outputs_enabled() else "off",
+            "rate_source": _switched,
+            "vibration_source": _switched,
+            "chamber": lambda it: f"{'air on' if it.flow_enabled() else 'air off'}, {self._chamber_read()}",
+            "rate_table": lambda _: self._table_read(),
+        }
+        lines = [f"bench time {self.bench.clock.now():.1f} s"]
+        for role, instrument in self.bench.instruments.items():
+            identity = self.bench.identities[role]
+            lines.append(f"{role}: {states[role](instrument) if role in states else identity.model}")
+        return "\n".join(lines)
+
+    def _wait(self, seconds: float) -> str:
+        if not 0.0 <= seconds <= _LONGEST_WAIT_S:
+            raise ConfigError(f"wait {seconds:g}: expected seconds, from 0 to {_LONGEST_WAIT_S:g}")
+        sleep(self.bench.clock, seconds)
+        return ""
+
+    def _safe(self) -> str:
+        for name in ("table.off", "vibration.off", "v_vc.off", "chamber.off", "power.off"):
+            if name in self.words:
+                self.perform(name, [])
+        return "table at rest, outputs off"
+
+
+def _alone(step: Step) -> Routine[None]:
+    yield step
+
+
+def _station(bench: Bench) -> Station:
+    """Return what the routines need to know of the place."""
+    description = bench.description
+    scope = None if description.oscilloscope is None else description.wiring.oscilloscope
+    return Station(rails=description.wiring.rails, oscilloscope=scope, limits=description.limits)
+
+
+def _can_be_typed(instrument: Any) -> bool:
+    """Tell whether lines can be sent to it; frames of bytes cannot be typed."""
+    from vcfbench.drivers.plain import plain  # noqa: PLC0415  # the drivers are loaded when a bench is opened
+
+    try:
+        plain(instrument, 1.0)
+    except ConfigError:
+        return False
+    return True
+
+
+def _switched(source: Any) -> str:
+    return "on" if source.output_enabled() else "off"
+
+
+def _numbers(word: Word, values: list[str]) -> list[float]:
+    usage = " ".join((word.name, *word.takes))
+    if len(values) != len(word.takes):
+        raise ConfigError(f"expected {usage!r}, came {' '.join((word.name, *values))!r}")
+    numbers: list[float] = []
+    for what, value in zip(word.takes, values, strict=True):
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise ConfigError(f"{usage}: {what}: expected a number, came {value!r}")
+        numbers.append(number)
+    return numbers
