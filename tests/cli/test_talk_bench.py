@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import sys
@@ -38,7 +39,7 @@ def test_the_bench_is_measured_with_by_hand(tmp_path: Path) -> None:
     sent = [(line.role, line.data.decode()) for line in read_trace(trace) if line.mark == ">"]
     off_first = sent.index(("rate_source", "OUTP OFF\n"))
     assert off_first < sent.index(("power", "OUTP ON\n")) < sent.index(("rate_source", "OUTP ON\n"))
-    levels = [n for n, (role, text) in enumerate(sent) if role == "power" and text.startswith("APPL ")]
+    levels = [n for n, (role, text) in enumerate(sent) if role == "power" and ":CURR 0.1;:VOLT" in text]
     assert len(levels) == 2
     assert max(levels) < sent.index(("power", "OUTP ON\n"))
     last = {role: text for role, text in sent if text.startswith("OUTP O")}
@@ -103,6 +104,7 @@ def test_a_person_at_a_terminal_completes_words_and_leaves_by_ctrl_c(tmp_path: P
         text = "".join(typed(ours, line, "paper> ") for line in lines)
         text += typed(ours, b"", "paper> ")
         process.send_signal(signal.SIGINT)
+        os.write(ours, b"\n")  # Python sees a signal between its prompt and its waiting with the next line only
         assert process.wait(20) == 4
     assert "limits.max_rate_deg_s" in text
     assert "supply outputs off" in text
