@@ -1,9 +1,9 @@
 # noqa: INP001 - a hook of mkdocs, not a package
 """Puts the pages outside docs/ on the site too, so that one link works on GitHub and there.
 
-On the site docs/ is the top: README.md (the first page), CHANGELOG.md, CONTRIBUTING.md and examples/ are put beside
-what is in it, and links that lead out of docs/ or into it are turned. Equations become MathML, which browsers show
-without a script.
+On the site docs/ is the top: README.md (the first page), CHANGELOG.md and others of its kind, and examples/ are put
+beside what is in it, and links that lead out of docs/ or into it are turned. Equations become MathML, which browsers
+show without a script.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md")
 EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv"}
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 FENCE = re.compile(r"^(```\w+) \w+$", re.MULTILINE)

@@ -78,7 +78,8 @@ if TYPE_CHECKING:
     from vcfbench.runs.run import RawReading, Run
     from vcfbench.runs.written import write_report
 
-__version__ = "0.1.0"
+__version__: str
+"""Of the package as it was installed: that of the tag, or what comes after it; ``0+unknown`` where it was not."""
 
 __all__ = [
     "PROCEDURES",
@@ -360,12 +361,23 @@ def __getattr__(name: str) -> object:
     """Import a public name when it is first used (PEP 562)."""
     from importlib import import_module  # noqa: PLC0415  # a public name of its own at the top
 
+    if name == "__version__":
+        return _version()
     for home, names in _HOMES.items():
         if name in names:
             value: object = getattr(import_module(f"vcfbench.{home}"), name)
             globals()[name] = value
             return value
     raise AttributeError(f"module 'vcfbench' has no attribute {name!r}")
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415  # it takes longer than all the rest
+
+    try:
+        return version("vcfbench")
+    except PackageNotFoundError:  # a source tree that was put on the path
+        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from vcfbench import __version__
 from vcfbench.cli.ending import EarlyAndLate, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
 
@@ -111,6 +110,8 @@ app = typer.Typer(
 
 def _version(*, wanted: bool) -> None:
     if wanted:
+        from vcfbench import __version__  # noqa: PLC0415  # it is looked up where packages are installed
+
         typer.echo(f"vcfbench {__version__}")
         raise typer.Exit
 

@@ -466,5 +466,8 @@ def _versions() -> Mapping[str, str]:
     import platform  # noqa: PLC0415
     from importlib.metadata import version  # noqa: PLC0415
 
-    packages = ("vcfbench", "numpy", "pyvisa", "pyvisa-py", "pyserial")
-    return {"python": platform.python_version(), **{package: version(package) for package in packages}}
+    from vcfbench import __version__  # noqa: PLC0415
+
+    packages = ("numpy", "pyvisa", "pyvisa-py", "pyserial")
+    others = {package: version(package) for package in packages}
+    return {"python": platform.python_version(), "vcfbench": __version__, **others}
