@@ -309,6 +309,7 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
         "runs": "runs",
         "speed": None,
         "quiet": True,
+        "plain": False,
         "yes": False,
         "settings": {},
         "metadata": {},

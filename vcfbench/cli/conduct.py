@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
@@ -20,11 +21,14 @@ if TYPE_CHECKING:
     from vcfbench.cli.ending import EarlyAndLate
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.progress import NoProgress
-    from vcfbench.runs.asked import Asked, DryRun
+    from vcfbench.runs.asked import Asked, Beginning, DryRun
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.run import Run
 
 __all__ = ["RunOptions", "conduct", "resume"]
+
+_WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
+"""Terminals on which nothing can be drawn in place, by the name that they give themselves."""
 
 
 @dataclass(frozen=True, slots=True)  # no struct: the list of commands is shown without msgspec
@@ -38,6 +42,7 @@ class RunOptions:
     runs: Path
     speed: str | None
     quiet: bool
+    plain: bool
     yes: bool
     settings: Mapping[str, Any]
     metadata: Mapping[str, Any]
@@ -96,7 +101,7 @@ def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals:
 
     watched = structs.replace(
         asked,
-        display=lambda estimate_s: _progress(options, estimate_s),
+        display=lambda beginning: _progress(options, beginning),
         person=at_the_terminal(signals, yes=options.yes),
         options=asdict(options),
         warn=lambda words: typer.echo(f"vcfbench: warning: {words}", err=True),
@@ -110,13 +115,15 @@ def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals:
         return run
 
 
-def _progress(options: RunOptions, estimate_s: float) -> NoProgress:
+def _progress(options: RunOptions, beginning: Beginning) -> NoProgress:
     from vcfbench.report.progress import LineProgress, LiveProgress, NoProgress  # noqa: PLC0415
 
+    estimate_s = beginning.planned.bench_seconds
     if options.quiet:
         return NoProgress()
-    kind = LiveProgress if sys.stderr.isatty() else LineProgress
-    return kind(sys.stderr, estimate_s)
+    if options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR:
+        return LineProgress(sys.stderr, estimate_s)
+    return LiveProgress(sys.stderr, estimate_s, beginning.points)
 
 
 def _show(run: Run, options: RunOptions) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from vcfbench.cli.completion import run_names
 from vcfbench.cli.ending import EarlyAndLate
-from vcfbench.cli.run import Json_, Quiet_, Speed_, Yes_  # noqa: TC001  # typer reads them in the signature
+from vcfbench.cli.run import Json_, Plain_, Quiet_, Speed_, Yes_  # noqa: TC001  # typer reads them in the signature
 from vcfbench.cli.tracing import Trace_, tracing
 
 __all__ = ["resume"]
@@ -36,6 +36,7 @@ def resume(
     speed: Speed_ = None,
     json: Json_ = False,
     quiet: Quiet_ = False,
+    plain: Plain_ = False,
     yes: Yes_ = False,
 ) -> None:
     """Take up a run that was stopped, failed or died: nothing is measured twice, and the record is a new one."""
@@ -50,6 +51,7 @@ def resume(
         runs=runs,
         speed=speed,
         quiet=quiet,
+        plain=plain,
         yes=yes,
         settings={},
         metadata={},

@@ -104,6 +104,7 @@ Speed_ = Annotated[
     typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
 ]
 Quiet_ = Annotated[bool, typer.Option("--quiet", help="No progress.")]
+Plain_ = Annotated[bool, typer.Option("--plain", help="Progress in plain lines on a terminal too, as for logs.")]
 Yes_ = Annotated[bool, typer.Option("--yes", help="Ask nobody: take what only hands can do on a real bench as done.")]
 Set_ = Annotated[
     list[str] | None,
@@ -148,6 +149,7 @@ def _common(
     json: Json_ = False,
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
+    plain: Plain_ = False,
     yes: Yes_ = False,
 ) -> None:
     """Take what every procedure's command takes; each command has this signature, with its own options added."""

@@ -58,12 +58,13 @@ class ReadingTaken(Struct, frozen=True):
 
 
 class StepFinished(Struct, frozen=True):
-    """Step `number` is done and on the disk."""
+    """Step `number` is done and on the disk; `asked_again` says which answers in it could not be believed."""
 
     number: int
     t_s: float
     step: Step
     result: StepResult
+    asked_again: tuple[str, ...] = ()
 
 
 class StepFailed(Struct, frozen=True):
@@ -200,7 +201,7 @@ class Executor:
         self._physical_s += step.physical_s
         self.journal.restored(self._done(step, result, start_s))
         self._asked_again += (f"{_AGAIN}: {said}" for said in self._context.asked_again)
-        self._tell(StepFinished(self._number, self._now(), step, result))
+        self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
         return result
 
     def so_far(self) -> Execution:
@@ -244,7 +245,7 @@ class Executor:
         result = step.perform(self._context)
         self._physical_s += step.physical_s
         self._write(step, result, start_s)
-        self._tell(StepFinished(self._number, self._now(), step, result))
+        self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
         return result
 
     def _write_chunk(self, step: Step, start_s: float, readings: Sequence[Reading]) -> None:

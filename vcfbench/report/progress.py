@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self, TextIO
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.plans.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
-from vcfbench.plans.steps import (
-    Acquire,
-    DriveReading,
-    Note,
-    RailsReading,
-    Window,
-)
+from vcfbench.plans.step import Effect
+from vcfbench.plans.steps import Acquire, Note, Window
+from vcfbench.report.bench_state import BenchState
 from vcfbench.report.outlet import Outlet
+from vcfbench.report.points_table import PointsSoFar, Row, head, row_text, span
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from types import TracebackType
 
+    from rich.console import Console, Group
     from rich.text import Text
 
     from vcfbench.plans.executor import Event
+    from vcfbench.plans.step import Step, StepResult
+    from vcfbench.record.schema import Point
 
 __all__ = ["LineProgress", "LiveProgress", "NoProgress"]
 
 _REDRAW_S = 0.1
+_REDRAWS_PER_S = 2.0
+"""So often the block is drawn anew while nothing happens: the time left goes on."""
+_HALF_A_DAY_S = 43_200.0
+_BAR_FROM = 60
+"""Columns of a terminal that has room for a bar beside the times."""
 
 
 class NoProgress:
@@ -70,6 +76,8 @@ class LineProgress(NoProgress):
             case StepFinished():
                 told = event.result.describe()
                 self._say(event.t_s, f"{event.step.describe()}{f' -> {told}' if told else ''}")
+                for said in event.asked_again:
+                    self._say(event.t_s, f"asked again: {said}")
             case StepFailed():
                 self._say(event.t_s, f"FAILED: {event.error}")
             case _:
@@ -81,44 +89,34 @@ class LineProgress(NoProgress):
 
 
 class LiveProgress(NoProgress):
-    """What was measured, line after line, and below it two lines in place: what is done, and how long it will take.
+    """The table of points, row after row, with what else was found; below it in place what is done now and how long.
 
-    The times are those of the wall: a simulated bench may be faster than its own clock.
+    The table stays when the run ends, the block below goes. The times left are those of the wall: a simulated bench may
+    be faster than its own clock. `points` are those that were measured before the run was broken off.
     """
 
-    def __init__(self, stream: TextIO, estimate_s: float) -> None:
+    def __init__(self, stream: TextIO, estimate_s: float, points: Sequence[Point] = ()) -> None:
         from rich.console import Console  # noqa: PLC0415  # only where somebody looks
-        from rich.live import Live  # noqa: PLC0415
 
-        self._estimate_s = estimate_s
         self._outlet = Outlet(stream)
         self._console = Console(file=self._outlet, highlight=False)  # type: ignore[arg-type]  # all of a file it needs
-        self._clock = WallClock()
-        self._drawn_s = 0.0
-        self._t_s = 0.0
+        self._block = _Block(estimate_s, ("━", "─") if self._outlet.encoding.lower().startswith("utf") else ("#", "."))
+        self._points = PointsSoFar(points)
         self._begin_s: float | None = None
-        self._doing = ""
-        self._acquiring: Acquire | None = None
-        self._readings = 0
-        self._live = Live(
-            console=self._console,
-            get_renderable=self._render,
-            auto_refresh=False,
-            transient=True,
-            redirect_stdout=False,
-            redirect_stderr=False,
-        )
+        self._head: tuple[str, str] | None = None  # that stands above the last row
+        self._drawn_s = 0.0
+        self._live = _live(self._console, self._outlet, self._block)
 
     def __enter__(self) -> Self:
         self._outlet.open()
-        self._clock = WallClock()
+        self._block.begin()
         self._live.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Take the two lines away; what was measured stays."""
+        """Take the block away; the table stays."""
         self._live.stop()
         self._outlet.close()
 
@@ -126,76 +124,165 @@ class LiveProgress(NoProgress):
         """Show what was measured, and where the run is."""
         if self._begin_s is None:
             self._begin_s = event.t_s if isinstance(event, StepStarted) else 0.0
-        self._t_s = event.t_s - self._begin_s
+        self._block.take(event, event.t_s - self._begin_s)
         match event:
             case StepStarted(step=Note()):
-                self._print(event.step.describe(), "bold")
-            case StepStarted():
-                self._doing, self._readings = event.step.describe(), 0
-                self._acquiring = event.step if isinstance(event.step, Acquire) else None
+                self._end_part()
+                self._print(event.step.describe(), "bold", whole=True)
+            case StepStarted() | ReadingTaken():
                 self._draw()
-            case ReadingTaken():
-                self._take(event.reading.voltage_v)
-                self._draw()
-            case StepFinished(step=Acquire() as step, result=Window() as window):
-                self._print(_point(step, window), "cyan")
-            case StepFinished(result=RailsReading() | DriveReading()):
-                self._print(f"  {event.result.describe()}", "")
+            case StepFinished():
+                self._tell(event.t_s, event.step, event.result)
+                for said in event.asked_again:
+                    self._print(f"asked again: {said}", "yellow", whole=True)
             case StepFailed():
-                self._print(f"FAILED: {event.error}", "bold red")
-            case _:
-                pass
+                self._print(f"FAILED: {event.error}", "bold red", whole=True)
 
-    def _take(self, voltage_v: float) -> None:
-        """Put rate and reading first: a narrow terminal cuts off what comes last."""
-        if self._acquiring is not None:
-            self._readings += 1
-            self._doing = (
-                f"{_rate(self._acquiring)}  {voltage_v:+10.5f} V  reading {self._readings} of {self._acquiring.samples}"
-            )
+    def _tell(self, t_s: float, step: Step, result: StepResult) -> None:
+        """Print what a step gave: a window as a row, anything else that was measured or checked in its words."""
+        if step.not_checked:
+            self._print(step.describe(), "yellow", whole=True)
+        elif isinstance(result, Window):
+            self._print_row(t_s, result)
+        elif step.effect in {Effect.MEASURES, Effect.CHECKS} and (told := result.describe()):
+            self._print(f"  {told}", "")
 
-    def _print(self, line: str, style: str) -> None:
+    def _print_row(self, t_s: float, window: Window) -> None:
+        point = window.recorded_point
+        row = Row(t_s, window, None if point is None else self._points.add(point))
+        heads = head(row, self._console.width)
+        if heads != self._head:  # a new part, or the window is wider or narrower than it was
+            self._head = heads
+            for line in heads:
+                self._print(line, "dim")
+        self._print(row_text(row, self._console.width), "cyan")
+
+    def _end_part(self) -> None:
+        """Say what the line through the points of the part that ends is, and have the next begin with a heading."""
+        if self._head is not None and (steps := self._points.steps()) and (told := self._points.told(steps[-1])):
+            self._print(f"  {told}", "green", whole=True)
+        self._head = None
+
+    def _print(self, line: str, style: str, *, whole: bool = False) -> None:
+        """Print a line; one that must be read to its end goes on in the next where the terminal is narrow."""
         from rich.text import Text  # noqa: PLC0415
 
-        if line.startswith("FAILED"):  # the one line that must be read to its end
-            self._console.print(Text(line, style=style))
+        shown = line if line.isprintable() else ascii(line)
+        if whole:
+            self._console.print(Text(shown, style=style))
         else:
-            self._console.print(Text(line, style=style), no_wrap=True, overflow="crop")
+            self._console.print(Text(shown, style=style), no_wrap=True, overflow="crop")
 
     def _draw(self) -> None:
-        """Draw the two lines anew, if that was not just done and the terminal takes it."""
-        now_s = self._clock.now()
-        if now_s - self._drawn_s >= _REDRAW_S and not self._outlet.behind:
+        """Draw the block anew, if that was not just done and the terminal takes it."""
+        now_s = self._block.clock.now()
+        if now_s - self._drawn_s >= _REDRAW_S:
             self._drawn_s = now_s
             self._live.refresh()
 
-    def _render(self) -> Text:
+
+def _live(console: Console, outlet: Outlet, block: _Block) -> Any:
+    """Return what draws `block` below all that is printed, as long as the terminal takes it."""
+    from rich.live import Live  # noqa: PLC0415
+
+    class PatientLive(Live):
+        def refresh(self) -> None:
+            if not (self.is_started and outlet.behind):  # what nobody reads would pile up
+                super().refresh()
+
+    return PatientLive(
+        console=console,
+        get_renderable=lambda: block.lines(console.width),
+        refresh_per_second=_REDRAWS_PER_S,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+
+
+class _Block:
+    """What stands below the table: the step, the state of the bench, how far the run is and when it ends."""
+
+    def __init__(self, estimate_s: float, bar: tuple[str, str]) -> None:
+        self.clock = WallClock()
+        self._bar = bar
+        self._estimate_s = estimate_s
+        self._t_s = 0.0
+        self._told_s = 0.0
+        self._doing = ""
+        self._step: Step | None = None
+        self._readings = 0
+        self._state = BenchState()
+
+    def begin(self) -> None:
+        """Begin to count the time of the wall."""
+        self.clock = WallClock()
+
+    def take(self, event: Event, t_s: float) -> None:
+        """Take notice; `t_s` is the bench time since this display began, s."""
+        self._t_s, self._told_s = t_s, self.clock.now()
+        match event:
+            case StepStarted():
+                self._step, self._doing, self._readings = event.step, event.step.describe(), 0
+                self._state = self._state.begun(event.step)
+            case ReadingTaken():
+                self._readings += 1
+                self._doing = self._reading(event.reading.voltage_v)
+            case StepFinished():
+                self._state = self._state.after(event.step, event.result)
+            case _:
+                pass
+
+    def _reading(self, voltage_v: float) -> str:
+        """Put rate and reading first: a narrow terminal cuts off what comes last."""
+        if not isinstance(self._step, Acquire):
+            return f"{voltage_v:+.5f} V  reading {self._readings}"
+        rate = f"{self._step.rate_deg_s:+.6g} deg/s"
+        return f"{rate}  {voltage_v:+.5f} V  reading {self._readings} of {self._step.samples}"
+
+    def lines(self, width: int) -> Group:
+        """Return the block for a terminal of `width` columns."""
+        from rich.console import Group  # noqa: PLC0415
+        from rich.text import Text  # noqa: PLC0415
+
+        rows = _filled([self._state.table(), self._state.supplied(), self._state.driven()], width)
+        texts = [Text(line, no_wrap=True, overflow="ellipsis", style="dim") for line in rows]
+        doing = Text(self._doing, no_wrap=True, overflow="ellipsis")
+        return Group(doing, *texts, self._times(width))
+
+    def _times(self, width: int) -> Text:
         from datetime import timedelta  # noqa: PLC0415
 
         from rich.text import Text  # noqa: PLC0415
 
-        left_s = self._left_s()
+        t_s, pace = self._now()
+        left_s = max(0.0, self._estimate_s - t_s) * pace
         ends = (utc_now() + timedelta(seconds=left_s)).astimezone()
-        done = min(1.0, self._t_s / self._estimate_s) if self._estimate_s else 1.0
-        text = Text(f"{self._doing}\n", no_wrap=True, overflow="crop")
-        return text.append(f"{100 * done:3.0f} %  {_span(left_s)} left, ends {ends:%H:%M}", style="bold green")
+        done = min(1.0, t_s / self._estimate_s) if self._estimate_s else 1.0
+        day = f"{ends:%a} " if left_s > _HALF_A_DAY_S else ""
+        words = f"{100 * done:3.0f} %  {span(left_s)} left, ends {day}{ends:%H:%M}"
+        text = Text(words, style="bold green", no_wrap=True, overflow="crop")
+        if width < _BAR_FROM:
+            return text
+        room = width - len(words) - 3
+        filled = round(done * room)
+        full, rest = self._bar
+        return text.append(f"  {full * filled}").append(rest * (room - filled), style="dim")
 
-    def _left_s(self) -> float:
-        """Time left on the wall's clock, at the pace that the bench has gone so far."""
-        left_s = max(0.0, self._estimate_s - self._t_s)
-        elapsed_s = self._clock.now()
-        return left_s * elapsed_s / self._t_s if self._t_s > 1.0 else left_s
+    def _now(self) -> tuple[float, float]:
+        """Return the bench time at this moment, s, amid a step too, and how many seconds of the wall one takes."""
+        now_s = self.clock.now()
+        pace = self._told_s / self._t_s if self._t_s > 1.0 else 1.0
+        since_s = (now_s - self._told_s) / pace if pace else 0.0
+        return self._t_s + min(since_s, 0.0 if self._step is None else self._step.duration_s), pace
 
 
-def _rate(step: Acquire) -> str:
-    return f"{step.rate_deg_s:+9.6g} deg/s"
-
-
-def _point(step: Acquire, window: Window) -> str:
-    return f"{_rate(step)}  {window.mean_v:+10.5f} V  s {window.std_v:.1e} V  V_Vc {step.v_vc_v:+.6g} V"
-
-
-def _span(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+def _filled(parts: Sequence[str], width: int) -> list[str]:
+    """Return `parts` side by side, in as few lines of `width` as they need."""
+    lines: list[str] = []
+    for part in parts:
+        if lines and len(lines[-1]) + 3 + len(part) <= width:
+            lines[-1] += f"   {part}"
+        else:
+            lines.append(part)
+    return lines

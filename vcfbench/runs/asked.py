@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from vcfbench.plans.executor import Event, Execution, Executor, Observer
     from vcfbench.plans.step import Operator, Plan
     from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.record.schema import Point
 
-    Display = Callable[[float], AbstractContextManager[Observer]]
-    """Makes a display, told the estimate of the bench time, s."""
+    Display = Callable[["Beginning"], AbstractContextManager[Observer]]
+    """Makes a display, told what is about to begin."""
 
 _LARGEST_SEED: Final = 2**63 - 1
 
@@ -42,7 +43,7 @@ class _Nothing:
         """Take no notice."""
 
 
-def no_display(_estimate_s: float) -> AbstractContextManager[Observer]:
+def no_display(_beginning: Beginning) -> AbstractContextManager[Observer]:
     """Make a display that shows nothing."""
     return nullcontext(_Nothing())
 
@@ -73,6 +74,19 @@ class Asked(Struct, frozen=True):
     options: Mapping[str, Any] = field(default_factory=dict)
     metadata: RunMetadata = field(default_factory=RunMetadata)
     warn: Callable[[str], None] = warned
+
+
+class Beginning(Struct, frozen=True):
+    """What a display is told before the bench is opened.
+
+    `planned` are the steps that are still to be done, `points` those that were measured before the run was broken off.
+    """
+
+    procedure: AnyProcedure
+    description: BenchDescription
+    planned: DryRun
+    directory: Path
+    points: tuple[Point, ...] = ()
 
 
 class Checked(Struct):
@@ -120,6 +134,10 @@ class Prepared(Struct, frozen=True):
 
     def require_bench(self, bench: Bench) -> None:
         """See that the open bench is the one that is meant."""
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the points that were measured before."""
+        return ()
 
     def told(self) -> dict[str, Any]:
         """Return what the header says beside what every header does: where a procedure of one's own stands."""

@@ -14,7 +14,7 @@ from msgspec import Struct, field
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
-from vcfbench.runs.asked import Asked, Checked, blamed_on, prepare
+from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
 
 if TYPE_CHECKING:
@@ -204,9 +204,11 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             _load_numpy()
     _warn_of_calibrations(asked, prepared)
     record = _Record(course, prepared)
-    display = Shielded(partial(asked.display, planned.bench_seconds))
     course.observers = _shielded(asked.observers)
-    record.prepare()
+    directory = record.prepare()
+    procedure, description = prepared.procedure, prepared.description
+    beginning = Beginning(procedure, description, planned, directory.path, prepared.points())
+    display = Shielded(partial(asked.display, beginning))
     try:
         with ExitStack() as watching:
             watchers = [watching.enter_context(each) for each in (display, *course.observers.values())]
@@ -278,11 +280,12 @@ class _Record(Struct):
     safe_reports: Sequence[SafeReport] = ()
     identities: Mapping[str, Identity] = field(default_factory=dict)
 
-    def prepare(self) -> None:
+    def prepare(self) -> RunDirectory:
         """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin."""
         from vcfbench.record.directory import create_run  # noqa: PLC0415
 
-        self.course.directory = create_run(self.course.asked.runs, self.prepared.procedure.name)
+        directory = self.course.directory = create_run(self.course.asked.runs, self.prepared.procedure.name)
+        return directory
 
     def perform(self, bench: Bench, watchers: Sequence[Observer]) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it."""

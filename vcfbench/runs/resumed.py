@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
+    from vcfbench.record.schema import Point
     from vcfbench.runs.run import Run
 
 __all__ = ["BrokenOff", "broken_off", "resume"]
@@ -221,6 +222,11 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         left = whole.steps[len(self.taken) :]
         later = (PlannedStep(each.number, came_s + each.t_s - left[0].t_s, each.step) for each in left)
         return DryRun(whole.procedure, (*again, *later))
+
+    def points(self) -> tuple[Point, ...]:
+        """Return the points that are taken over."""
+        found = (each.result.recorded_point for each in self.taken)
+        return tuple(point for point in found if point is not None)
 
     def now_s(self) -> float | None:
         """Return the bench time at this moment: the break counts, but not on a simulated bench.

@@ -1,0 +1,118 @@
+"""The state of the bench, as the steps of a run tell it: table, rails, V_Vc."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.plans.steps import (
+    ConfigureGenerator,
+    DisableSupply,
+    DisableTable,
+    DisableVvc,
+    EnableSupply,
+    EnableTable,
+    EnableVvc,
+    RailsReading,
+    RateReading,
+    SetRate,
+    SetSine,
+    SetVibration,
+    SetVvc,
+    VvcSetting,
+    Window,
+)
+
+if TYPE_CHECKING:
+    from vcfbench.plans.steps import RailReading
+
+__all__ = ["BenchState"]
+
+
+@dataclass(frozen=True, slots=True)
+class BenchState:
+    """What was last set and read back; None where a run has not come to it.
+
+    `demand_deg_s` is the rate that the table was told, `table_deg_s` what it read back since, deg/s; `servo` whether
+    its servo is closed. `supply` tells whether the outputs are on, `rails` what they read. `v_vc` says what the
+    generator is set to, `generator` whether its output is on.
+    """
+
+    demand_deg_s: float | None = None
+    table_deg_s: float | None = None
+    servo: bool | None = None
+    supply: bool | None = None
+    rails: tuple[RailReading, ...] = ()
+    v_vc: str | None = None
+    generator: bool | None = None
+
+    def after(self, step: object, result: object) -> BenchState:
+        """Return the state when `step` is done, with `result`; steps that are not known change nothing."""
+        return replace(self, **_set_by(step, result), **_read_by(result))
+
+    def begun(self, step: object) -> BenchState:
+        """Return the state when `step` begins: a table that is told a rate is on its way."""
+        return replace(self, demand_deg_s=step.rate_deg_s, table_deg_s=None) if isinstance(step, SetRate) else self
+
+    def table(self) -> str:
+        """Say what the table is told, and what it reads back."""
+        if self.servo is False:
+            return "table off"
+        if self.demand_deg_s is None:
+            return "table -"
+        read = "" if self.table_deg_s is None else f", reads {self.table_deg_s:+.4f}"
+        return f"table {self.demand_deg_s:+g}{read} deg/s"
+
+    def supplied(self) -> str:
+        """Say what the rails read."""
+        if self.supply is False:
+            return "rails off"
+        return f"rails {' '.join(f'{rail.voltage_v:+.3f}' for rail in self.rails)} V" if self.rails else "rails -"
+
+    def driven(self) -> str:
+        """Say what V_Vc is."""
+        if self.generator is False:
+            return "V_Vc off"
+        return f"V_Vc {'-' if self.v_vc is None else self.v_vc}"
+
+
+def _set_by(step: object, result: object) -> dict[str, Any]:
+    """Return what a step sets of table and supply; of V_Vc as below."""
+    match step:
+        case EnableTable():
+            return {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None}
+        case DisableTable():
+            return {"servo": False, "demand_deg_s": None, "table_deg_s": None}
+        case SetRate():
+            return {"servo": True, "demand_deg_s": step.rate_deg_s, "table_deg_s": None}
+        case EnableSupply():
+            return {"supply": True}
+        case DisableSupply():
+            return {"supply": False, "rails": ()}
+    return _driven_by(step, result)
+
+
+def _driven_by(step: object, result: object) -> dict[str, Any]:
+    match step:
+        case EnableVvc() | DisableVvc():
+            return {"generator": isinstance(step, EnableVvc)}
+        case SetSine() if not isinstance(step, SetVibration):  # which is added to V_Vc by a generator of its own
+            return {"v_vc": f"{step.amplitude_v:g} V, {step.frequency_hz:.6g} Hz"}
+        case ConfigureGenerator() if isinstance(result, VvcSetting):
+            return {"v_vc": f"{result.v_vc_v:+.5f} V", "generator": False}
+        case SetVvc() if isinstance(result, VvcSetting):
+            return {"v_vc": f"{result.v_vc_v:+.5f} V"}
+    return {}
+
+
+def _read_by(result: object) -> dict[str, Any]:
+    match result:
+        case RateReading():
+            return {"table_deg_s": result.rate_deg_s}
+        case RailsReading():
+            return {"rails": result.rails, "supply": True}
+        case Window():
+            read = {} if result.table_rate_deg_s is None else {"table_deg_s": result.table_rate_deg_s}
+            return {**read, **({"rails": result.rails} if result.rails else {})}
+        case _:
+            return {}
