@@ -29,6 +29,7 @@ from tests import warm
 from tests.cells import few
 from tests.conftest import HERE, SLOW
 from tests.ports import free_port
+from tests.test_examples import installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,6 +47,8 @@ BLOCK = re.compile(
     r'^```(?P<info>[^\n`"]*?)( title="(?P<title>[^"\n]+)")?\n(?P<body>.*?)^```$', re.MULTILINE | re.DOTALL
 )
 ADDED = " (add)"
+INSTALLED = "pip install -e ."
+"""What a reader types who has written a package."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +91,12 @@ def started(command: str, folder: Path) -> Iterator[None]:
         assert wait(30.0) == 0
 
 
-def run(command: str, folder: Path) -> str:
-    """Run one command line without a shell, so that Windows runs the same; `> file` is understood."""
-    words = shlex.split(command)
+def run(command: str, folder: Path, *, fresh: bool = False) -> str:
+    """Run one command line without a shell, so that Windows runs the same; `> file` is understood.
+
+    `fresh` is in an interpreter of its own, which finds what was installed meanwhile.
+    """
+    words = shlex.split(f"python -m {command}" if fresh and command.startswith("vcfbench ") else command)
     target = folder / words.pop() if ">" in words else None
     if target is not None:
         assert words.pop() == ">"
@@ -126,14 +132,19 @@ def ids(document: Path) -> str:
 @pytest.mark.parametrize("document", few(DOCUMENTS, *(each for each in DOCUMENTS if each.name not in LONG)), ids=ids)
 def test_what_is_shown_works(document: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCFBENCH_CONTROL_PORT", str(free_port()))  # somebody else may be serving a bench here
-    python_printed = None
+    python_printed, fresh = None, False
     with ExitStack() as background:
         for block in blocks(document):
             if block.title:
                 block.write(folder)
                 continue
+            if INSTALLED in block.commands():
+                monkeypatch.setenv("PYTHONPATH", str(installed(folder, folder / "site")))
+                fresh = True
             if block.info in {"sh", "console"}:
-                printed = "\n".join(run_or_start(command, folder, background) for command in block.commands())
+                printed = "\n".join(
+                    run_or_start(command, folder, background, fresh=fresh) for command in block.commands()
+                )
                 if block.info == "console":
                     assert_in_order(block.shown(), printed, exact=document.parent != TUTORIALS)
             if block.info == "text" and python_printed is not None:
@@ -141,9 +152,9 @@ def test_what_is_shown_works(document: Path, folder: Path, monkeypatch: pytest.M
             python_printed = run_python(block.body, folder) if block.info == "python" else None
 
 
-def run_or_start(command: str, folder: Path, background: ExitStack) -> str:
+def run_or_start(command: str, folder: Path, background: ExitStack, *, fresh: bool) -> str:
     if not command.endswith("&"):
-        return run(command, folder)
+        return run(command, folder, fresh=fresh)
     background.enter_context(started(command, folder))
     return ""
 
@@ -161,6 +172,13 @@ def assert_in_order(expected: list[str], printed: str, *, exact: bool) -> None:
         shown = line if exact else without_digits(line)[0]
         pattern = ".*".join(re.escape(part) for part in shown.split("..."))
         assert any(re.fullmatch(pattern, each) for each in remaining), f"{line!r} is not printed there:\n{printed}"
+
+
+def test_the_package_of_the_tutorial_is_that_of_the_examples() -> None:
+    written = {block.title: block.body for block in blocks(TUTORIALS / "own-instrument.md") if block.title}
+    project = ROOT / "examples" / "own-instrument"
+    files = {path for path in project.rglob("*") if path.suffix in {".py", ".toml"}}
+    assert written == {path.relative_to(project).as_posix(): path.read_text(encoding="utf-8") for path in files}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids)
