@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
+    from vcfbench.runs.summary import RunSummary, run_summaries
     from vcfbench.runs.written import write_report
 
 __version__: str
@@ -147,6 +148,7 @@ __all__ = [
     "Routine",
     "Run",
     "RunMetadata",
+    "RunSummary",
     "SafeReport",
     "SamplesVoltage",
     "ScaleFactorResult",
@@ -189,6 +191,7 @@ __all__ = [
     "ramp_to",
     "resume",
     "run",
+    "run_summaries",
     "safe_bench",
     "set_v_vc",
     "sleep",
@@ -352,6 +355,10 @@ _HOMES = {
     "runs.run": (
         "RawReading",
         "Run",
+    ),
+    "runs.summary": (
+        "RunSummary",
+        "run_summaries",
     ),
     "runs.written": ("write_report",),
 }

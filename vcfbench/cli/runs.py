@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,12 +13,12 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
-    from vcfbench.record.outline import Outline
     from vcfbench.runs.run import Run
+    from vcfbench.runs.summary import RunSummary
 
 __all__ = ["app"]
 
@@ -30,15 +29,43 @@ Json_ = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and no
 
 
 @app.command("list")
-def list_(runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
-    """List the records, oldest first."""
-    from vcfbench.record.directory import list_runs  # noqa: PLC0415
+def list_(
+    runs: Runs_ = Path("runs"),
+    *,
+    dut: Annotated[str | None, typer.Option("--dut", metavar="SERIAL", help="Only those of this device.")] = None,
+    since: Annotated[
+        str | None, typer.Option("--since", metavar="DATE", help="Only those that began on this day (UTC) or later.")
+    ] = None,
+    status: Annotated[
+        str | None, typer.Option("--status", metavar="STATUS", help="Only those that ended so: complete, aborted, ...")
+    ] = None,
+    procedure: Annotated[
+        str | None, typer.Option("--procedure", metavar="NAME", help="Only those of this procedure.")
+    ] = None,
+    tag: Annotated[
+        list[str] | None,
+        typer.Option("--tag", metavar="KEY=VALUE", help="Only those that have this tag; repeatable, all must fit."),
+    ] = None,
+    json: Json_ = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, a row a run.")] = False,
+) -> None:
+    """List the records, oldest first: device, key results, verdict."""
+    from vcfbench.cli.metadata import tags_of  # noqa: PLC0415
+    from vcfbench.runs.summary import run_summaries  # noqa: PLC0415
 
-    known = [_listed(directory) for directory in list_runs(runs)]
+    if json and csv:
+        raise ConfigError("--json and --csv: expected one of the two, came both")
+    asked = {"dut": dut, "since": since, "status": status, "procedure": procedure}
+    known = run_summaries(runs, **asked, tags=tags_of(tag or ()))
+    for each in known:
+        if each.problem is not None:
+            typer.echo(f"vcfbench: {each.problem}", err=True)
     if json:
-        print_json({"runs": known})
+        print_json({"runs": [each.as_json() for each in known]})
+    elif csv:
+        _print_csv(known)
     elif not known:
-        typer.echo(f"no records in {runs}")
+        typer.echo(f"no records in {runs}" if not any((*asked.values(), tag)) else f"no such records in {runs}")
     else:
         _print_list(known)
 
@@ -82,56 +109,59 @@ def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     }
 
 
-def _outlined(directory: RunDirectory, outline: Outline, verdict: str | None) -> dict[str, Any]:
-    return {
-        "run": directory.run,
-        "procedure": outline.procedure,
-        "status": outline.status.value,
-        "damage": None,
-        "bench": outline.bench,
-        "seed": outline.seed,
-        "points": len(outline.marks),
-        "verdict": verdict,
-    }
+_HEAD = ("run", "procedure", "status", "bench", "seed", "device", "points", "results", "verdict")
+_CSV = (
+    *("run", "procedure", "status", "damage", "bench", "seed", "points", "started_utc"),
+    *("dut", "operator", "note", "verdict"),
+)
+_SHOWN_RESULTS = 2
+"""Results of a run in its line; --json and --csv have all of them."""
 
 
-def _listed(directory: RunDirectory) -> dict[str, Any]:
-    """Return the line of one record; one that cannot be read keeps no other from being listed."""
-    from vcfbench.record.outline import outline_of  # noqa: PLC0415
-    from vcfbench.runs.recorded import outlined_verdict, recorded_verdict  # noqa: PLC0415
-
-    outline = outline_of(directory.journal)
-    if outline is not None:
-        with suppress(ConfigError):  # what was not stored with the run is computed from its points
-            return _outlined(directory, outline, outlined_verdict(directory, outline))
-    try:
-        record = directory.read()
-        return {**_line(directory, record), "verdict": recorded_verdict(directory, record)}
-    except ConfigError as error:
-        typer.echo(f"vcfbench: {error}", err=True)
-        unknown = dict.fromkeys(("procedure", "status", "damage", "bench", "seed", "points", "verdict"))
-        return {"run": directory.run, **unknown, "status": "unreadable"}
-
-
-def _print_list(known: list[dict[str, Any]]) -> None:
+def _print_list(known: Sequence[RunSummary]) -> None:
     from vcfbench.report.document import Column, Table  # noqa: PLC0415
     from vcfbench.report.text import table_text  # noqa: PLC0415
     from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
-    cells = [{**line, "status": _status(line), "verdict": (line["verdict"] or "-").upper()} for line in known]
-    head = [name for name in cells[0] if name != "damage"]
-    rows = [[printable(line[name]) for name in head] for line in cells]
-    table = table_text(Table([Column(name) for name in head], rows))
+    rows = [[printable(cell) for cell in _cells(each)] for each in known]
+    table = table_text(Table([Column(name) for name in _HEAD], rows))
     if _fits(table):
         typer.echo(table)
         return
-    for line in cells:
-        typer.echo(printable(line["run"]))
-        typer.echo("".join(f"  {name}: {printable(line[name])}\n" for name in head[1:]), nl=False)
+    for run, *others in rows:
+        told = zip(_HEAD[1:], others, strict=True)
+        typer.echo(f"{run}\n{''.join(f'  {name}: {each}' + chr(10) for name, each in told)}", nl=False)
 
 
-def _status(line: dict[str, Any]) -> str:
-    return str(line["status"]) if line["damage"] is None else f"{line['status']}: {line['damage']}"
+def _cells(run: RunSummary) -> tuple[object, ...]:
+    results = [f"{name} {found.words()}" for name, found in run.results.items()][:_SHOWN_RESULTS]
+    return (
+        *(run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, run.dut or "-", run.points),
+        *("; ".join(results) or "-", (run.verdict or "-").upper()),
+    )
+
+
+def _print_csv(known: Sequence[RunSummary]) -> None:
+    """Print a row a run; of each result that one of them has, value, standard uncertainty and unit."""
+    import csv  # noqa: PLC0415
+    import sys  # noqa: PLC0415
+
+    from vcfbench.runs.recorded import printable  # noqa: PLC0415
+
+    names = list(dict.fromkeys(name for each in known for name in each.results))
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow([*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit"))])
+    for each in known:
+        values = each.as_json()
+        found = [each.results.get(name) for name in names]
+        parts = [part for k in found for part in ((k.value, k.u, k.unit) if k is not None else (None, None, None))]
+        tags = ";".join(f"{key}={value}" for key, value in each.tags.items())
+        cells = [*(values[name] for name in _CSV), tags, *parts]
+        writer.writerow([printable(cell) if isinstance(cell, str) else cell for cell in cells])
+
+
+def _status(status: str, damage: str | None) -> str:
+    return status if damage is None else f"{status}: {damage}"
 
 
 def _fits(table: str) -> bool:
@@ -189,8 +219,9 @@ def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> N
     from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
     line = _line(directory, record)
+    status = _status(line["status"], line["damage"])
     typer.echo(
-        f"{printable(line['run'])}: {_status(line)}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
+        f"{printable(line['run'])}: {status}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
         f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
     )
     for words in _told_of(run):

@@ -16,9 +16,10 @@ from vcfbench.files import shown
 from vcfbench.record.journal import JournalRecord, read_journal, read_start
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["RunDirectory", "create_run", "find_run", "list_runs"]
+__all__ = ["RunDirectory", "began", "create_run", "find_run", "list_runs", "recorded_runs"]
 
 _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMP_LENGTH = len("20260821T142530Z")
@@ -88,22 +89,42 @@ def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
 
     Names can be changed and files copied, so the name's stamp and the file's time count only where there is no header.
     """
-    return tuple(sorted((RunDirectory(journal.parent) for journal in runs.glob("*/journal.jsonl")), key=_age))
+    return tuple(sorted(recorded_runs(runs), key=_age))
+
+
+def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
+    """Yield the runs under `runs`, in no order."""
+    return (RunDirectory(journal.parent) for journal in runs.glob("*/journal.jsonl"))
 
 
 def _age(run: RunDirectory) -> tuple[datetime, int, str]:
     """Return what sorts runs by their start, those of one instant by their end."""
-    try:
-        changed_ns = run.journal.stat().st_mtime_ns
-    except OSError:  # gone since, or a link to nowhere: reading it will say so
-        changed_ns = 0
+    changed_ns = _changed_ns(run)
     return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
+
+
+def _changed_ns(run: RunDirectory) -> int:
+    try:
+        return run.journal.stat().st_mtime_ns
+    except OSError:  # gone since, or a link to nowhere: reading it will say so
+        return 0
 
 
 def _started(run: RunDirectory) -> datetime | None:
     """Return when a run began, by its header or else its name; None if neither tells."""
-    with suppress(ConfigError, ValueError):
-        if (told := read_start(run.journal)) is not None:
+    with suppress(ConfigError):
+        return _told(run, read_start(run.journal))
+    return _told(run, None)
+
+
+def began(run: RunDirectory, told: object) -> datetime:
+    """Return when a run began: as its header has `told`, or else by its name, or else its file."""
+    return _told(run, told) or datetime.fromtimestamp(_changed_ns(run) / 1e9, UTC)
+
+
+def _told(run: RunDirectory, told: object) -> datetime | None:
+    with suppress(ValueError):
+        if isinstance(told, str):
             return _instant(datetime.fromisoformat(told))
     with suppress(ValueError):
         return _instant(datetime.strptime(run.run[:_STAMP_LENGTH], _STAMP))  # noqa: DTZ007  # the stamp is in UTC

@@ -11,7 +11,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 import msgspec
-from msgspec import Struct
+from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import opened
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["Mark", "Outline", "outline_of"]
+__all__ = ["Mark", "Outline", "Told", "outline_of"]
 
 
 class Mark(Struct, frozen=True, gc=False):
@@ -32,14 +32,30 @@ class Mark(Struct, frozen=True, gc=False):
     output_v: float | None = None
 
 
+class Told(Struct, frozen=True):
+    """What was told of a run, as far as lists show it."""
+
+    dut: str | None = None
+    operator: str | None = None
+    note: str | None = None
+    tags: dict[str, str] = {}
+
+
 class Outline(Struct, frozen=True):
-    """A journal without steps and readings; `marks` are of its points."""
+    """A journal without steps and readings; `marks` are of its points, `device` that of its settings."""
 
     procedure: str
     bench: str | None
     seed: int | None
     status: Status
     marks: tuple[Mark, ...]
+    utc: str | None = None
+    metadata: Told = field(default_factory=Told)
+    device: str | None = None
+
+
+class _Settings(Struct, frozen=True):
+    dut: str | None = None
 
 
 class _Bench(Struct, frozen=True):
@@ -52,6 +68,9 @@ class _Header(Struct, frozen=True):
     procedure: str
     bench: _Bench
     seed: int | None = None
+    utc: str | None = None
+    metadata: Told = field(default_factory=Told)
+    settings: _Settings = field(default_factory=_Settings)
 
 
 class _Line(Struct, frozen=True, gc=False):
@@ -91,23 +110,26 @@ def outline_of(path: Path) -> Outline | None:
     whole = (header.type, footer.type, footer.points) == ("header", "footer", len(marks)) and _in_order(between)
     if not whole or header.format not in READABLE:
         return None
-    return Outline(header.procedure, header.bench.name, header.seed, footer.status, marks)
+    head = (header.procedure, header.bench.name, header.seed, footer.status, marks)
+    return Outline(*head, header.utc, header.metadata, header.settings.dut)
 
 
 def _in_order(lines: Sequence[_Line]) -> bool:
     """Tell whether steps follow each other in number and time, each after all its chunks of readings."""
     step, chunk, before_s = 0, 0, 0.0
     for line in lines:
-        if line.type == "readings":
-            chunk += 1
-            if (line.n, line.chunk) != (step + 1, chunk):
-                return False
-        elif line.type in ("step", "error"):
+        kind = line.type
+        if kind in ("step", "error"):
             step += 1
-            end_s = line.end_s or line.t_s
-            if (line.n, line.chunks) != (step, chunk) or not before_s <= line.t_s <= end_s or not isfinite(end_s):
+            begin_s = line.t_s
+            end_s = line.end_s or begin_s
+            if line.n != step or line.chunks != chunk or not before_s <= begin_s <= end_s or not isfinite(end_s):
                 return False
             chunk, before_s = 0, end_s
-        elif line.type in ("header", "footer"):
+        elif kind == "readings":
+            chunk += 1
+            if line.n != step + 1 or line.chunk != chunk:
+                return False
+        elif kind in ("header", "footer"):
             return False
     return True

@@ -15,8 +15,10 @@ from vcfbench.record.schema import Status
 from vcfbench.runs.run import Run, breaks
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from datetime import datetime
+
     from vcfbench.record.journal import JournalRecord
-    from vcfbench.record.outline import Outline
     from vcfbench.runs.results import CameTo
 
 
@@ -40,12 +42,36 @@ def directory_of(name_or_path: str | Path, runs: str | Path = "runs") -> RunDire
     return RunDirectory(path) if (path / "journal.jsonl").is_file() else find_run(Path(runs), str(name_or_path))
 
 
-def list_runs(runs: str | Path = "runs") -> tuple[Run, ...]:
-    """Return every run recorded under `runs`, oldest first.
+def list_runs(
+    runs: str | Path = "runs",
+    *,
+    dut: str | None = None,
+    since: str | datetime | None = None,
+    status: str | None = None,
+    procedure: str | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> tuple[Run, ...]:
+    """Return the runs recorded under `runs`, oldest first; all of them, or those that are asked for.
 
     One whose record cannot be read has the status ``"unreadable"`` and the reason as its `error`.
+
+    Args:
+        runs: directory of the records.
+        dut: only those of this device.
+        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
+        status: only those that ended so.
+        procedure: only those of this procedure.
+        tags: only those that have all of them.
+
+    Raises:
+        ConfigError: there is no such status, or the date is none.
     """
-    return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))
+    if all(each is None for each in (dut, since, status, procedure, tags)):
+        return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))
+    from vcfbench.runs.summary import run_summaries  # noqa: PLC0415
+
+    asked = run_summaries(runs, dut=dut, since=since, status=status, procedure=procedure, tags=tags)
+    return tuple(_run_or_why_not(RunDirectory(each.directory)) for each in asked)
 
 
 def _run_or_why_not(directory: RunDirectory) -> Run:
@@ -60,7 +86,7 @@ def _run_or_why_not(directory: RunDirectory) -> Run:
 def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
     """Return what `record` in `directory` tells of its run."""
     header, footer = record.header, record.footer or {}
-    came_to, why_none = _came_to(directory, record)
+    came_to, why_none = came_to_of(directory, record)
     lost = footer.get("observers_lost", ())
     run = Run(
         procedure=str(header.get("procedure")),
@@ -101,7 +127,7 @@ def not_checked(record: JournalRecord) -> tuple[str, ...]:
     return tuple(str(step["not_checked"]) for step in record.steps if "not_checked" in step)
 
 
-def _came_to(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, str | None]:
+def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, str | None]:
     """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
     from vcfbench.runs.results import nothing, stored  # noqa: PLC0415
 
@@ -139,41 +165,6 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
         return come_to(procedure, settings, settings.acceptance, measured)
     except BenchError as error:
         raise ConfigError(f"the points give no result: {error.what}") from error
-
-
-def recorded_verdict(directory: RunDirectory, record: JournalRecord) -> str | None:
-    """Return ``pass``, ``marginal`` or ``fail``, None where nothing is judged.
-
-    Results are computed only where the bench has limits; of a procedure with its own limits the stored verdict counts.
-    """
-    bench = record.header.get("bench", {})
-    limits = bench.get("acceptance")
-    if not isinstance(limits, dict) or not any(each for key, each in limits.items() if key != "guard_band"):
-        return _stored_word(directory, record)
-    verdict = _came_to(directory, record)[0].verdict
-    return None if verdict is None else verdict.word
-
-
-def outlined_verdict(directory: RunDirectory, outline: Outline) -> str | None:
-    """Return the verdict that was stored with the run, None where nothing is judged.
-
-    Raises:
-        ConfigError: what is stored cannot be read, or is none of these points.
-    """
-    from vcfbench.runs.results import stored_verdict  # noqa: PLC0415  # for lists alone
-
-    verdict = stored_verdict(directory.path / "result.json", outline)
-    return None if verdict is None else verdict.word
-
-
-def _stored_word(directory: RunDirectory, record: JournalRecord) -> str | None:
-    from vcfbench.runs.results import stored  # noqa: PLC0415  # as above
-
-    try:
-        verdict = stored(directory, record).verdict
-    except ConfigError:  # there is none
-        return None
-    return None if verdict is None else verdict.word
 
 
 def printable(value: object) -> str:

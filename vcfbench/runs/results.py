@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from msgspec import Struct
+from msgspec import Raw, Struct
 
 from vcfbench.bench.acceptance import Acceptance, Verdict, judged
 from vcfbench.errors import BenchError, ConfigError
@@ -18,6 +19,8 @@ from vcfbench.report.generic import generic_report, points_table, results_table
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
+
+    from msgspec.json import Decoder
 
     from vcfbench.bench.settings import Limit
     from vcfbench.plans.measured import Measured
@@ -89,8 +92,8 @@ def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
     return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
 
 
-def stored_verdict(path: Path, outline: Outline) -> Acceptance | None:
-    """Return the verdict in the ``result.json`` of a run, None if there is none; its results are not looked at.
+def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Mapping[str, Raw]]:
+    """Return the verdict in the ``result.json`` of a run, None if there is none, and its results as they stand there.
 
     Raises:
         ConfigError: there is no such file, or it is none of the run's points.
@@ -98,19 +101,27 @@ def stored_verdict(path: Path, outline: Outline) -> Acceptance | None:
     import msgspec  # noqa: PLC0415  # as below
 
     try:
-        told = msgspec.json.decode(read_file(path, "the result of a run", MOST_TABLE), type=_Stored)
+        told = _decoder().decode(read_file(path, "the result of a run", MOST_TABLE))
     except (msgspec.DecodeError, RecursionError) as error:
         raise ConfigError(f"{shown(path)}: expected the result of a run: {error}") from None
     if (told.procedure, told.points) != (outline.procedure, outline.marks):
         raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
-    return None if told.acceptance is None else _stored_verdict({"acceptance": told.acceptance})
+    return None if told.acceptance is None else _stored_verdict({"acceptance": told.acceptance}), told.results
+
+
+@cache
+def _decoder() -> Decoder[_Stored]:
+    from msgspec.json import Decoder  # noqa: PLC0415  # for lists alone
+
+    return Decoder(_Stored)
 
 
 class _Stored(Struct, frozen=True):
-    """What says whose result a file holds, and the verdict on it."""
+    """What says whose result a file holds, the verdict on it, and the results undecoded."""
 
     procedure: str
     points: tuple[Mark, ...]
+    results: dict[str, Raw]
     acceptance: dict[str, Any] | None = None
 
 

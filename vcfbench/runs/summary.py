@@ -1,0 +1,270 @@
+"""What a list says of each record, and which records a list is asked for: no readings are read for it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from vcfbench.errors import ConfigError
+from vcfbench.record.directory import RunDirectory, began, recorded_runs
+from vcfbench.record.metadata import metadata_from
+from vcfbench.record.outline import outline_of
+from vcfbench.record.plain import ReadOnly, plain
+from vcfbench.record.schema import Status
+from vcfbench.runs.results import stored_outcome
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.record.outline import Outline
+
+__all__ = ["KeyResult", "RunSummary", "Selection", "ordered", "run_summaries", "selection_of", "summary_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class KeyResult:
+    """A result that a list shows: its value, its standard uncertainty (None where none is stated) and its unit."""
+
+    value: float
+    u: float | None
+    unit: str
+
+    def words(self) -> str:
+        """Return value and unit, six digits."""
+        return f"{self.value:.6g} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSummary:
+    """What a list says of a record.
+
+    `run` is its name, `directory` where it is, `started` when it began (UTC). `results` are those with a unit, by the
+    names that they have in ``result.json``. `verdict` is ``pass``, ``marginal``, ``fail``, or None where nothing was
+    judged. `damage` and `problem` say what is wrong with a record that is damaged, or cannot be read.
+    """
+
+    run: str
+    directory: Path
+    started: datetime
+    status: Status
+    procedure: str | None = None
+    bench: str | None = None
+    seed: int | None = None
+    points: int | None = None
+    dut: str | None = None
+    operator: str | None = None
+    note: str | None = None
+    tags: Mapping[str, str] = field(default_factory=dict)
+    results: Mapping[str, KeyResult] = field(default_factory=dict)
+    verdict: str | None = None
+    damage: str | None = None
+    problem: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as ``runs list --json`` prints it."""
+        return {
+            "run": self.run,
+            "procedure": self.procedure,
+            "status": self.status.value,
+            "damage": self.damage,
+            "bench": self.bench,
+            "seed": self.seed,
+            "points": self.points,
+            "started_utc": self.started.isoformat(),
+            "dut": self.dut,
+            "operator": self.operator,
+            "note": self.note,
+            "tags": dict(self.tags),
+            "results": {name: {"value": k.value, "u": k.u, "unit": k.unit} for name, k in self.results.items()},
+            "verdict": self.verdict,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """Which runs are meant; what is None or empty is no matter. `since` is an instant with its time zone."""
+
+    dut: str | None = None
+    since: datetime | None = None
+    status: Status | None = None
+    procedure: str | None = None
+    tags: Mapping[str, str] = field(default_factory=dict)
+
+    def takes(self, summary: RunSummary) -> bool:
+        """Tell whether a run is one of those."""
+        return (
+            self.dut in {None, summary.dut}
+            and self.status in {None, summary.status}
+            and self.procedure in {None, summary.procedure}
+            and (self.since is None or summary.started >= self.since)
+            and all(summary.tags.get(key) == value for key, value in self.tags.items())
+        )
+
+
+def selection_of(
+    *,
+    dut: str | None = None,
+    since: str | datetime | None = None,
+    status: str | None = None,
+    procedure: str | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> Selection:
+    """Return which runs are meant.
+
+    Args:
+        dut: serial number of the device.
+        since: the day or the instant from which on they began, ``2026-01-15`` or ``2026-01-15T10:30``; UTC where no
+            time zone is said.
+        status: how they ended.
+        procedure: its name.
+        tags: what they must all have.
+
+    Raises:
+        ConfigError: there is no such status, or the date is none.
+    """
+    known = [each.value for each in Status]
+    if status is not None and status not in known:
+        raise ConfigError(f"status: expected one of {', '.join(known)}, came {status!r}")
+    ended = None if status is None else Status(status)
+    return Selection(dut=dut, since=_instant(since), status=ended, procedure=procedure, tags=dict(tags or {}))
+
+
+def _instant(told: str | datetime | None) -> datetime | None:
+    if told is None:
+        return None
+    try:
+        instant = told if isinstance(told, datetime) else datetime.fromisoformat(told)
+    except ValueError:
+        raise ConfigError(f"since: expected a date, as in 2026-01-15, came {told!r}") from None
+    return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
+
+
+def run_summaries(
+    runs: str | Path = "runs",
+    *,
+    dut: str | None = None,
+    since: str | datetime | None = None,
+    status: str | None = None,
+    procedure: str | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> tuple[RunSummary, ...]:
+    """Return what a list says of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
+
+    ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
+
+    Args:
+        runs: directory of the records.
+        dut: only those of this device.
+        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
+        status: only those that ended so.
+        procedure: only those of this procedure.
+        tags: only those that have all of them.
+
+    Raises:
+        ConfigError: there is no such status, or the date is none.
+    """
+    chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
+    return ordered(each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
+
+
+def ordered(summaries: Iterator[RunSummary]) -> tuple[RunSummary, ...]:
+    """Return runs by when they began."""
+    return tuple(sorted(summaries, key=lambda each: (each.started, each.run)))
+
+
+def summary_of(directory: RunDirectory) -> RunSummary:
+    """Return what a list says of one record; one that cannot be read says why in its `problem`."""
+    outline = outline_of(directory.journal)
+    if outline is not None:
+        with suppress(ConfigError):  # what was not stored with the run is computed from its points
+            return _outlined(directory, outline)
+    try:
+        return _read(directory)
+    except ConfigError as error:
+        started = began(directory, None)
+        return RunSummary(
+            run=directory.run,
+            directory=directory.path,
+            started=started,
+            status=Status.UNREADABLE,
+            problem=str(error),
+        )
+
+
+def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
+    verdict, results = stored_outcome(directory.path / "result.json", outline)
+    told = outline.metadata
+    return RunSummary(
+        run=directory.run,
+        directory=directory.path,
+        started=began(directory, outline.utc),
+        status=outline.status,
+        procedure=outline.procedure,
+        bench=outline.bench,
+        seed=outline.seed,
+        points=len(outline.marks),
+        dut=told.dut or outline.device,
+        operator=told.operator,
+        note=told.note,
+        tags=ReadOnly(told.tags),
+        results=ReadOnly(dict(_stored_results(results))),
+        verdict=None if verdict is None else verdict.word,
+    )
+
+
+def _read(directory: RunDirectory) -> RunSummary:
+    """Read a record in full, and compute its results again where they are not stored."""
+    from vcfbench.runs.recorded import came_to_of  # noqa: PLC0415  # few records need it
+
+    record = directory.read()
+    header, told = record.header, metadata_from(record.header)
+    came_to, _ = came_to_of(directory, record)
+    verdict = came_to.verdict
+    return RunSummary(
+        run=directory.run,
+        directory=directory.path,
+        started=began(directory, header.get("utc")),
+        status=record.status,
+        procedure=header.get("procedure"),
+        bench=header.get("bench", {}).get("name"),
+        seed=header.get("seed"),
+        points=len(record.points),
+        dut=told.dut,
+        operator=told.operator,
+        note=told.note,
+        tags=told.tags,
+        results=ReadOnly(dict(_stored_results(_encoded(came_to.results)))),
+        verdict=None if verdict is None else verdict.word,
+        damage=record.damage,
+    )
+
+
+class _Quantity(msgspec.Struct, frozen=True, gc=False):
+    value: float
+    unit: str
+    u: float | None = None
+
+
+_VALUE_FIRST = 64
+"""Bytes in which the first name of an object stands, however far it is indented."""
+
+_QUANTITY = msgspec.json.Decoder(_Quantity)
+
+
+def _encoded(results: Any) -> dict[str, msgspec.Raw]:
+    values = {} if results is None else plain(results)
+    return {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in values.items()}
+
+
+def _stored_results(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, KeyResult]]:
+    """Yield the results that have a value and a unit."""
+    for name, raw in results.items():
+        if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
+            with suppress(msgspec.DecodeError):
+                found = _QUANTITY.decode(raw)
+                yield name, KeyResult(found.value, found.u, found.unit)
