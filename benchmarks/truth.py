@@ -141,6 +141,7 @@ def truths(
         "scale_factor_error_percent": 100.0 * (virtual_slope / slope - 1.0),
         "bias_difference_v": virtual_bias - bias,
         "turntable.nonlinearity": _nonlinearity_ppm(rates_deg_s, on_table),
+        "virtual.nonlinearity": _nonlinearity_ppm(stands_for.tolist(), [output(0.0, v) for v in levels_v]),
     }
 
 

@@ -228,8 +228,8 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
     where, _ = quiet
     curve = DeviceStore(where / "devices").certificate("G-1").record.k_vc  # type: ignore[union-attr]
     for rate_deg_s in (-200.0, -1.0, 35.0, 200.0):
-        assert curve.rate_deg_s(level_for(curve, rate_deg_s)) == pytest.approx(rate_deg_s, abs=0.01)
-    assert level_for(curve, 0.0) == 0.0
+        assert curve.rate_deg_s(level_for(curve, rate_deg_s, "rates")) == pytest.approx(rate_deg_s, abs=0.01)
+    assert level_for(curve, 0.0, "rates") == 0.0
 
 
 def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.procedures.test_uncertainty import NOISE, RATES, READINGS, settings
+from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, READINGS, four_steps, settings
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
-from vcfbench.bench.settings import Sources
-from vcfbench.procedures.uncertainty import Line, turntable_statement
+from vcfbench.bench.settings import Match, Sources
+from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.uncertainty import Line, StatedValue, four_step_statement, turntable_statement
 from vcfbench.procedures.worst_residual import Residuals, Spread
 from vcfbench.record.schema import Point
 
@@ -66,7 +69,7 @@ def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
 
 
 def test_where_two_residuals_are_equal_u95_still_holds_the_largest() -> None:
-    """Odd curvature: +100 and -100 deg/s. The largest that is found lies too high by half its u, U95 holds it."""
+    """Odd curvature: +100 and -100 deg/s. The largest that is found lies too high, U95 holds it."""
     true = curved(0.0, 3e-3)
     drawn = true + U_V * np.random.default_rng(2).standard_normal((1000, true.size))
     errors = largest_ppm(drawn) - largest_ppm(true)
@@ -94,9 +97,88 @@ def test_two_points_have_no_non_linearity() -> None:
     assert not any("nonlinearity" in each for each in stated.not_in_u)
 
 
+def spread(found: list[float], normal: np.ndarray, common: np.ndarray | None = None) -> Spread:
+    size = len(found)
+    through = np.zeros((0, size)) if common is None else common
+    flat = np.ones(len(through), dtype=bool)
+    return Spread(np.array(found), np.zeros((size, size)), 100.0, normal, through, flat)
+
+
 def test_only_what_lies_near_the_largest_may_be_it() -> None:
-    found, none = np.array([-100.0, 90.0, 10.0]), np.zeros((3, 3))
-    assert Spread(found, 9.0 * np.eye(3), none, 100.0).may_be_largest().tolist() == [0, 1]
-    opposite = np.outer([1.0, -1.0, 0.0], [1.0, -1.0, 0.0])
-    assert Spread(found, none, 100.0 * opposite, 100.0).may_be_largest().tolist() == [0]  # both grow alike
-    assert Spread(found, none, np.eye(3), 100.0).u95(np.array([0])) == pytest.approx(1.96, rel=0.04)
+    found, opposite = [-100.0, 90.0, 10.0], np.outer([1.0, -1.0, 0.0], [1.0, -1.0, 0.0])
+    assert spread(found, 9.0 * np.eye(3)).near_largest().tolist() == [0, 1]
+    assert spread(found, 9.0 * np.eye(3)).near_largest(0.5).tolist() == [0]
+    assert spread(found, 100.0 * opposite).near_largest().tolist() == [0]  # both grow alike
+
+
+def test_a_source_that_all_residuals_share_moves_the_largest_by_its_own_share() -> None:
+    """One limit of a rectangular distribution: u is half width over root three, U95 95 % of the half width."""
+    half = np.array([[30.0, -20.0, 10.0]]) / np.sqrt(3.0)
+    moved = spread([200.0, 0.0, 0.0], np.zeros((3, 3)), half).largest()
+    assert moved.u == pytest.approx(30.0 / np.sqrt(3.0), rel=0.03)
+    assert moved.u95 == pytest.approx(0.95 * 30.0, rel=0.02)
+    assert moved.by_errors == pytest.approx(0.95 * 30.0, rel=0.02)
+
+
+def test_windows_at_one_rate_have_one_residual_that_of_their_mean() -> None:
+    true = curved(5e-3, 1e-3)
+    off = np.full(true.size, 2e-4)
+    twice = points_of(np.round(true + off, 12)) + points_of(np.round(true - off, 12))
+    once, again = (turntable_statement(settings(Sources()), each) for each in (points_of(true), twice))
+    assert again.value("nonlinearity").value == pytest.approx(once.value("nonlinearity").value, rel=1e-6)
+    assert again.value("nonlinearity").u == pytest.approx(once.value("nonlinearity").u / np.sqrt(2.0), rel=1e-6)
+
+
+def driven(level_v: np.ndarray, cubic: float = 0.03) -> np.ndarray:
+    """Return the output of a modulator with a third order, V."""
+    return np.asarray(K * K_VC * (level_v + 4e-3 * level_v**2 + cubic * level_v**3))
+
+
+def four_steps_of(outputs: np.ndarray, std_v: float = 0.0) -> list[Point]:
+    points = [point for point in four_steps(std_v) if point.step != 4]
+    made = zip(RATES, outputs.tolist(), strict=True)
+    return points + [Point(4, rate, rate / K_VC, out, std_v, READINGS) for rate, out in made]
+
+
+def of_virtual_line(sources: Sources, outputs: np.ndarray, v_vc_std_v: float | None = None) -> StatedValue:
+    points = four_steps_of(outputs)
+    if v_vc_std_v is not None:
+        points = [replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=v_vc_std_v) for p in points]
+    stated = four_step_statement(settings(sources), points, Matching.of(points, Match.ZERO, 10.0))
+    return stated.value("virtual.nonlinearity")
+
+
+def test_the_non_linearity_of_the_virtual_line_scatters_as_stated_when_generators_are_drawn() -> None:
+    """Range jumps of 2 % make another residual the largest: NumPy's scatter of 4000 sets of ranges."""
+    rng, level = np.random.default_rng(5), np.array(RATES) / K_VC
+    own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
+    gain, offset = rng.uniform(-0.02, 0.02, (4000, 4)), rng.uniform(-4e-3, 4e-3, (4000, 4))
+    drawn = largest_ppm(driven(level * (1.0 + gain[:, own]) + offset[:, own]))
+    stated = of_virtual_line(GENERATOR, driven(level))
+    assert stated.value == pytest.approx(largest_ppm(driven(level)), rel=1e-9)
+    assert "u by trials" in stated.of
+    assert stated.u == pytest.approx(drawn.std(), rel=0.06)
+    assert 0.93 < np.mean(np.abs(drawn - stated.value) <= stated.u95) < 0.97
+
+
+def test_a_meter_on_v_vc_puts_its_scatter_into_the_non_linearity() -> None:
+    rng, level = np.random.default_rng(6), np.array(RATES) / K_VC
+    stated = of_virtual_line(Sources(), driven(level), 3e-5)
+    seen = level + 3e-5 / np.sqrt(READINGS) * rng.standard_normal((2000, level.size))
+    off = [largest_ppm(driven(level), K_VC * v) - largest_ppm(driven(v), K_VC * v) for v in seen]
+    assert stated.u == pytest.approx(float(np.std(off)), rel=0.06)
+
+
+def test_the_non_linearity_is_that_at_the_levels_that_are_told() -> None:
+    """Levels that are larger by a part in ten thousand are on more of the curve."""
+    level, g = np.array(RATES) / K_VC, 1e-4
+    stated = of_virtual_line(Sources(v_vc_gain=g, v_vc_sigmas=1.0), driven(level), 1e-9)
+    more = float(largest_ppm(driven(level * (1.0 + g)), K_VC * level) - largest_ppm(driven(level)))
+    assert stated.u == pytest.approx(abs(more), rel=0.02)
+
+
+def test_a_straight_modulator_has_a_bound_and_no_value() -> None:
+    points = four_steps_of(driven(np.array(RATES) / K_VC, 0.0), NOISE)
+    stated = four_step_statement(settings(GENERATOR), points, Matching.of(points, Match.ZERO, 10.0))
+    assert "virtual.nonlinearity" not in [each.name for each in stated.values]
+    assert any(each.startswith("virtual.nonlinearity: errors alone") for each in stated.not_in_u)

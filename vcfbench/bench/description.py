@@ -191,10 +191,9 @@ class Laboratory(Part, frozen=True, kw_only=True):
 class Knowledge(Part, frozen=True, kw_only=True):
     """What is known of instruments and gyroscope for the uncertainties; what is not given is not in them, and said so.
 
-    `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc was
-    , `table_rate_error` the largest relative error of
-    the table's rate, `bias_instability_deg_h` the gyroscope's coefficient B of a zero record, and `horizon_h` the time
-    over which a bias is a statement.
+    `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc
+    was, `table_rate_error` the largest relative error of the table's rate, `bias_instability_deg_h` the gyroscope's
+    coefficient B of a zero record, and `horizon_h` the time over which a bias is a statement.
 
     `temperature_k` is how far the gyroscope's temperature may be from that for which values are stated, `warm_up_k` how
     far it is from it at power-on, `warm_up_time_s` the time constant; `scale_factor_ppm_k` and `bias_deg_h_k` what a

@@ -126,7 +126,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     meter_gain: float | None = None
     meter_offset_v: float | None = None
     meter_sigmas: float | None = None
-    meter_age_days: float | None = None
+    meter_age_days: float = 365.0
     generator_gain: float | None = None
     generator_offset_v: float | None = None
     generator_ranges_v: tuple[float, ...] = ()
@@ -134,6 +134,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     v_vc_gain: float | None = None
     v_vc_offset_v: float | None = None
     v_vc_sigmas: float | None = None
+    v_vc_meter_age_days: float = 365.0
     table_rate: float | None = None
     bias_instability_deg_h: float | None = None
     horizon_h: float = 24.0

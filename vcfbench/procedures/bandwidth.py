@@ -41,6 +41,7 @@ from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
+from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -52,20 +53,11 @@ if TYPE_CHECKING:
 
 __all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "at_rest", "results", "sweep"]
 
-_NPLC = 0.2
-_FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
-"""Spacing of the samples: no tone up to 75 Hz is folded; below 4 Hz longer records, whose spacing folds the mains away
-from what is measured."""
-_HIGHEST_HZ = 75.0
-_APART = 2.5
-"""Periods over a record by which a tone must differ from the mains."""
 _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""
-_SCOPE_TIME_BASE = 25e-6
-"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
 _DRIVE_RECORDS = 8
 
-Hertz = Annotated[float, Meta(ge=0.05, le=_HIGHEST_HZ)]
+Hertz = Annotated[float, Meta(ge=0.05, le=HIGHEST_HZ)]
 Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
 
 
@@ -145,7 +137,7 @@ def at_rest(settings: BandwidthSettings, work: Routine[Outcome]) -> Routine[Outc
 def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
     """Measure the drive frequency, then the response at all frequencies; V_Vc is left a sine."""
     yield from _drive_frequency(settings)
-    yield ConfigureMeter(float(settings.meter_range_v), _NPLC)
+    yield ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
     yield Note("The sine at frequencies far apart")
     rough = []
@@ -163,9 +155,8 @@ def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
 
 def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> list[float]:
     """Return the frequencies, rising, that a record tells from the mains: what its leads pick up is a tone as well."""
-    apart_hz = _APART / (settings.record_samples * _FAST_S)
-    mains_hz = settings.station.mains_hz
-    return sorted(each for each in frequencies_hz if each <= _HIGHEST_HZ and abs(each - mains_hz) > apart_hz)
+    mains_hz, samples = settings.station.mains_hz, settings.record_samples
+    return sorted(each for each in frequencies_hz if each <= HIGHEST_HZ and stands_off_mains(each, mains_hz, samples))
 
 
 def _drive_frequency(settings: BandwidthSettings) -> Routine[None]:
@@ -178,11 +169,10 @@ def _drive_frequency(settings: BandwidthSettings) -> Routine[None]:
 
 
 def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[SineResponse]:
-    interval_s = _SLOW_S if frequency_hz < _SLOW_BELOW_HZ else _FAST_S
     yield SetSine(frequency_hz, settings.sine_amplitude_v)
     yield Settle(settings.settle_s, "gyro settles after the change of frequency")
     samples, split_hz = settings.record_samples, settings.split_guess_hz
-    sample = SampleSine(frequency_hz, settings.sine_amplitude_v, samples, interval_s, split_hz)
+    sample = SampleSine(frequency_hz, settings.sine_amplitude_v, samples, sampled_every_s(frequency_hz), split_hz)
     response = answer((yield sample), SineResponse)
     yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
     return response
@@ -236,7 +226,7 @@ def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, f
         return 0.5 * (low + high), (high - low) / math.sqrt(12.0)
     seen = [each.frequency_hz for each in found[-1][1].records]
     scatter = stdev(seen) / math.sqrt(len(seen))
-    return fmean(seen), math.hypot(scatter, _SCOPE_TIME_BASE * fmean(seen) / math.sqrt(3.0))
+    return fmean(seen), math.hypot(scatter, SCOPE_TIME_BASE * fmean(seen) / math.sqrt(3.0))
 
 
 def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:

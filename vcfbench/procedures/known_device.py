@@ -115,7 +115,8 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         recalled = structs.replace(self, station=station)
         for rate_deg_s in recalled.magnitudes_deg_s:
             for sign in (1.0, -1.0):
-                _require_level(recalled, level_for(known.k_vc, sign * rate_deg_s), sign * rate_deg_s)
+                signed = sign * rate_deg_s
+                _require_level(recalled, level_for(known.k_vc, signed, self.rates_key), signed)
         return recalled
 
 
@@ -201,8 +202,8 @@ def _reference(entries: tuple[Entry, ...]) -> Reference | None:
     return None
 
 
-def level_for(curve: KvcCurve, rate_deg_s: float) -> float:
-    """Return the V_Vc that stands for a rate, by bisection; 0 V for none.
+def level_for(curve: KvcCurve, rate_deg_s: float, key: str) -> float:
+    """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
 
     Raises:
         ConfigError: the curve does not go so far.
@@ -213,9 +214,7 @@ def level_for(curve: KvcCurve, rate_deg_s: float) -> float:
     ends = sorted((curve.rate_deg_s(low_v), curve.rate_deg_s(high_v)))
     tolerance = 1e-3 * (ends[1] - ends[0])
     if not ends[0] - tolerance <= rate_deg_s <= ends[1] + tolerance:
-        raise ConfigError(
-            f"virtual_rates_deg_s: K_Vc is known from {ends[0]:.5g} to {ends[1]:.5g} deg/s, not at {rate_deg_s:g}"
-        )
+        raise ConfigError(f"{key}: K_Vc is known from {ends[0]:.5g} to {ends[1]:.5g} deg/s, not at {rate_deg_s:g}")
     rising = curve.rate_deg_s(high_v) > curve.rate_deg_s(low_v)
     for _ in range(60):
         middle_v = 0.5 * (low_v + high_v)

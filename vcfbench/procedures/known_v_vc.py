@@ -58,9 +58,6 @@ class VvcKnown(Enum):
     SET = "set"
 
 
-Age = Annotated[float, Meta(ge=0.0, le=36_500.0)]
-
-
 class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
     """What procedures are told that go by V_Vc."""
 
@@ -72,8 +69,6 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
         ),
     ] = VvcKnown.MEASURED
     v_vc_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the meter on V_Vc")] = 10
-    multimeter_age_days: Annotated[Age, Meta(description="since the multimeter's calibration, days")] = 365.0
-    v_vc_meter_age_days: Annotated[Age, Meta(description="since that of the meter on V_Vc, days")] = 365.0
     temperature_c: Annotated[
         Annotated[float, Meta(ge=-100.0, le=200.0)] | None, Meta(description="of the gyroscope, where it was measured")
     ] = None
@@ -124,7 +119,7 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
     def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""
         yield from super().contradictions()
-        for key, role in (("multimeter_age_days", "multimeter"), ("v_vc_meter_age_days", self.v_vc_role)):
+        for key, role in (("meter_range_v", "multimeter"), ("v_vc_range_v", self.v_vc_role)):
             try:
                 if role in self.station.instruments:
                     meter_error(self, role)
@@ -168,7 +163,9 @@ def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
     own = role == "v_vc_meter"
     range_v = float(settings.v_vc_range_v if own else settings.meter_range_v)
     try:
-        u = sheet.standard_deviation(range_v, settings.v_vc_meter_age_days if own else settings.multimeter_age_days)
+        known = settings.station.sources
+        age_days = known.v_vc_meter_age_days if own else known.meter_age_days
+        u = sheet.standard_deviation(range_v, age_days)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return InstrumentError(placed.name, u.reading, u.range * range_v)

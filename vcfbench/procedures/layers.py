@@ -209,6 +209,8 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
         _generator_sources(description),
         **_meter_sources(description, float(chosen.meter_range_v)),
         **_v_vc_meter_sources(description),
+        meter_age_days=known.meter_age_days,
+        v_vc_meter_age_days=known.v_vc_meter_age_days,
         table_rate=known.table_rate_error,
         bias_instability_deg_h=known.bias_instability_deg_h,
         horizon_h=known.horizon_h,
@@ -234,7 +236,6 @@ def _meter_sources(description: BenchDescription, range_v: float) -> dict[str, f
         "meter_gain": promised.reading,
         "meter_offset_v": promised.range * range_v,
         "meter_sigmas": sheet.limit_sigmas,
-        "meter_age_days": age_days,
     }
 
 

@@ -120,7 +120,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     @property
     def amplitude_v(self) -> float:
         """Amplitude of the sine on V_Vc, V."""
-        return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s))
+        return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s, self.rates_key))
 
     def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""

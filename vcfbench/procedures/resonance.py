@@ -43,6 +43,7 @@ from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
 from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
@@ -56,8 +57,6 @@ __all__ = ["RESONANCE", "CaptureDecay", "ReleaseDrive", "ResonanceSettings", "Re
 
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""
-_TIME_BASE = 25e-6
-"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
 _LARGEST_V = 10.0
 """What no node of the PCB exceeds: its rails."""
 
@@ -326,7 +325,7 @@ def _mean(values: Sequence[float], unit: str, *others: Part) -> Measurand:
 
 
 def _frequency(values_hz: Sequence[float]) -> Measurand:
-    time_base = Part("time base", _TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope")
+    time_base = Part("time base", SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope")
     return _mean(values_hz, "Hz", time_base)
 
 

@@ -80,7 +80,7 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
     yield from ready_meters(settings)
     curve, levels_v = settings.known.k_vc, {0.0: 0.0}
     for rate_deg_s in settings.magnitudes_deg_s:
-        levels_v |= {signed: level_for(curve, signed) for signed in (rate_deg_s, -rate_deg_s)}
+        levels_v |= {signed: level_for(curve, signed, settings.rates_key) for signed in (rate_deg_s, -rate_deg_s)}
     for cycle in range(settings.cycles):
         for rate_deg_s in settings.magnitudes_deg_s:
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: generator off, then V_Vc")

@@ -19,7 +19,7 @@ from vcfbench.procedures.schedule import (
     window_grid,
 )
 from vcfbench.procedures.sweep import Sweep, zero_places
-from vcfbench.procedures.uncertainty import noise_of_sums
+from vcfbench.procedures.window_noise import WindowNoise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -118,11 +118,11 @@ def _repeatability(settings: SweepSettings, points: Sequence[Point], sweep: Swee
     mixing = sweep.mixing.reshape(settings.repeat, size, len(points))
     slopes = np.array([slope @ through for (slope, _), through in zip(made, mixing, strict=True)])
     biases = np.array([bias @ through for (_, bias), through in zip(made, mixing, strict=True)])
-    scale_factor = float((slopes @ outputs).mean())
+    noises = WindowNoise.of(settings, points, float((slopes @ outputs).mean()))
     for name, unit, weights in (("scale_factor", "V/(deg/s)", slopes), ("bias", "V", biases)):
         values, dof = weights @ outputs, settings.repeat - 1
-        white, flicker, _ = noise_of_sums(settings, points, weights, scale_factor, steady=name == "bias")
-        both = white + flicker
+        steady = [name == "bias"] * settings.repeat
+        both = noises.by_readings(weights) + noises.by_flicker(weights, steady)
         noise = math.sqrt(max(0.0, float(np.trace(both) - both.mean() * settings.repeat)) / dof)
         sd = float(np.std(values, ddof=1))
         yield Repeatability(name, unit, sd, sd / math.sqrt(2.0 * dof), dof, noise, tuple(values.tolist()))
@@ -138,12 +138,13 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
     outputs = np.array([point.output_v for point in points])
     scale_factor = float(slope @ sweep.mixing @ outputs)
     percent = 100.0 / (abs(scale_factor) * max(map(abs, rates)))
-    white, flicker, dof = noise_of_sums(settings, points, weights, scale_factor)
+    noise = WindowNoise.of(settings, points, scale_factor)
+    white, flicker = noise.by_readings(weights), noise.by_flicker(weights, [False] * len(weights))
     differences = percent * (weights @ outputs)
     u = percent * np.sqrt(np.diag(white + flicker))
     most = int(np.abs(differences).argmax())
     parts = [
-        Part("readings", percent * math.sqrt(white[most, most]), dof),
+        Part("readings", percent * math.sqrt(white[most, most]), noise.dof),
         Part("flicker", percent * math.sqrt(flicker[most, most])),
     ]
     largest = measurand(float(differences[most]), "%", parts)

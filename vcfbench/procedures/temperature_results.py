@@ -17,6 +17,7 @@ from vcfbench.plans.step import Step
 from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.budgets import Measurand, Part, measurand
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
 from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.procedures.zero import scale_factor_used
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -40,8 +41,6 @@ __all__ = ["AtTemperature", "PointOfTemperature", "TemperatureResult", "temperat
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
-_SCOPE_TIME_BASE = 25e-6
-"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
 
 NOT_HELD = (
     "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), the "
@@ -335,7 +334,7 @@ def _of_frequency(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Foun
     mean_hz = fmean(hz for hz, _ in known)
     causes = [
         _Cause("records", pooled**2 * np.eye(len(known)), 7.0 * len(known)),
-        _Cause("time base", np.zeros((len(known),) * 2), None, _SCOPE_TIME_BASE / math.sqrt(3.0) * mean_hz),
+        _Cause("time base", np.zeros((len(known),) * 2), None, SCOPE_TIME_BASE / math.sqrt(3.0) * mean_hz),
     ]
     return _found(settings, seen, [hz for hz, _ in known], causes, ("Hz", "ppm", 1e6 / mean_hz))
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -17,11 +16,11 @@ import numpy as np
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
-from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.bench.settings import V_VC_RANGE_V
 from vcfbench.procedures.matching import Matching
 from vcfbench.procedures.schedule import earth_left_deg_s
-from vcfbench.procedures.sweep import sweep_of, window_times
+from vcfbench.procedures.sweep import sweep_of
+from vcfbench.procedures.window_noise import OutputSum, WindowNoise
 from vcfbench.procedures.worst_residual import Residuals, Spread
 
 if TYPE_CHECKING:
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings, Sources
     from vcfbench.procedures.null_matching import NullMatching
     from vcfbench.procedures.sweep import Sweep
+    from vcfbench.procedures.worst_residual import Largest
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -139,30 +139,21 @@ class Line:
         return np.asarray(1.0 / self.rate_deg_s.size - self.rate_deg_s.mean() * self.slope_weights)
 
 
-@dataclass(frozen=True, slots=True)
-class _Sum:
-    """A weighted sum of the outputs of all windows, V or V/(deg/s); `steady` when the weights add up to 1, not 0."""
-
-    name: str
-    weights: Floats
-    unit: str
-    steady: bool = False
-
-
 def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], step: int = 1) -> Statement:
     """Return the budget of a calibration on the table: scale factor and bias of its line."""
     line = Line.of(sweep_of(settings, points, step))
     known = settings.station.sources
     sums = _line_sums("table", line)
-    sources, correlations = _noise(settings, points, sums, line.scale_factor)
+    noise = WindowNoise.of(settings, points, line.scale_factor)
+    sources, correlations = noise.sources(sums)
     sources += [*_meter(known), *_table(known), *_earth(settings, line.scale_factor)]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return _table_values(line, q)
 
     stated = _statement(settings, sources, model, correlations)
-    budget = _Model(sources, sums, model, line.scale_factor)
-    return _with_nonlinearity(settings, points, stated, budget, _Curved.of("nonlinearity", line))
+    budget = _Model(sources, sums, model, noise)
+    return _with_nonlinearity(settings, stated, budget, [_Curved.of("nonlinearity", line)])
 
 
 def four_step_statement(
@@ -173,9 +164,10 @@ def four_step_statement(
         return _null_statement(settings, points, matching)
     table, virtual = (Line.of(sweep_of(settings, points, step)) for step in (3, 4))
     known, k_vc = settings.station.sources, matching.k_vc
-    match = _Sum("match", _match_weights(points, matching), "V")
+    match = OutputSum("match", _match_weights(points, matching), "V")
     sums = [*_line_sums("table", table), *_line_sums("virtual", virtual), match]
-    sources, correlations = _noise(settings, points, sums, table.scale_factor)
+    noise = WindowNoise.of(settings, points, table.scale_factor)
+    sources, correlations = noise.sources(sums)
     levels = _Levels.of(virtual, k_vc, matching, _known_levels(points, known))
     sources += [*_meter(known), *_table(known), *levels.sources, *_earth(settings, table.scale_factor)]
     span_v = matching.slope * matching.level_v
@@ -193,8 +185,12 @@ def four_step_statement(
     stated = _statement(
         settings, sources, model, correlations, difference="scale_factor_error_percent", levels_by=levels.by
     )
-    budget = _Model(sources, sums, model, table.scale_factor)
-    return _with_nonlinearity(settings, points, stated, budget, _Curved.of("turntable.nonlinearity", table))
+    budget = _Model(sources, sums, model, noise)
+    curved = [
+        _Curved.of("turntable.nonlinearity", table),
+        _Curved.of("virtual.nonlinearity", virtual).with_levels(k_vc, _known_levels(points, known)),
+    ]
+    return _with_nonlinearity(settings, stated, budget, curved)
 
 
 def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matching: NullMatching) -> Statement:
@@ -206,9 +202,11 @@ def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matchi
     sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
     table, virtual = map(Line.of, sweeps)
     known = settings.station.sources
-    levels = _NullLevels.of(virtual, np.array([p.v_vc_v for p in sweeps[1].points]), matching, points, known)
+    level_v = np.array([p.v_vc_v for p in sweeps[1].points])
+    levels = _NullLevels.of(virtual, level_v, matching, points, known)
     sums = [*_line_sums("table", table), *_line_sums("virtual", virtual), *levels.sums]
-    sources, correlations = _noise(settings, points, sums, table.scale_factor)
+    noise = WindowNoise.of(settings, points, table.scale_factor)
+    sources, correlations = noise.sources(sums)
     sources += [*_meter(known), *_table(known), *levels.sources, *_earth(settings, table.scale_factor)]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -229,8 +227,12 @@ def _null_statement(settings: ProcedureSettings, points: Sequence[Point], matchi
         levels_by=levels.by,
         meanings=_OF_CURVE if matching.curve is not None else _OF_PAIR,
     )
-    budget = _Model(sources, sums, model, table.scale_factor)
-    return _with_nonlinearity(settings, points, stated, budget, _Curved.of("turntable.nonlinearity", table))
+    budget = _Model(sources, sums, model, noise)
+    curved = [
+        _Curved.of("turntable.nonlinearity", table),
+        _Curved.of("virtual.nonlinearity", virtual).with_matches(level_v, matching, _known_levels(points, known)),
+    ]
+    return _with_nonlinearity(settings, stated, budget, curved)
 
 
 def _four_step_values(k_vc: Any, of_table: Mapping[str, Any], slope: Any, bias: Any) -> dict[str, Any]:
@@ -291,10 +293,10 @@ def _noises(name: str, q: Mapping[str, Any]) -> Any:
     return q[f"readings: {name}"] + q[f"flicker: {name}"]
 
 
-def _line_sums(name: str, line: Line) -> list[_Sum]:
+def _line_sums(name: str, line: Line) -> list[OutputSum]:
     return [
-        _Sum(f"{name} slope", line.slope_weights @ line.mixing, "V/(deg/s)"),
-        _Sum(f"{name} bias", line.bias_weights @ line.mixing, "V", steady=True),
+        OutputSum(f"{name} slope", line.slope_weights @ line.mixing, "V/(deg/s)"),
+        OutputSum(f"{name} bias", line.bias_weights @ line.mixing, "V", steady=True),
     ]
 
 
@@ -310,65 +312,6 @@ def _match_weights(points: Sequence[Point], matching: Matching) -> Floats:
     keys = [(point.step, point.rate_deg_s, point.v_vc_v) for point in points]
     readings = {key: sum(p.n for p, k in zip(points, keys, strict=True) if k == key) for key in groups}
     return np.array([groups.get(k, 0.0) * p.n / readings.get(k, 1) for p, k in zip(points, keys, strict=True)])
-
-
-def _noise(
-    settings: ProcedureSettings, points: Sequence[Point], sums: Sequence[_Sum], scale_factor: float
-) -> tuple[list[Source], dict[tuple[str, str], float]]:
-    """Return the sources that vary from window to window, and how the sums share them."""
-    white, degrees = _white(points, np.array([each.weights for each in sums]))
-    sources, correlations = _jointly("readings", sums, white, degrees)
-    flicker = _flicker(settings, points, sums, scale_factor)
-    more, also = _jointly("flicker", sums, flicker, math.inf)
-    return sources + more, correlations | also
-
-
-def noise_of_sums(
-    settings: ProcedureSettings, points: Sequence[Point], weights: Floats, scale_factor: float, *, steady: bool = False
-) -> tuple[Floats, Floats, float]:
-    """Return the covariances of sums of outputs by readings and by flicker, V^2, and degrees of freedom of the first.
-
-    Each row of `weights`, (m, n), is a sum over the windows; `steady` when it adds up to 1, not 0.
-    """
-    white, degrees = _white(points, weights)
-    sums = [_Sum("", each, "V", steady) for each in weights]
-    return white, _flicker(settings, points, sums, scale_factor), degrees
-
-
-def _white(points: Sequence[Point], weights: Floats) -> tuple[Floats, float]:
-    degrees = sum(point.n - 1 for point in points)
-    pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees
-    white = pooled * (weights / np.array([point.n for point in points])) @ weights.T
-    return np.asarray(white), float(degrees)
-
-
-def _jointly(
-    kind: str, sums: Sequence[_Sum], covariance: Floats, dof: float
-) -> tuple[list[Source], dict[tuple[str, str], float]]:
-    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sources = [Source(f"{kind}: {each.name}", 0.0, float(u[n]), each.unit, dof=dof) for n, each in enumerate(sums)]
-    pairs = {
-        (sources[a].name, sources[b].name): float(np.clip(covariance[a, b] / (u[a] * u[b]), -1.0, 1.0))
-        for a, b in combinations(range(len(sums)), 2)
-        if u[a] and u[b] and abs(covariance[a, b]) > 1e-9 * u[a] * u[b]
-    }
-    return sources, pairs
-
-
-def _flicker(settings: ProcedureSettings, points: Sequence[Point], sums: Sequence[_Sum], scale_factor: float) -> Floats:
-    """Return the covariance of the sums by flicker; a bias is compared with the mean over the horizon about the run."""
-    known = settings.station.sources
-    if not known.bias_instability_deg_h:
-        return np.zeros((len(sums), len(sums)))
-    begin, end = window_times(settings, points)
-    middle, half = float(begin[0] + end[-1]) / 2.0, known.horizon_h * 1800.0
-    weights = np.array([[*each.weights, -1.0 if each.steady else 0.0] for each in sums])
-    begin, end = np.append(begin, middle - half), np.append(end, middle + half)
-    noise = PhaseNoise(flicker=abs(scale_factor) * known.bias_instability_deg_h / 3600.0)
-    times, share = np.concatenate([end, begin]), weights / (end - begin)
-    share = np.concatenate([share, -share], axis=1)
-    lags = times[:, None] - times
-    return np.asarray(share @ noise.covariance(lags.ravel()).reshape(lags.shape) @ share.T)
 
 
 def _limited(name: str, limit: float | None, unit: str, sigmas: float | None = None) -> Source:
@@ -523,7 +466,7 @@ class _Levels:
 class _NullLevels:
     """What the noise of null comparisons, and the errors of V_Vc in them and in the virtual line, do to each value."""
 
-    sums: tuple[_Sum, ...]
+    sums: tuple[OutputSum, ...]
     sources: tuple[Source, ...]
     by: str
     effects: Mapping[str, Mapping[str, float]]
@@ -563,9 +506,9 @@ class _NullLevels:
             effects[value][name] = 1.0
         noise = matching.noise_weights
         sums = (
-            _Sum("match", noise[0], "(deg/s)/V"),
-            _Sum("match slope", sloping @ powers @ noise, "V/(deg/s)"),
-            _Sum("match bias", shifting @ powers @ noise, "V"),
+            OutputSum("match", noise[0], "(deg/s)/V"),
+            OutputSum("match slope", sloping @ powers @ noise, "V/(deg/s)"),
+            OutputSum("match bias", shifting @ powers @ noise, "V"),
         )
         return cls(sums, tuple(sources), levels.by, effects)
 
@@ -576,19 +519,51 @@ class _NullLevels:
 
 @dataclass(frozen=True, slots=True)
 class _Curved:
-    """The non-linearity of a line on the table: gain and offset of the meter and the table's rate cancel in it."""
+    """The non-linearity of one line: its residuals, and what outputs and V_Vc put into each of them."""
 
     name: str
+    residuals: Residuals
     rate_deg_s: Floats
-    residuals_ppm: Floats
+    derivative: Floats
     weights: Floats
     """(n, N): what a volt at the output of each of all windows puts into each residual, ppm/V."""
+    effects: Mapping[str, Floats]
+    """Of sources that others have too: what one unit puts into each residual, ppm."""
+    own: Mapping[str, Floats]
+    """Of what each level has of its own: (n, m), ppm by each level's standard uncertainty."""
 
     @classmethod
     def of(cls, name: str, line: Line) -> _Curved:
-        """Return that of a line."""
+        """Return that of a line whose rates are known but for a common factor, which cancels."""
         residuals = Residuals.of(line)
-        return cls(name, line.rate_deg_s, residuals.ppm, residuals.of_outputs @ line.mixing)
+        return cls(name, residuals, line.rate_deg_s, line.derivative, residuals.of_outputs @ line.mixing, {}, {})
+
+    def with_levels(self, k_vc: float, known: _KnownLevels) -> _Curved:
+        """Return it with errors of V_Vc; that of the one match scales all rates and cancels."""
+        through = self.residuals.of_outputs * self.derivative * k_vc
+        return self._with(known, self.rate_deg_s / k_vc, through)
+
+    def with_matches(self, level_v: Floats, matching: NullMatching, known: _KnownLevels) -> _Curved:
+        """Return it with errors of V_Vc, in the line and in the matches, and noise of the matches."""
+        powers = level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)
+        by_level = self.residuals.of_outputs * self.derivative * matching.slope_of(level_v)
+        moved = self.residuals.of_rates @ powers
+        by_pair = moved @ (matching.weights * matching.slope_of(matching.v_vc_v))
+        per_reading = float((np.maximum(matching.left_weights, 0.0) ** 2 / matching.readings).sum(axis=1).max())
+        u_pair = [known.u_mean_v(volts, per_reading) for volts in matching.taken_v]
+        every_v = np.concatenate([matching.taken_v, level_v])
+        through = self._with(known, every_v, np.hstack([by_pair, by_level]), u_pair)
+        return replace(through, weights=self.weights + moved @ matching.noise_weights)
+
+    def _with(self, known: _KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()) -> _Curved:
+        own = np.array([known.range_of(each) for each in volts])
+        effects: dict[str, Floats] = {}
+        for place in np.unique(own).tolist():
+            here, name = own == place, f"{known.ranges_v[place]:g} V range"
+            effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
+            effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)
+        u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
+        return replace(self, effects=effects, own={f"{known.by} {known.besides}": through * u_v})
 
 
 @dataclass(frozen=True, slots=True)
@@ -596,46 +571,104 @@ class _Model:
     """What the values of a statement were made of."""
 
     sources: Sequence[Source]
-    sums: Sequence[_Sum]
+    sums: Sequence[OutputSum]
     model: Model
-    scale_factor: float
+    noise: WindowNoise
 
 
 def _with_nonlinearity(
-    settings: ProcedureSettings, points: Sequence[Point], stated: Statement, budget: _Model, curved: _Curved
+    settings: ProcedureSettings, stated: Statement, budget: _Model, curved: Sequence[_Curved]
 ) -> Statement:
-    """Return the statement with the non-linearity where it stands above its U95, else with a bound.
+    """Return the statement with the non-linearities that stand above what errors make, and a bound for the others.
 
-    The budget is done a second time with one more sum, so that what stood there keeps its last digit.
+    The budget is done a second time with one more sum each, so that what stood there keeps its last digit.
     """
-    if curved.rate_deg_s.size < 3:  # two points lie on any line
-        return stated
-    around = _Circumstances.of(settings)
-    spread = Spread(curved.residuals_ppm, *noise_of_sums(settings, points, curved.weights, budget.scale_factor))
-    places, largest_ppm = spread.may_be_largest(), float(np.abs(curved.residuals_ppm).max())
-    k = int(places[np.diag(spread.covariance)[places].argmax()])
-    worst = _Sum(curved.name, np.sign(curved.residuals_ppm[k]) * curved.weights[k], "ppm")
-    noise, correlations = _noise(settings, points, [*budget.sums, worst], budget.scale_factor)
+    curved = [each for each in curved if each.residuals.ppm.size > 2]  # two points lie on any line
+    around, known = _Circumstances.of(settings), {source.name: source for source in budget.sources}
+    worst = [_Worst.of(each, known, budget.noise) for each in curved]
+    noise, correlations = budget.noise.sources([*budget.sums, *(each.sum for each in worst)])
     again = {source.name for source in noise}
     others = [source for source in budget.sources if source.name not in again]
+    own = [source for each in worst for source in each.own]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
-        return {**around.applied(budget.model(q), q), curved.name: largest_ppm - _noises(curved.name, q)}
+        return {**around.applied(budget.model(q), q), **{each.sum.name: each.value(q) for each in worst}}
 
-    every = evaluate([*noise, *others, *around.sources], model, correlations)
-    value = _stated(every.result(curved.name), every, "ppm", _LARGEST)
-    if places.size > 1 and value.u:
-        u95, at = max(spread.u95(places), value.u95), ", ".join(f"{r:+.4g}" for r in curved.rate_deg_s[places].tolist())
-        value = replace(value, u95=u95, coverage_factor=u95 / value.u, of=f"{_LARGEST}, at one of {at} deg/s")
-    if value.value <= value.u95:
-        bound = f"{value.name}: no residual stands above its U95; it is below {value.value + value.u95:.2g} ppm (95 %)"
-        return replace(stated, not_in_u=(*stated.not_in_u, bound))
-    last = every.correlation[-1].tolist()
-    rows = [(*row, own) for row, own in zip(stated.correlation, last, strict=False)]
-    return replace(stated, values=(*stated.values, value), correlation=(*rows, tuple(last)))
+    every = evaluate([*noise, *others, *own, *around.sources], model, correlations)
+    values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
+    for number, each in enumerate(worst, len(stated.values)):
+        value = each.moved(_stated(every.results[number], every, "ppm", _LARGEST))
+        if value.value > each.by_errors_ppm(value):
+            values.append(value)
+            kept.append(number)
+        else:
+            bound = value.value + value.u95
+            said.append(f"{value.name}: errors alone may make as much; it is below {bound:.2g} ppm (95 %)")
+    correlation = every.correlation[np.ix_(kept, kept)].tolist()
+    for row, old in zip(correlation, stated.correlation, strict=False):
+        row[: len(old)] = old
+    return replace(stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), not_in_u=tuple(said))
 
 
-_LARGEST = "largest |residual| of that line over its span (max_span)"
+_LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
+
+
+@dataclass(frozen=True, slots=True)
+class _Worst:
+    """The largest residual of a line: a linear functional where one alone may be it, else by trials."""
+
+    size_ppm: float
+    sum: OutputSum
+    """Of the residual that is the largest."""
+    own: tuple[Source, ...]
+    effects: Mapping[str, float]
+    rates_deg_s: tuple[float, ...]
+    """Where the largest may be."""
+    by_trials: Largest | None
+    """None where it is one alone."""
+
+    @classmethod
+    def of(cls, curved: _Curved, sources: Mapping[str, Source], noise: WindowNoise) -> _Worst:
+        """Return that of a line."""
+        steady = [False] * len(curved.weights)
+        normal = noise.by_flicker(curved.weights, steady) + sum(each @ each.T for each in curved.own.values())
+        shared = [sources[name] for name in curved.effects]
+        common = np.array([curved.effects[each.name] * each.u for each in shared]).reshape(-1, len(steady))
+        rectangular = np.array([each.distribution is Distribution.RECTANGULAR for each in shared], dtype=bool)
+        white = noise.by_readings(curved.weights)
+        spread = Spread(curved.residuals.ppm, white, noise.dof, normal, common, rectangular)
+        places, k = spread.near_largest(), int(np.abs(curved.residuals.ppm).argmax())
+        sign = float(np.sign(curved.residuals.ppm[k]))
+        own = [
+            Source(f"{name}: {curved.name}", 0.0, float(np.linalg.norm(by_level[k])), "ppm")
+            for name, by_level in curved.own.items()
+        ]
+        effects = {name: sign * float(effect[k]) for name, effect in curved.effects.items()}
+        return cls(
+            float(np.abs(curved.residuals.ppm[k])),
+            OutputSum(curved.name, sign * curved.weights[k], "ppm"),
+            tuple(own),
+            effects | {source.name: 1.0 for source in own},
+            tuple(curved.residuals.rate_deg_s[places].tolist()),
+            spread.largest() if places.size > 1 else None,
+        )
+
+    def value(self, q: Mapping[str, Any]) -> Any:
+        """Return it as the sources move it, ppm."""
+        return self.size_ppm - _noises(self.sum.name, q) - sum(size * q[name] for name, size in self.effects.items())
+
+    def moved(self, value: StatedValue) -> StatedValue:
+        """Return the value with the u and U95 of trials where several residuals may be the largest."""
+        if self.by_trials is None or not self.by_trials.u:
+            return value
+        u, u95 = self.by_trials.u, self.by_trials.u95
+        at = ", ".join(f"{rate:+.4g}" for rate in self.rates_deg_s)
+        of = f"{value.of}, at one of {at} deg/s; u by trials, contributions of the one found"
+        return replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
+
+    def by_errors_ppm(self, value: StatedValue) -> float:
+        """Return what errors alone would make of no non-linearity, ppm (95 %)."""
+        return value.u95 if self.by_trials is None else self.by_trials.by_errors
 
 
 def _step_v(upper_v: float, bits: int) -> float:

@@ -49,6 +49,7 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.schedule import ABBA_SIGNS
+from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
@@ -61,17 +62,13 @@ if TYPE_CHECKING:
 
 __all__ = ["VIBRATION", "VibrationResponse", "VibrationResult", "VibrationSettings", "vibration"]
 
-_NPLC = 0.2
-_FAST_S, _SLOW_S, _SLOW_BELOW_HZ = 5e-3, 47e-3, 4.0
-"""Spacing of the samples, as of `bandwidth`: no tone up to 75 Hz is folded, and the mains beside none below 4 Hz."""
-_HIGHEST_HZ = 75.0
 _STATIC = 1
 """The step of its points: V_Vc direct."""
 _LEAST_TONES = 3
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
 
-Hertz = Annotated[float, Meta(ge=0.3, le=_HIGHEST_HZ)]
+Hertz = Annotated[float, Meta(ge=0.3, le=HIGHEST_HZ)]
 
 
 class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
@@ -110,8 +107,8 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     @property
     def frequencies_hz(self) -> tuple[float, ...]:
         """Those asked for that a record tells from the mains, rising."""
-        apart_hz = 2.5 / (self.record_samples * _FAST_S)
-        return tuple(sorted(each for each in self.vibration_hz if abs(each - self.station.mains_hz) > apart_hz))
+        mains_hz, samples = self.station.mains_hz, self.record_samples
+        return tuple(sorted(each for each in self.vibration_hz if stands_off_mains(each, mains_hz, samples)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +166,7 @@ def _held(settings: VibrationSettings) -> Routine[Outcome]:
 def _both(settings: VibrationSettings) -> Routine[Outcome]:
     yield from _static(settings)
     yield Note("The virtual vibration")
-    yield from _meters(settings, _NPLC)
+    yield from _meters(settings, NPLC)
     try:
         yield SetVibration(settings.frequencies_hz[0], settings.vibration_amplitude_v)
         yield EnableVibration()
@@ -209,12 +206,11 @@ def _static(settings: VibrationSettings) -> Routine[None]:
 def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
     yield SetVibration(frequency_hz, settings.vibration_amplitude_v)
     yield Settle(settings.settle_s, "gyro settles after the change of frequency")
-    interval_s = _SLOW_S if frequency_hz < _SLOW_BELOW_HZ else _FAST_S
     yield SampleModulated(
         frequency_hz,
         settings.vibration_amplitude_v,
         settings.record_samples,
-        interval_s,
+        sampled_every_s(frequency_hz),
         "both" if settings.v_vc_is_measured else "output",
         None,
         settings.rate_tolerance_deg_s,
@@ -285,7 +281,7 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     """
     import numpy as np  # noqa: PLC0415  # as above
 
-    close = [tone for tone in outputs if tone.frequency_hz >= _SLOW_BELOW_HZ]
+    close = [tone for tone in outputs if tone.frequency_hz >= SLOW_BELOW_HZ]
     told = [tone.u_amplitude for tone in outputs]
     if len(close) < _LEAST_TONES:
         return told
@@ -295,7 +291,7 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     found, *_ = np.linalg.lstsq(np.column_stack([1.0 / variance, beside / variance]), np.ones(len(close)), rcond=None)
     flat, passed = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
     own = iter(np.sqrt(variance * (flat + passed * at_tone) / (flat + passed * beside)).tolist())
-    return [next(own) if tone.frequency_hz >= _SLOW_BELOW_HZ else u for tone, u in zip(outputs, told, strict=True)]
+    return [next(own) if tone.frequency_hz >= SLOW_BELOW_HZ else u for tone, u in zip(outputs, told, strict=True)]
 
 
 def _passed(settings: VibrationSettings, frequency_hz: float) -> float:

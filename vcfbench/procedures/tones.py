@@ -1,0 +1,28 @@
+"""How sines are sampled, and how well time is known: what `bandwidth`, `vibration` and others have in common."""
+
+from __future__ import annotations
+
+__all__ = ["HIGHEST_HZ", "NPLC", "SCOPE_TIME_BASE", "SLOW_BELOW_HZ", "sampled_every_s", "stands_off_mains"]
+
+NPLC = 0.2
+"""Integration time of a reading, power-line cycles: ten, as elsewhere, would average the mode split away."""
+HIGHEST_HZ = 75.0
+SLOW_BELOW_HZ = 4.0
+_FAST_S, _SLOW_S = 5e-3, 47e-3
+SCOPE_TIME_BASE = 25e-6
+"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
+_APART = 2.5
+"""Periods over a record by which a tone must differ from the mains."""
+
+
+def sampled_every_s(frequency_hz: float) -> float:
+    """Return the spacing of the samples of a tone, s.
+
+    No tone up to 75 Hz is folded; below 4 Hz records are longer, and their spacing folds the mains away from it.
+    """
+    return _SLOW_S if frequency_hz < SLOW_BELOW_HZ else _FAST_S
+
+
+def stands_off_mains(frequency_hz: float, mains_hz: float, record_samples: int) -> bool:
+    """Tell whether a record of so many samples takes a tone and the mains, which the leads pick up, apart."""
+    return abs(frequency_hz - mains_hz) > _APART / (record_samples * _FAST_S)
