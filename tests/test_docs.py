@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -234,6 +235,20 @@ def test_the_picture_in_the_readme_is_what_a_terminal_shows(tmp_path: Path) -> N
     passing = ("average # readings", "reading # of #", "table #, reads #", "left, ends")  # for a moment, if at all
     lines = {line for line in without_digits("\n".join(pictured)) if not any(each in line for each in passing)}
     assert lines <= set(without_digits(on_a_terminal(tmp_path)))
+
+
+@pytest.mark.exhaustive
+def test_figures_of_the_readme_are_those_of_a_report(tmp_path: Path) -> None:
+    """Words, ticks among them, are the same; how lines are drawn may differ with Matplotlib."""
+    script = runpy.run_path(str(ROOT / "docs" / "make_figures.py"))
+    script["draw"](tmp_path)
+    for name in script["NAMES"]:
+        assert f"](docs/{name})" in (ROOT / "README.md").read_text(encoding="utf-8")
+        assert words_of(tmp_path / name) == words_of(ROOT / "docs" / name)
+
+
+def words_of(svg: Path) -> list[str]:
+    return [text.text or "" for text in ET.parse(svg).iter("{http://www.w3.org/2000/svg}text")]  # noqa: S314
 
 
 def on_a_terminal(folder: Path) -> str:

@@ -26,6 +26,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_every_page_has_its_place() -> None:
+    """A page that is new goes into `nav` of mkdocs.yml: tutorial, how-to, reference or explanation."""
+    places = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    assert {page for page in pages if not re.search(rf"[ :-] {re.escape(page)}$", places, re.MULTILINE)} == set()
+
+
 @pytest.mark.exhaustive
 def test_it_fetches_nothing_from_elsewhere(site: Path) -> None:
     pages = sorted(site.rglob("*.html"))
