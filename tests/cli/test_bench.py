@@ -82,6 +82,23 @@ def test_check_reports_every_instrument(rack: Callable[..., FakeRack], bench_fil
     assert all(f"{role} errors" in fakes.log for role in fakes.instruments)
 
 
+def test_check_shows_what_the_station_is_and_what_can_run_there(tmp_path: Path) -> None:
+    bench = tmp_path / "small.toml"
+    meter = '[multimeter]\nmodel = "34401A"\nresource = "GPIB0::22::INSTR"\ncalibration_due = 2020-01-01\n'
+    judged = "[acceptance]\nbias_v = [-0.1, 0.1]\n"
+    bench.write_text(f'name = "small"\n{meter}{judged}[site]\nlatitude_deg = 0.0\n[simulation]\n', "utf-8")
+    done = vcfbench("bench", "check", "--bench", str(bench))
+    assert done.exit_code == 0
+    assert "34401A" in done.stdout
+    assert "OVERDUE since 2020-01-01" in done.stdout
+    assert "limits: none\nacceptance: bias_v -0.1 to 0.1\ncan run: nothing\n" in done.stdout
+    assert "cannot run: zero needs power, which bench small has not\n" in done.stdout
+    told = json.loads(vcfbench("bench", "check", "--json").stdout)
+    assert told["limits"]["max_rate_deg_s"] == 300
+    assert told["procedures"]["turntable"] is None
+    assert told["procedures"]["vibration"] == "vibration needs vibration_source, which bench paper has not"
+
+
 def test_check_goes_on_past_what_fails(rack: Callable[..., FakeRack], bench_file: str) -> None:
     fakes = rack(rate_source="missing", rate_table="turns")
     done = vcfbench("bench", "check", "--bench", bench_file, "--json")

@@ -11,8 +11,9 @@ import warnings
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from vcfbench.bench.writing import value_text
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 from vcfbench.models import find_language, find_model, recognised
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-__all__ = ["Discovery", "Found", "SerialPort", "discover", "recognise", "stanza"]
+__all__ = ["Discovery", "Found", "SerialPort", "discover", "places", "recognise", "stanza", "taken_over"]
 
 _REAL = "@py"
 _SOCKET = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d+)::SOCKET", re.IGNORECASE)
@@ -246,16 +247,16 @@ def stanza(discovery: Discovery) -> str:
     """Return what was recognised as a piece of a bench file; what has no role left is there as a comment."""
     lines: list[str] = []
     if discovery.library != _REAL and not _simulated(discovery.library):
-        lines += [f"visa_library = {_quoted(discovery.library)}", ""]
+        lines += [f"visa_library = {value_text(discovery.library)}", ""]
     taken: set[str] = set()
     for found in discovery.answering():
-        role = next((each for each in _roles(found.model) if each not in taken), None)
+        role = next((each for each in places(found.model) if each not in taken), None)
         taken |= {role or ""}
         lines += _entry(role, found) if role is not None else [*_spare(found), ""]
     return "\n".join(lines)
 
 
-def _roles(model: str | None) -> tuple[str, ...]:
+def places(model: str | None) -> tuple[str, ...]:
     """Return the places on a bench for what was recognised as `model`."""
     if model is None:
         return ()
@@ -263,17 +264,29 @@ def _roles(model: str | None) -> tuple[str, ...]:
     return ("rate_table",) if row is None else row.places
 
 
-def _entry(role: str, found: Found) -> Iterator[str]:
+def taken_over(role: str, found: Found) -> dict[str, Any]:
+    """Return what a bench file says of `found` as `role`: model or dialect, resource, an unusual speed."""
     table = role == "rate_table"
-    yield f"[{role}]  # {found.answer}"
-    yield f"{'dialect' if table else 'model'} = {_quoted(found.model or '')}"
-    yield f"resource = {_quoted(_as_port(found.resource) if table else _as_visa(found.resource))}"
+    keys: dict[str, Any] = {
+        "dialect" if table else "model": found.model or "",
+        "resource": _as_port(found.resource) if table else _as_visa(found.resource),
+    }
     if found.baud_rate not in {None, _usual_baud_rate(found.model)}:
-        yield f"{'baud_rate' if table else 'serial.baud_rate'} = {found.baud_rate}"
+        keys |= {"baud_rate": found.baud_rate} if table else {"serial": {"baud_rate": found.baud_rate}}
+    return keys
+
+
+def _entry(role: str, found: Found) -> Iterator[str]:
+    yield f"[{role}]  # {found.answer}"
+    for key, value in taken_over(role, found).items():
+        below = value if isinstance(value, dict) else {}
+        yield from (f"{key}.{name} = {value_text(each)}" for name, each in below.items())
+        if not below:
+            yield f"{key} = {value_text(value)}"
     if found.model == "zaber":
         yield "steps_per_deg = 0  # put the stage's microsteps per degree"
-    if found.serial_number is not None and not table:
-        yield f"# serial_number = {_quoted(found.serial_number)}  # refuse any other specimen"
+    if found.serial_number is not None and role != "rate_table":
+        yield f"# serial_number = {value_text(found.serial_number)}  # refuse any other specimen"
     yield ""
 
 
@@ -302,10 +315,4 @@ def _as_port(resource: str) -> str:
 def _spare(found: Found) -> Iterator[str]:
     what = "not recognised" if found.model is None else f"another {found.model}"
     yield f"# {what}: {found.answer}"
-    yield f"# resource = {_quoted(found.resource)}"
-
-
-def _quoted(text: str) -> str:
-    from json import dumps  # noqa: PLC0415
-
-    return dumps(text, ensure_ascii=False)
+    yield f"# resource = {value_text(found.resource)}"

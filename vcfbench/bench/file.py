@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -13,7 +14,10 @@ from vcfbench.bench.strict import converted, refusal, words
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.models import resolve
 
-__all__ = ["EMBEDDED", "described", "embedded_text", "load_bench", "parse_bench", "template"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["EMBEDDED", "checked_bench", "described", "embedded_text", "load_bench", "parse_bench", "template"]
 
 EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
@@ -66,15 +70,20 @@ def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
 
 def parse_bench(text: str, source: str) -> BenchDescription:
     """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
-    description = _described(text, source)
+    return checked_bench(parse_toml(text, source), source)
+
+
+def checked_bench(values: Mapping[str, Any], source: str) -> BenchDescription:
+    """Return the bench that nested tables describe; `source` names it in errors (ConfigError)."""
+    description = _from(values, source)
     for invalid_value in invalid_values(description):
         raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
     resolve(CHECK_OF_PROCEDURES)(description, source)
     return description
 
 
-def _described(text: str, source: str) -> BenchDescription:
-    return converted(parse_toml(text, source), BenchDescription, lambda keys: f"{source}: {dotted(keys)}")
+def _from(values: Mapping[str, Any], source: str) -> BenchDescription:
+    return converted(values, BenchDescription, lambda keys: f"{source}: {dotted(keys)}")
 
 
 def template() -> str:
@@ -89,4 +98,5 @@ def embedded_text(name: str) -> str:
 
 def _embedded(name: str) -> BenchDescription:
     """Return a bench that comes with the package; that it agrees with itself is tested, and costs imports to see."""
-    return _described(embedded_text(name), f"embedded {name} bench")
+    source = f"embedded {name} bench"
+    return _from(parse_toml(embedded_text(name), source), source)

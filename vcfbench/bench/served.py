@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.models import Wire
     from vcfbench.sim.serve import Control, RemoteClock, ServedBench, ServedClock
 
-__all__ = ["Lockstep", "LockstepClock", "build_served", "lockstep_bench", "on_wires"]
+__all__ = ["Lockstep", "LockstepClock", "build_served", "lockstep_bench", "on_wires", "served_places"]
 
 _CONTROL = "control port"
 
@@ -145,6 +145,28 @@ def _wires(description: BenchDescription, roles: Iterable[str]) -> dict[str, fro
 def _model(description: BenchDescription, role: str) -> str:
     part = getattr(description, role)
     return str(part.dialect if role == "rate_table" else part.model)
+
+
+def served_places(told: str) -> tuple[str, dict[str, str]]:
+    """Ask the control port `told` (``20220``, or with its host) what is served there.
+
+    Return its address, as bench files have it, and the roles by their resources on TCP.
+
+    Raises:
+        ConfigError: it is no port.
+        ConnectFailed: nobody serves there.
+    """
+    from vcfbench.sim.serve import Control, ControlError  # noqa: PLC0415
+
+    port = told.rpartition(":")[2]
+    if not (port.isdigit() and 0 < int(port) < 65536):
+        raise ConfigError(f"{told}: expected the control port that `vcfbench sim serve` has printed, as in 20220")
+    try:
+        with Control(int(port)) as control:
+            instruments = control.request("status")["instruments"]
+    except ControlError as error:
+        raise ConnectFailed(f"nothing is served there: {error}", instrument=_CONTROL, resource=told) from error
+    return f"127.0.0.1:{port}", {wires["tcp"]: role for role, wires in instruments.items() if wires["tcp"]}
 
 
 def on_wires(description: BenchDescription, resources: Mapping[str, str], control: str) -> BenchDescription:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from json import dumps
 from typing import TYPE_CHECKING, Any
 
@@ -43,4 +44,6 @@ def value_text(value: object) -> str:
         return f"{{ {', '.join(f'{key} = {value_text(item)}' for key, item in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(value_text, value))}]"
+    if isinstance(value, date):
+        return value.isoformat()
     return dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

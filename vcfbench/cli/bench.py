@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import answer, print_json
+from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
 from vcfbench.cli.tracing import Trace_, tracing
 
 if TYPE_CHECKING:
     from vcfbench.bench.check import BenchCheck, CheckedInstrument
+    from vcfbench.bench.description import BenchDescription
 
 __all__ = ["app"]
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
 
-app = typer.Typer(no_args_is_help=True, help="Show and check a bench.")
+app = typer.Typer(no_args_is_help=True, help="Make, show and check a bench.")
 
+app.command("new")(new)
 app.command("discover")(discover)
 
 Bench_ = Annotated[
@@ -55,9 +58,13 @@ def show(
 
 @app.command("check")
 def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) -> None:
-    """Open every instrument, verify who it is, read its error queue and faults; leave everything safe."""
+    """Open every instrument, verify who it is, read its error queue and faults; leave everything safe.
+
+    What the bench file says of calibrations, limits and acceptance is shown with it, and which procedures can run here.
+    """
     from vcfbench.bench.check import check_bench  # noqa: PLC0415
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.runs.needs import what_can_run  # noqa: PLC0415
 
     description = load_bench(bench)
     with tracing(trace):
@@ -65,9 +72,10 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
     def show() -> None:
         if json:
-            print_json(_check_json(description.name, done))
+            print_json({**_check_json(description.name, done), **_told(description, what_can_run(description))})
         else:
             _print_check(description.title, done)
+            _print_told(description, what_can_run(description))
 
     answer(show, done.failure())
 
@@ -90,18 +98,47 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
     return {"bench": bench, "ok": done.failure() is None, "instruments": instruments}
 
 
+def _told(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
+    """Return what the bench file says of the station, and what can run there."""
+    from msgspec import to_builtins  # noqa: PLC0415
+
+    return {
+        "limits": to_builtins(description.limits),
+        "acceptance": to_builtins(description.acceptance),
+        "procedures": procedures,
+    }
+
+
+def _print_told(description: BenchDescription, procedures: dict[str, str | None]) -> None:
+    """Print limits and acceptance, and what can run here; what cannot, with what is missing."""
+    told = _told(description, procedures)
+    for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
+        given = {key: value for key, value in told[name].items() if value not in (None, "none")}
+        typer.echo(f"{name}: {', '.join(f'{key} {_shown(value)}' for key, value in given.items()) or otherwise}")
+    able = [name for name, lacking in procedures.items() if lacking is None]
+    typer.echo(f"can run: {', '.join(able) or 'nothing'}")
+    for lacking in filter(None, procedures.values()):
+        typer.echo(f"cannot run: {lacking}")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return " to ".join(map(_shown, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def _print_check(title: str, done: BenchCheck) -> None:
     from vcfbench.bench.equipment import calibration_words  # noqa: PLC0415
     from vcfbench.report.text import left_table  # noqa: PLC0415
 
     rows = (
         (
-            *(each.role, "ok" if each.problem is None else "FAILED", each.resource),
+            *(each.role, "ok" if each.problem is None else "FAILED", each.equipment.model, each.resource),
             *(calibration_words(each.equipment), _who(each)),
         )
         for each in done.instruments
     )
-    table = left_table(("role", "state", "resource", "calibration", "who answers"), rows)
+    table = left_table(("role", "state", "model", "resource", "calibration", "who answers"), rows)
     typer.echo(f"{title}\n\n{table}\n")
     for each in done.instruments:
         if each.problem is not None:

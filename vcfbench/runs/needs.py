@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["require_needs", "roles_of"]
+__all__ = ["require_needs", "roles_of", "what_can_run"]
 
 
 def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:
@@ -30,6 +30,21 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
     for role, capability in (*procedure.needs.items(), *procedure.uses.items()):
         if getattr(description, role, None) is not None:
             _require_capable(procedure, description, role, capability)
+
+
+def what_can_run(description: BenchDescription) -> dict[str, str | None]:
+    """Return for every known procedure what the bench lacks for it, in words; None where it can run."""
+    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # all of them are loaded for this
+
+    return {name: _lacks(procedure, description) for name, procedure in PROCEDURES.items()}
+
+
+def _lacks(procedure: AnyProcedure, description: BenchDescription) -> str | None:
+    try:
+        require_needs(procedure, description)
+    except ConfigError as error:
+        return error.what
+    return None
 
 
 def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[str, ...]:

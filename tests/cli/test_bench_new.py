@@ -1,0 +1,234 @@
+"""``vcfbench bench new``: finds, asks, checks each answer, writes a file that `bench check` accepts."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.bench.file import load_bench
+from vcfbench.cli.main import app
+from vcfbench.clock import WallClock
+from vcfbench.testing import serve_simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+    from typing import Self
+
+    from typer.testing import Result
+
+    from vcfbench.testing import ServedLab
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
+    monkeypatch.chdir(tmp_path)
+
+
+def new(*arguments: str, typed: str | None = None) -> Result:
+    return CliRunner().invoke(app, ["bench", "new", *arguments, "--library", "paper@vcfbench"], input=typed)
+
+
+def test_proposals_alone_make_a_bench(tmp_path: Path) -> None:
+    done = new("--yes")
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout == "station.toml is written; next: vcfbench bench check --bench station.toml\n"
+    assert "nobody has looked at its [limits]" in done.stderr
+    bench = load_bench(tmp_path / "station.toml")
+    assert bench.multimeter is not None
+    assert (bench.multimeter.model, bench.multimeter.resource) == ("34401A", "GPIB0::22::INSTR")
+    assert bench.rate_table is None
+    assert bench.limits.max_rail_v == 10.5
+
+
+def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
+    told = {
+        "name": "cell-2",
+        "laboratory.name": "Gyroscope Laboratory",
+        "multimeter.calibrated": "2026-02-28",
+        "multimeter.certificate": "K-7",
+        "rate_source.serial_number": "yes",
+        "limits.max_v_vc_v": "5",
+        "wiring.oscilloscope.channel_3": "v_vc",
+        "site.latitude_deg": "48.1",
+        "acceptance.nonlinearity_ppm": "0 1000",
+        "acceptance.guard_band": "U95",
+    }
+    done = new("cell.toml", "--yes", *(word for key, value in told.items() for word in ("--set", f"{key}={value}")))
+    assert done.exit_code == 0, done.stderr
+    bench = load_bench(tmp_path / "cell.toml")
+    assert (bench.name, bench.laboratory.name, bench.site.latitude_deg) == ("cell-2", "Gyroscope Laboratory", 48.1)
+    assert bench.multimeter is not None
+    assert str(bench.multimeter.calibration_due) == "2027-02-28"
+    assert bench.multimeter.certificate == "K-7"
+    assert bench.rate_source is not None
+    assert bench.rate_source.serial_number == "MY44021876"
+    assert bench.limits.max_v_vc_v == 5
+    assert bench.wiring.oscilloscope.channel_3 == "v_vc"
+    assert (bench.acceptance.nonlinearity_ppm, bench.acceptance.guard_band) == ((0.0, 1000.0), "U95")
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ("limits.max_v_vc_v=50", "limits.max_v_vc_v: expected a number at least 0.001 and at most 10"),
+        ("limits.max_v_vc_v=much", "expected a number, came 'much'"),
+        ("multimeter.calibrated=soon", "expected a day as 2026-01-15, came 'soon'"),
+        ("limits.rails=10", "expected two numbers, low and high, came '10'"),
+        ("limits.rails=11 9", "limits.min_rail_v: expected less than"),
+        ("name=my bench", "expected letters, digits, '.', '_' and '-', came 'my bench'"),
+        ("wiring.oscilloscope.channel_1=carrier", "a channel that sees 'drive'"),
+        ("kettle.on=yes", "--set kettle.on: nothing is asked by that key on this bench"),
+        ("name", "--set name: expected KEY=VALUE"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_is_written(answer: str, words: str, tmp_path: Path) -> None:
+    done = new("--yes", "--set", answer)
+    assert done.exit_code == 2
+    assert words in " ".join(done.stderr.split())
+    assert not (tmp_path / "station.toml").exists()
+
+
+def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
+    typed = "\n".join(["kettle", *[""] * 6, "G P I B", *[""] * 60])
+    done = new("asked.toml", typed=typed)
+    assert done.exit_code == 0, done.stderr
+    assert "no: expected one of multimeter, v_vc_meter, none, came 'kettle'" in done.stderr
+    assert (tmp_path / "asked.toml").exists()
+
+
+def test_a_smaller_table_has_smaller_rates(tmp_path: Path) -> None:
+    with serve_simulated() as lab:
+        done = CliRunner().invoke(
+            app,
+            [*("bench", "new", "--served", str(lab.control_port), "--yes"), "--set", "limits.max_rate_deg_s=40"],
+        )
+    assert done.exit_code == 0, done.stderr
+    bench = load_bench(tmp_path / "station.toml")
+    assert max(bench.procedure.rates_deg_s) == 20.0
+    assert bench.served is not None
+
+
+def test_no_file_is_written_over(tmp_path: Path) -> None:
+    (tmp_path / "station.toml").write_text("mine", "utf-8")
+    refused = new("--yes")
+    assert (refused.exit_code, refused.stderr) == (
+        2,
+        "vcfbench: station.toml is there already, and is not written over\n",
+    )
+    asked = new(typed="\n" * 80)
+    assert asked.exit_code == 0
+    assert (tmp_path / "station.toml").read_text("utf-8") == "mine"
+    assert (tmp_path / "station-2.toml").exists()
+
+
+def test_the_end_of_the_answers_writes_nothing(tmp_path: Path) -> None:
+    done = new(typed="\n\n\n")
+    assert done.exit_code == 2
+    assert "the answers ended before the questions; nothing was written" in done.stderr
+    assert not list(tmp_path.glob("*.toml"))
+
+
+def test_a_bench_that_nobody_serves() -> None:
+    done = CliRunner().invoke(app, ["bench", "new", "--served", "1", "--yes"])
+    assert done.exit_code == 3
+    assert "nothing is served there" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[ServedLab]:
+    with serve_simulated() as lab:
+        yield lab
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path: Path) -> None:
+    with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port)) as terminal:
+        terminal.answer("multimeter: calibrated on", "2025-01-07")
+        terminal.answer("due again on [2026-01-07]", "yesterday")
+        terminal.answer("no: expected a day as 2026-01-15, came 'yesterday'", "")
+        terminal.answer("number of the certificate", "K-2025-1")
+        terminal.answer("Highest rate, deg/s [300]", "9000")
+        terminal.answer("at most 5000, came 9000", "250")
+        terminal.answer("Latitude", "37.9")
+        assert terminal.end() == 0
+    bench = tmp_path / "lab.toml"
+    checked = CliRunner().invoke(app, ["bench", "check", "--bench", str(bench)])
+    assert checked.exit_code == 0, checked.output
+    assert "OVERDUE since 2026-01-07" in checked.stdout
+    assert "max_rate_deg_s 250" in checked.stdout
+    assert "can run: turntable, virtual-coriolis" in checked.stdout
+    assert "cannot run: vibration needs vibration_source, which bench lab-1 has not" in checked.stdout
+    short = ["--set", "rates_deg_s=10,0,-10", "--set", "samples=2", "--quiet"]
+    run = CliRunner().invoke(app, ["run", "turntable", "--bench", str(bench), *short])
+    assert run.exit_code == 0, run.output
+    assert "scale factor" in run.stdout
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_ctrl_c_leaves_nothing_behind(served: ServedLab, tmp_path: Path) -> None:
+    with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port)) as terminal:
+        terminal.answer("Latitude", "37.9")
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.process.wait(20) == 4
+    assert not list(tmp_path.glob("*.toml"))
+
+
+class Terminal:
+    """A command on a pseudo-terminal: Enter for every question but those that are answered."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        import pty  # noqa: PLC0415
+
+        self._ours, theirs = pty.openpty()
+        command = [sys.executable, "-c", "from vcfbench.cli.main import main; main()", *words]
+        environment = {**os.environ, "TERM": "dumb"}
+        self.process = subprocess.Popen(  # noqa: S603  # our own command
+            command, cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs
+        )
+        os.close(theirs)
+        self._shown = ""
+        self._clock = WallClock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+        os.close(self._ours)
+
+    def _prompt(self) -> str:
+        """Return what has been shown up to the next question; empty at the end of the command."""
+        shown = ""
+        while not shown.endswith(": "):
+            assert self._clock.now() < 60.0, self._shown
+            if not select.select([self._ours], [], [], 30.0)[0]:
+                break
+            try:
+                shown += os.read(self._ours, 4096).decode()
+            except OSError:  # the command is over
+                return ""
+        self._shown += shown
+        return shown
+
+    def answer(self, question: str, line: str) -> None:
+        """Press Enter until `question` is there, then type `line`."""
+        while question not in (shown := self._prompt()):
+            assert shown, f"{question!r} was never asked:\n{self._shown}"
+            os.write(self._ours, b"\n")
+        os.write(self._ours, line.encode() + b"\n")
+
+    def end(self) -> int:
+        """Press Enter until the command is over."""
+        while self._prompt():
+            os.write(self._ours, b"\n")
+        return self.process.wait(20)

@@ -1,0 +1,97 @@
+"""``vcfbench bench new``: finds instruments, asks, and writes the bench file of a station."""
+
+from __future__ import annotations
+
+from pathlib import Path  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vcfbench.bench.new_station import Draft
+
+__all__ = ["new"]
+
+
+File_ = Annotated[Path, typer.Argument(metavar="FILE", help="Where the bench file goes; never written over.")]
+
+
+def new(
+    file: File_ = Path("station.toml"),
+    library: Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")] = "@py",
+    tries: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--try", metavar="RESOURCE", help="Ask this one too: a VISA resource, a port, socket://host:port."
+        ),
+    ] = None,
+    served: Annotated[
+        str | None,
+        typer.Option("--served", metavar="PORT", help="Take the bench that `sim serve` serves: its control port."),
+    ] = None,
+    answers: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="The answer for a key of the file; not asked for any more."),
+    ] = None,
+    *,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
+    ] = 1.0,
+    probe_serial: Annotated[
+        bool, typer.Option("--probe-serial", help="Ask serial ports too. Bytes can move what is not known: look first.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: take what is found and proposed.")] = False,
+    trace: Trace_ = None,
+) -> None:
+    """Make the bench file of a station: find what answers, ask for the rest, write it with its remarks.
+
+    Enter takes what is proposed. Each answer is checked at once. Nothing is written before the last one.
+    """
+    from vcfbench.bench.new_station import Draft  # noqa: PLC0415
+    from vcfbench.cli.interview import Interview  # noqa: PLC0415
+    from vcfbench.cli.station_questions import Finding, interviewed  # noqa: PLC0415
+
+    interview = Interview(_given(answers or []), silent=yes)
+    path = interview.free_file(file)
+    draft = Draft(str(path))
+    with tracing(trace):
+        interviewed(draft, interview, Finding(library, tuple(tries or ()), timeout, probe_serial, served))
+    interview.require_all_used()
+    _write(path, draft)
+    typer.echo(f"{path} is written; next: vcfbench bench check --bench {path}")
+    if yes:
+        typer.echo("nobody has looked at its [limits], [wiring] and [site]: do, before anything moves", err=True)
+
+
+def _given(answers: list[str]) -> dict[str, str]:
+    pairs = [answer.partition("=") for answer in answers]
+    for answer, (key, equals, _) in zip(answers, pairs, strict=True):
+        if not (key.strip() and equals):
+            raise ConfigError(f"--set {answer}: expected KEY=VALUE, as in limits.max_rate_deg_s=100")
+    return {key.strip(): value.strip() for key, _, value in pairs}
+
+
+def _write(path: Path, draft: Draft) -> None:
+    """Write the file, all of it or nothing, and only where none is."""
+    from vcfbench.bench.file import parse_bench  # noqa: PLC0415
+    from vcfbench.clock import utc_now  # noqa: PLC0415
+
+    text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
+    parse_bench(text, str(path))
+    try:
+        out = path.open("x", encoding="utf-8", newline="\n")
+    except FileExistsError:
+        raise ConfigError(f"{path}: it is there by now, and is not written over") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        with out:
+            out.write(text)
+    except BaseException as error:
+        path.unlink(missing_ok=True)  # it is ours, and not whole
+        if isinstance(error, OSError):
+            raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
+        raise

@@ -1,0 +1,123 @@
+"""Questions at the terminal: each with what is proposed, each answer checked at once."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import typer
+
+from vcfbench.errors import BenchError, ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Interview", "day", "number", "pair", "say", "yes_or_no"]
+
+_T = TypeVar("_T")
+
+
+@dataclass(slots=True)
+class Interview:
+    """Puts questions; `given` are answers by key that need no question, `silent` takes what is proposed."""
+
+    given: dict[str, str]
+    silent: bool
+    used: set[str] = field(default_factory=set)
+
+    def ask(self, key: str, words: str, proposed: str, take: Callable[[str], _T]) -> _T:
+        """Return what `take` makes of the answer; what it refuses (ConfigError) is said, and asked again.
+
+        Raises:
+            ConfigError: the answer was given beforehand, or proposed with nobody to ask, and is refused.
+        """
+        if key in self.given or self.silent:
+            self.used.add(key)
+            return take(self.given.get(key, proposed))
+        shown = f"{words} [{proposed}]: " if proposed else f"{words}: "
+        while True:
+            answer = _typed(shown)
+            try:
+                return take(answer or proposed)
+            except BenchError as error:
+                say(f"  no: {error}")
+
+    def free_file(self, path: Path) -> Path:
+        """Return `path`, or another one that is asked for where a file is there already."""
+
+        def take(answer: str) -> Path:
+            if Path(answer).exists():
+                raise ConfigError(f"{answer} is there already, and is not written over")
+            if not Path(answer).resolve().parent.is_dir():
+                raise ConfigError(f"{answer}: there is no directory {Path(answer).resolve().parent}")
+            return Path(answer)
+
+        try:
+            return take(str(path))
+        except ConfigError as error:
+            if self.silent or "file" in self.given:
+                raise
+            say(str(error))
+        return self.ask("file", "Another file", _free_name(path), take)
+
+    def require_all_used(self) -> None:
+        """Raise ConfigError when an answer was given to a question that never came."""
+        unused = sorted(set(self.given) - self.used)
+        if unused:
+            raise ConfigError(f"--set {unused[0]}: nothing is asked by that key on this bench")
+
+
+def _free_name(path: Path) -> str:
+    return next(str(each) for n in range(2, 10_000) if not (each := path.with_stem(f"{path.stem}-{n}")).exists())
+
+
+def _typed(prompt: str) -> str:
+    sys.stderr.write(prompt)
+    sys.stderr.flush()
+    line = sys.stdin.readline()
+    if not line:
+        raise ConfigError(
+            "the answers ended before the questions; nothing was written", hint="--yes takes the proposals"
+        )
+    return line.strip()
+
+
+def say(words: str) -> None:
+    """Tell the person at the terminal."""
+    typer.echo(words, err=True)
+
+
+def number(answer: str) -> float:
+    """Return a number, a whole one as such; ConfigError for anything else."""
+    try:
+        value = float(answer)
+    except ValueError:
+        raise ConfigError(f"expected a number, came {answer!r}") from None
+    return int(value) if value.is_integer() and abs(value) < 1e15 else value
+
+
+def pair(answer: str) -> tuple[float, float]:
+    """Return two numbers with a blank or a comma between them; ConfigError for anything else."""
+    parts = answer.replace(",", " ").strip("[] ").split()
+    if len(parts) != 2:
+        raise ConfigError(f"expected two numbers, low and high, came {answer!r}")
+    return number(parts[0]), number(parts[1])
+
+
+def day(answer: str) -> date:
+    """Return a day; ConfigError for anything else."""
+    try:
+        return date.fromisoformat(answer)
+    except ValueError:
+        raise ConfigError(f"expected a day as 2026-01-15, came {answer!r}") from None
+
+
+def yes_or_no(answer: str) -> bool:
+    """Return whether yes was said; ConfigError for anything but yes and no."""
+    words = {"y": True, "yes": True, "n": False, "no": False}
+    if answer.lower() not in words:
+        raise ConfigError(f"expected yes or no, came {answer!r}")
+    return words[answer.lower()]
