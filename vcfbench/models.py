@@ -139,6 +139,21 @@ MODELS: Final[tuple[Model, ...]] = (
         answers={"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"},
     ),
     Model(
+        "E36312A",
+        ("power",),
+        driver="vcfbench.drivers.e36312a:E36312A",
+        twin="vcfbench.sim.instruments.e36312a:E36312A",
+        console="vcfbench.bench.guard.channels:channel_rules",
+        makers=("KEYSIGHT",),
+        wires=frozenset({"tcp", "vxi11", "hislip"}),
+        specifications="vcfbench.specifications:KEYSIGHT_E36312A",
+        answers={
+            "*IDN?": "Keysight Technologies,E36312A,MY59002391,2.1.0-1.0.4-1.12",
+            "OUTP? (@1,2,3)": "0,0,0",
+            "MEAS:VOLT?": "+0.0",
+        },
+    ),
+    Model(
         "33220A",
         ("rate_source", "vibration_source"),
         driver="vcfbench.drivers.agilent33220a:Agilent33220A",

@@ -46,6 +46,7 @@ from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
+from vcfbench.sim.instruments.e36312a import E36312A
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
 from vcfbench.sim.instruments.trueform import Keysight33622A, TrueformErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
 
 EXPECTATIONS = Path(__file__).parent / "expectations"
 MODELS = ("e3631a", "hp34401a", "agilent33220a", "dso7104b", "keysight34461a", "keysight34465a")
-SUCCESSORS = ("keysight33622a",)
+SUCCESSORS = ("keysight33622a", "e36312a")
 """Models that share parser and error queue with one of those: what is their own is walked."""
 
 _NR3 = re.compile(r"[+-]?\d+(\.\d+)?E[+-]\d{2,3}")
@@ -116,6 +117,7 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
     "e3631a": lambda world, interface: E3631A(
         world, rails={"P25V": "positive", "N25V": "negative"}, errors=SupplyErrors.none(), interface=interface
     ),
+    "e36312a": lambda world, _interface: E36312A(world, errors=SupplyErrors.none()),
     "hp34401a": lambda world, interface: Hp34401A(world, node="output", errors=MeterErrors.none(), interface=interface),
     "keysight34461a": lambda world, interface: Keysight34461A(
         world, node="output", errors=MeterErrors.none(), interface=interface

@@ -18,6 +18,7 @@ from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.station import Station, station, table_port
 from vcfbench.clock import WallClock
+from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
 from vcfbench.interfaces import SafeReport
 
@@ -157,7 +158,8 @@ def _told_first(role: Role, description: BenchDescription, stand: Station) -> st
             *(("SYST:REM",) if session.interface == "asrl" else ()), *words
         )  # in local it hears nothing
         with suppress(BenchError):  # it does not say what is on; it may hear all the same
-            found.append(_look(role, session))
+            part = getattr(description, role.name)
+            found.append(_look(role, find_driver(part.model, part.like).driver_class, session))
         session.command_safe()
         raise _Told
 
@@ -181,12 +183,12 @@ def _rate(role: Role, description: BenchDescription, stand: Station, hurry_s: fl
     return "at rest" if abs(rate_deg_s) <= STILL_DEG_S else f"turning at {rate_deg_s:.3g} deg/s, already told to stop"
 
 
-def _look(role: Role, session: Session) -> str:
+def _look(role: Role, driver: type, session: Session) -> str:
     """Ask what is on, before it is switched off; the volts only of what answers."""
     if role.name == "chamber":
         return "air flows" if session.query_int("AUXC?", session.deadline(_LOOK_S)) & _FLOW else "off"
-    if not session.query_bool("OUTP?", session.deadline(_LOOK_S)):
+    if not any(session.query_numbers(getattr(driver, "switch_question", "OUTP?"), session.deadline(_LOOK_S))):
         return "off"
-    asked = _SUPPLY if role.stage is Stage.POWER else _GENERATOR
+    asked = getattr(driver, "look", _SUPPLY if role.stage is Stage.POWER else _GENERATOR)
     volts = {what: session.query_number(question, session.deadline(_LOOK_S)) for what, question in asked.items()}
     return f"on, {', '.join(f'{what} {volt:.3g} V' for what, volt in volts.items())}"

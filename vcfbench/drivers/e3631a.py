@@ -59,6 +59,12 @@ class E3631A(ScpiInstrument):
     model: ClassVar[str] = "E3631A"
     reading_form: ClassVar[replies.NumberForm] = replies.nr3()  # how many digits is unverified
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)
+    outputs: ClassVar[Mapping[str, Output]] = OUTPUTS
+    off: ClassVar[str] = "OUTP OFF"
+    """What switches all outputs off."""
+    switch_question: ClassVar[str] = "OUTP?"
+    look: ClassVar[Mapping[str, str]] = MappingProxyType({output: f"MEAS:VOLT? {output}" for output in OUTPUTS})
+    """What is asked of a supply that may be on, before it is switched off."""
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -80,26 +86,41 @@ class E3631A(ScpiInstrument):
         ratings = self._ratings(output)
         require_within(self, f"voltage of {output}", voltage_v, (ratings.low_v, ratings.high_v), "V")
         require_within(self, f"current limit of {output}", current_limit_a, (0.0, ratings.high_a), "A")
-        # One message: the selected output persists, and nothing must come between selecting and setting.
-        self._session.write(
-            f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {decimal(current_limit_a)};:VOLT {decimal(voltage_v)}"
-        )
-        self._verify_setting(output, "VOLT?", voltage_v, ratings.tolerance_v, "V")
-        self._verify_setting(output, "CURR?", current_limit_a, ratings.tolerance_a, "A")
+        self._session.write(self._setting(output, voltage_v, current_limit_a))
+        self._verify_setting(output, "VOLT", voltage_v, ratings.tolerance_v, "V")
+        self._verify_setting(output, "CURR", current_limit_a, ratings.tolerance_a, "A")
         self._configured.add(output)
+
+    def _setting(self, output: str, voltage_v: float, current_limit_a: float) -> str:
+        """Return the words that set an output.
+
+        They are one message: the selected output persists, and nothing must come between selecting and setting.
+        """
+        return f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {decimal(current_limit_a)};:VOLT {decimal(voltage_v)}"
+
+    def _question(self, header: str, output: str) -> str:
+        """Return how an output is asked for what is set (VOLT, CURR: the selected one's) or measured (MEAS:...)."""
+        return f"{header}? {output}" if header.startswith("MEAS") else f"{header}?"
+
+    def _signed(self, output: str, voltage_v: float) -> float:
+        """Return a voltage at the terminal that the output's wire is on, from what the supply says."""
+        del output
+        return voltage_v
 
     def _ratings(self, output: str) -> Output:
         try:
-            return OUTPUTS[output]
+            return self.outputs[output]
         except KeyError:
             raise LimitError(
-                f"there is no output {output!r}, only {', '.join(OUTPUTS)}",
+                f"there is no output {output!r}, only {', '.join(self.outputs)}",
                 instrument=self.name,
                 resource=self.resource,
             ) from None
 
-    def _verify_setting(self, output: str, query: str, wanted: float, tolerance: float, unit: str) -> None:
+    def _verify_setting(self, output: str, header: str, wanted: float, tolerance: float, unit: str) -> None:
+        query = self._question(header, output)
         found = self._session.query_reading(query)
+        found = self._signed(output, found) if unit == "V" else found
         if abs(found - wanted) > tolerance:
             raise InstrumentError(
                 f"{output} was set to {wanted:g} {unit} but reads back {found:g} {unit}",
@@ -116,24 +137,28 @@ class E3631A(ScpiInstrument):
                 instrument=self.name,
                 resource=self.resource,
             )
-        for output in OUTPUTS:
+        self._switch_on()
+        self._verify_switch("on")
+
+    def _switch_on(self) -> None:
+        for output in self.outputs:
             if output not in self._configured:
                 self._session.write(f"INST:SEL {output};:VOLT 0")
         self._session.write("OUTP ON")
-        self._verify_switch("on")
 
     def disable_outputs(self) -> None:
         """Switch all outputs off."""
-        self._session.write("OUTP OFF")
+        self._session.write(self.off)
         self._verify_switch("off")
 
     def _verify_switch(self, wanted: str) -> None:
-        if self.outputs_enabled() is not (wanted == "on"):
+        on = self.outputs_enabled() if wanted == "on" else self._switched_on(None)
+        if on is not (wanted == "on"):
             raise InstrumentError(
                 f"the outputs were switched {wanted} but do not read back so",
                 instrument=self.name,
                 resource=self.resource,
-                command="OUTP?",
+                command=self.switch_question,
             )
 
     def outputs_enabled(self) -> bool:
@@ -141,21 +166,22 @@ class E3631A(ScpiInstrument):
         return self._switched_on(None)
 
     def _switched_on(self, deadline: Deadline | None) -> bool:
-        on = self._session.query_bool("OUTP?", deadline)
+        on = self._session.query_bool(self.switch_question, deadline)
         self._last_read.note(f"outputs {'on' if on else 'off'}")
         return on
 
     def measure_voltage_v(self, output: str) -> float:
         """Read back the voltage at the terminals, V."""
         self._ratings(output)
-        voltage_v = self._session.query_reading(f"MEAS:VOLT? {output}", form=self.reading_form)
+        asked = self._question("MEAS:VOLT", output)
+        voltage_v = self._signed(output, self._session.query_reading(asked, form=self.reading_form))
         self._last_read.note(f"{output} at {voltage_v:.3g} V")
         return voltage_v
 
     def measure_current_a(self, output: str) -> float:
         """Read back the current, A."""
         self._ratings(output)
-        return self._session.query_reading(f"MEAS:CURR? {output}", form=self.reading_form)
+        return self._session.query_reading(self._question("MEAS:CURR", output), form=self.reading_form)
 
     def regulation(self, output: str) -> Regulation:
         """Tell how `output` is regulated now."""
@@ -170,15 +196,20 @@ class E3631A(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write("OUTP OFF", deadline=deadline)
+        self._session.write(self.off, deadline=deadline)
         if self._switched_on(deadline):
-            raise InstrumentError("the outputs stay on", instrument=self.name, resource=self.resource, command="OUTP?")
+            raise InstrumentError(
+                "the outputs stay on", instrument=self.name, resource=self.resource, command=self.switch_question
+            )
         highest_v = self._wait_for_discharge(deadline)
         return f"outputs off, no more than {highest_v:.3g} V at the terminals"
 
     def _wait_for_discharge(self, deadline: Deadline) -> float:
         while True:
-            voltages = {output: self._session.query_reading(f"MEAS:VOLT? {output}", deadline) for output in OUTPUTS}
+            voltages = {
+                output: self._session.query_reading(self._question("MEAS:VOLT", output), deadline)
+                for output in self.outputs
+            }
             worst = max(voltages, key=lambda output: abs(voltages[output]))
             if abs(voltages[worst]) < _SAFE_V:
                 return abs(voltages[worst])

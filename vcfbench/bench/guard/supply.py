@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import Part
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["SupplyRules", "supply_rules"]
+__all__ = ["RailWindow", "SupplyRules", "supply_rules"]
 
 _OUTPUTS = ("P6V", "P25V", "N25V")
 _VOLT_WORDS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -67,6 +67,28 @@ def supply_rules(description: BenchDescription) -> SupplyRules:
     return SupplyRules(description.limits, description.wiring.rails)
 
 
+class RailWindow:
+    """What the bench's limits say of an output: its voltage by the rail that it feeds, and its current."""
+
+    def __init__(self, limits: Limits, rails: RailWiring) -> None:
+        self._limits = limits
+        self._polarity: dict[str, float] = {rails.positive: 1.0, rails.negative: -1.0}
+
+    def require_level(self, name: str, volts: float) -> None:
+        """Raise Beyond for a voltage, with the sign of its rail, that is neither 0 nor in the window."""
+        if volts == 0.0:
+            return
+        if name not in self._polarity:
+            raise Beyond(f"{name} {volts:g} V: the output feeds no rail of the bench")
+        low, high = self._limits.of("min_rail_v"), self._limits.of("max_rail_v")
+        if not low <= volts * self._polarity[name] <= high:
+            raise Beyond(f"{name} {volts:g} V is outside the bench's rail window of {low:g} to {high:g} V, either sign")
+
+    def require_current(self, name: str, amps: float) -> None:
+        """Raise Beyond for a current limit above that of the rails."""
+        at_most(f"{name} current limit", amps, self._limits.of("max_rail_current_a"), "A")
+
+
 class SupplyRules:
     """Voltages within the window of the rails, current limits within theirs; outputs that feed no rail stay at 0 V.
 
@@ -74,8 +96,7 @@ class SupplyRules:
     """
 
     def __init__(self, limits: Limits, rails: RailWiring) -> None:
-        self._limits = limits
-        self._polarity: dict[str, float] = {rails.positive: 1.0, rails.negative: -1.0}
+        self._window = RailWindow(limits, rails)
         self._rules: dict[str, Callable[[_State, Part], None]] = {
             "APPLy": self._apply,
             "INSTrument[:SELect]": self._select,
@@ -133,7 +154,7 @@ class SupplyRules:
     def _waiting_volts(self, state: _State, part: Part) -> None:
         part.require(1)
         name = self._known(state.selected)
-        self._require_level(name, quantity(part.arguments[0], VOLT, _VOLT_WORDS[name]))
+        self._window.require_level(name, quantity(part.arguments[0], VOLT, _VOLT_WORDS[name]))
 
     def _amps(self, state: _State, part: Part) -> None:
         part.require(1)
@@ -143,7 +164,7 @@ class SupplyRules:
     def _waiting_amps(self, state: _State, part: Part) -> None:
         part.require(1)
         name = self._known(state.selected)
-        self._require_limit(name, quantity(part.arguments[0], AMPERE, _AMP_WORDS[name]))
+        self._window.require_current(name, quantity(part.arguments[0], AMPERE, _AMP_WORDS[name]))
 
     def _switch(self, state: _State, part: Part) -> None:
         part.require(1)
@@ -168,32 +189,20 @@ class SupplyRules:
         return name
 
     def _level(self, state: _State, name: str, volts: float) -> None:
-        self._require_level(name, volts)
+        self._window.require_level(name, volts)
         state.volts[name] = volts
         if state.tracking and name != "P6V":
             twin = "N25V" if name == "P25V" else "P25V"
-            self._require_level(twin, -volts)
+            self._window.require_level(twin, -volts)
             state.volts[twin] = -volts
 
-    def _require_level(self, name: str, volts: float) -> None:
-        if volts == 0.0:
-            return
-        if name not in self._polarity:
-            raise Beyond(f"{name} {volts:g} V: the output feeds no rail of the bench")
-        low, high = self._limits.of("min_rail_v"), self._limits.of("max_rail_v")
-        if not low <= volts * self._polarity[name] <= high:
-            raise Beyond(f"{name} {volts:g} V is outside the bench's rail window of {low:g} to {high:g} V, either sign")
-
     def _limit(self, state: _State, name: str, amps: float) -> None:
-        self._require_limit(name, amps)
+        self._window.require_current(name, amps)
         state.amps[name] = amps
-
-    def _require_limit(self, name: str, amps: float) -> None:
-        at_most(f"{name} current limit", amps, self._limits.of("max_rail_current_a"), "A")
 
     def _require_ready(self, state: _State) -> None:
         """Check everything that is set: the outputs are on."""
         for name, volts in state.volts.items():
             if volts != 0.0:
-                self._require_level(name, volts)
-                self._require_limit(name, state.amps[name])
+                self._window.require_level(name, volts)
+                self._window.require_current(name, state.amps[name])

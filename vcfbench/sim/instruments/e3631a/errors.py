@@ -6,7 +6,8 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 186).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -14,9 +15,11 @@ from msgspec.structs import replace
 from vcfbench.sim.instruments.e3631a.kinds import N25V, P6V, P25V, OutputKind
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
 
-__all__ = ["OutputErrors", "SupplyErrors"]
+__all__ = ["Accuracy", "OutputErrors", "SupplyErrors"]
 
 
 class OutputErrors(Struct, frozen=True):
@@ -55,7 +58,7 @@ class OutputErrors(Struct, frozen=True):
     """Phase of the ripple at bench time 0, rad."""
 
 
-class _Accuracy(Struct, frozen=True):
+class Accuracy(Struct, frozen=True):
     """Published 12-month accuracy at 25 +- 5 C (p. 186): relative part and fixed part."""
 
     programming: tuple[float, float]
@@ -63,16 +66,19 @@ class _Accuracy(Struct, frozen=True):
     readback: tuple[float, float]
 
 
-_ACCURACY = {
-    "P6V": _Accuracy((1e-3, 5e-3), (2e-3, 10e-3), (1e-3, 5e-3)),
-    "P25V": _Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
-    "N25V": _Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
-}
+_ACCURACY: Mapping[str, Accuracy] = MappingProxyType(
+    {
+        "P6V": Accuracy((1e-3, 5e-3), (2e-3, 10e-3), (1e-3, 5e-3)),
+        "P25V": Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
+        "N25V": Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
+    }
+)
 
 
 class SupplyErrors(Struct, frozen=True):
     """Imperfections of a specimen; each can be set by itself."""
 
+    accuracy: ClassVar[Mapping[str, Accuracy]] = _ACCURACY
     p6v: OutputErrors = field(default_factory=OutputErrors)
     """The +6 V output."""
     p25v: OutputErrors = field(default_factory=OutputErrors)
@@ -98,9 +104,9 @@ class SupplyErrors(Struct, frozen=True):
         That is how the maker sets the limits of the 34401A (its User's Guide p. 227); for the supply it is inferred.
         """
         drawn = cls(
-            p6v=_drawn_output(rng, P6V, _ACCURACY["P6V"]),
-            p25v=_drawn_output(rng, P25V, _ACCURACY["P25V"]),
-            n25v=_drawn_output(rng, N25V, _ACCURACY["N25V"]),
+            p6v=_drawn_output(rng, P6V, cls.accuracy["P6V"]),
+            p25v=_drawn_output(rng, P25V, cls.accuracy["P25V"]),
+            n25v=_drawn_output(rng, N25V, cls.accuracy["N25V"]),
             tracking_gain=_draw(rng, 2e-3),
             tracking_offset_v=_draw(rng, 20e-3),
             quantised=True,
@@ -117,7 +123,7 @@ def _draw(rng: np.random.Generator, limit: float) -> float:
     return float(rng.normal(0.0, limit / 4.0))
 
 
-def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: _Accuracy) -> OutputErrors:
+def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: Accuracy) -> OutputErrors:
     limits = (*accuracy.programming, *accuracy.current, *accuracy.readback, *accuracy.current)
     names = OutputErrors.__struct_fields__[: len(limits)]
     drawn = {name: _draw(rng, limit) for name, limit in zip(names, limits, strict=True)}

@@ -24,6 +24,8 @@ from vcfbench.sim.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiIn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from vcfbench.sim.instruments.e3631a.kinds import OutputKind
+    from vcfbench.sim.scpi import CommandTable, Interface
     from vcfbench.sim.world import World
 
 __all__ = ["E3631A", "TABLE", "OutputErrors", "SupplyErrors"]
@@ -84,6 +86,10 @@ class E3631A(ScpiInstrument):
     """
 
     errors_class: ClassVar = SupplyErrors
+    table: ClassVar[CommandTable] = TABLE
+    dialect: ClassVar[Dialect] = _DIALECT
+    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType(_INTERFACES)
+    kinds: ClassVar[tuple[OutputKind, ...]] = KINDS
 
     def __init__(
         self,
@@ -99,14 +105,14 @@ class E3631A(ScpiInstrument):
         self.errors = errors
         self.questionable = Register()
         self.instrument_summary = Register(self.questionable, 13)
-        registers = [Register(self.instrument_summary, kind.number) for kind in KINDS]
+        registers = [Register(self.instrument_summary, kind.number) for kind in self.kinds]
         self.outputs = {
             kind.name: Output(kind, world, rails.get(kind.name), register, errors)
-            for kind, register in zip(KINDS, registers, strict=True)
+            for kind, register in zip(self.kinds, registers, strict=True)
         }
         status = Status({3: self.questionable}, (*registers, self.instrument_summary))
         self.engine = ScpiEngine(
-            self, TABLE, world.clock, dialect=_DIALECT, interface=_INTERFACES[interface], status=status
+            self, self.table, world.clock, dialect=self.dialect, interface=self.interfaces[interface], status=status
         )
         self.stored: dict[int, Settings] = {}
         self.local = True
@@ -196,10 +202,15 @@ class E3631A(ScpiInstrument):
         """The selected output."""
         return self.outputs[self.selected]
 
+    def is_on(self, name: str) -> bool:
+        """Tell whether output `name` is on: one switch has all three."""
+        del name
+        return self.output_on
+
     def observe(self) -> None:
         """Bring regulation and condition registers up to now."""
         for output in self.outputs.values():
-            output.show(on=self.output_on)
+            output.show(on=self.is_on(output.kind.name))
 
     def regulate(self) -> None:
         """Find the working point of every output: the load of one rail may depend on the other."""
@@ -215,7 +226,7 @@ class E3631A(ScpiInstrument):
     def drive(self) -> None:
         """Send every output towards its setting."""
         for name, output in self.outputs.items():
-            output.head_for(self.open_circuit_v(name) if self.output_on else 0.0)
+            output.head_for(self.open_circuit_v(name) if self.is_on(name) else 0.0)
         self.regulate()
 
     def open_circuit_v(self, name: str) -> float:

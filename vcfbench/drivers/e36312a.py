@@ -1,0 +1,95 @@
+"""Keysight E36312A triple DC supply, after the E36300 Series Programming Guide (E36311-90008).
+
+Of the guide only the list of contents was at hand; words, ranges and bits are those of users' drivers of the model,
+which follow it. Its three outputs are all positive and float: output 3, which is the E3631A's N25V, gives a negative
+rail because its plus terminal is wired to ground. Voltages of N25V are said and told here with the sign of the rail.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.drivers import replies
+from vcfbench.drivers.e3631a import E3631A, Output
+from vcfbench.drivers.scpi_instrument import decimal
+from vcfbench.errors import FramingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.clock import Deadline
+
+__all__ = ["E36312A"]
+
+
+class E36312A(E3631A):
+    """Every output has a switch of its own; those that nobody configured are left off."""
+
+    model: ClassVar[str] = "E36312A"
+    makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
+    reading_form: ClassVar[replies.NumberForm] = replies.ANY_NUMBER  # no record of a reply was at hand
+    safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF,(@1,2,3)",)
+    serial_pause_s: ClassVar[float] = 0.0  # it has no RS-232
+    off: ClassVar[str] = "OUTP OFF,(@1,2,3)"
+    switch_question: ClassVar[str] = "OUTP? (@1,2,3)"
+    look: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"P6V": "MEAS:VOLT? (@1)", "P25V": "MEAS:VOLT? (@2)", "N25V": "MEAS:VOLT? (@3)"}
+    )
+    outputs: ClassVar[Mapping[str, Output]] = MappingProxyType(
+        {
+            # Programming ranges of users' drivers; read-backs to the steps that they name, unverified.
+            "P6V": Output(1, 0.0, 6.18, 5.15, 1.0e-3, 1.0e-3),
+            "P25V": Output(2, 0.0, 25.75, 1.03, 3.0e-3, 4.0e-4),
+            "N25V": Output(3, -25.75, 0.0, 1.03, 3.0e-3, 4.0e-4),
+        }
+    )
+
+    def _take_remote(self, deadline: Deadline) -> None:
+        """Send nothing: USB, LAN and GPIB make it remote."""
+
+    def _safe_words_here(self) -> tuple[str, ...]:
+        return self.safe_words
+
+    def _setting(self, output: str, voltage_v: float, current_limit_a: float) -> str:
+        """Return the words that set an output; the limit first, and never two outputs as one."""
+        channel = self._channel(output)
+        volts = self._signed(output, voltage_v)
+        return f"OUTP:PAIR OFF;:CURR {decimal(current_limit_a)},{channel};:VOLT {decimal(volts)},{channel}"
+
+    def _question(self, header: str, output: str) -> str:
+        return f"{header}? {self._channel(output)}"
+
+    def _channel(self, output: str) -> str:
+        return f"(@{self._ratings(output).number})"
+
+    def _signed(self, output: str, voltage_v: float) -> float:
+        return (-voltage_v if output == "N25V" else voltage_v) + 0.0
+
+    def _switch_on(self) -> None:
+        numbers = sorted(self._ratings(output).number for output in self._configured)
+        self._session.write(f"OUTP ON,(@{','.join(map(str, numbers))})")
+
+    def outputs_enabled(self) -> bool:
+        """Tell whether all outputs that were configured are on; before any was, whether one is."""
+        states = self._states(None)
+        wanted = [states[output] for output in self._configured]
+        return all(wanted) if wanted else any(states.values())
+
+    def _switched_on(self, deadline: Deadline | None) -> bool:
+        """Tell whether any output is on."""
+        return any(self._states(deadline).values())
+
+    def _states(self, deadline: Deadline | None) -> dict[str, bool]:
+        answers = self._session.query_numbers(self.switch_question, deadline)
+        if len(answers) != len(self.outputs) or any(answer not in {0.0, 1.0} for answer in answers):
+            raise FramingError(
+                f"expected three states, came {answers}",
+                instrument=self.name,
+                resource=self.resource,
+                command=self.switch_question,
+            )
+        states = {output: bool(answer) for output, answer in zip(self.outputs, answers, strict=True)}
+        on = [output for output, state in states.items() if state]
+        self._last_read.note(f"{', '.join(on)} on" if on else "outputs off")
+        return states
