@@ -1,7 +1,7 @@
 """Whether stated uncertainties tell the truth: calibrations on simulated benches whose instruments are drawn.
 
 Each seed draws every instrument from its accuracy, the generator and the table's rate too, and runs both calibrations.
-The truth is a closed form of the gyroscope's parameters, written here from docs/theory.md and used by nothing else:
+The truth is a closed form of the gyroscope's parameters, which the simulation does not use (vcfbench/studies/truth.py):
 demodulated modes at the temperature of a warm gyroscope, modulator, output amplifier, a meter that does not load it.
 For every value with an uncertainty the study prints z = (value - truth) / u over the seeds, and how often U95 holds the
 truth.
@@ -20,7 +20,6 @@ time each. Records are kept in memory where there is a /dev/shm, since a disk ta
 from __future__ import annotations
 
 import argparse
-import cmath
 import json
 import math
 import multiprocessing
@@ -36,29 +35,22 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import vcfbench
-from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from vcfbench.procedures.uncertainty import Statement
-    from vcfbench.sim.parameters import BenchParameters
 
     Line = dict[str, Any]
 
 WARM_UP_S = 1800.0
 """Six of the gyroscope's thermal time constants: what is left of the warm-up is no part of this study."""
 TABLE_RATE_ERROR = 1e-5
-EARTH_DEG_S = 15.041067 / 3600.0
 
 BENCHES = {"set": "paper", "measured": "lab"}
 """The embedded benches by how V_Vc is known."""
-MATCHED_DEG_S = {
-    "one-point": (10.0,),
-    "plus-minus": (10.0, -10.0),
-    "curve": tuple(sign * size for size in (10.0, 20.0, 50.0, 100.0, 200.0) for sign in (1.0, -1.0)),
-}
-"""The rates at which V_Vc is matched by what K_Vc is made of."""
+K_VC_BY = ("one-point", "plus-minus", "curve")
 MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
 
 
@@ -84,20 +76,16 @@ def calibrations(seed: int, v_vc: str = "set", k_vc_by: str = "one-point", **set
     for run in (table, four):
         if run.results is None:
             raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
-    driven = [point for point in four.points if point.step == 4]
-    levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in driven]
-    rates = [point.rate_deg_s for point in table.points if point.step == 1]
-    truth = truths(rates, levels, MATCHED_DEG_S[k_vc_by], at_input=v_vc == "measured")
-    alone = {name.removeprefix("turntable."): value for name, value in truth.items() if name.startswith("turntable.")}
+    description = vcfbench.load_bench(BENCHES[v_vc])
     return {
         "seed": seed,
-        **_scored("turntable: ", table.results.uncertainty, alone),
-        **_scored("virtual-coriolis: ", four.results.uncertainty, truth),
+        **_scored("turntable: ", table.results.uncertainty, truth_of(table, description)),
+        **_scored("virtual-coriolis: ", four.results.uncertainty, truth_of(four, description)),
         "e_n": four.results.uncertainty.e_n,
     }
 
 
-def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> Line:
+def _scored(prefix: str, statement: Statement, truth: Mapping[str, float]) -> Line:
     return {
         prefix + each.name: [
             (each.value - truth[each.name]) / each.u,
@@ -105,102 +93,6 @@ def _scored(prefix: str, statement: Statement, truth: dict[str, float]) -> Line:
         ]
         for each in statement.values
     }
-
-
-def truths(
-    rates_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_s: Sequence[float], *, at_input: bool = False
-) -> dict[str, float]:
-    """Return the true values: lines through the true outputs, K_Vc where the outputs are equal.
-
-    From one rate K_Vc is rate over V_Vc, from two the slope between them, from more a cubic, whose constant counts not.
-    V_Vc is the level of the open generator, which its 50 ohm divide, or that at the input, where a meter sees it.
-    """
-    output = true_output(paper_bench(), 0.0 if at_input else 50.0)
-    on_table = [output(rate, None) for rate in rates_deg_s]
-    slope, bias = _line(rates_deg_s, on_table)
-
-    def matched_v(rate_deg_s: float) -> float:
-        span = output(rate_deg_s, None) - output(0.0, None)
-        return _root(lambda volts: output(0.0, volts) - output(0.0, 0.0) - span, 0.0, 2.0 * rate_deg_s / 150.0)
-
-    pairs_v = [matched_v(rate) for rate in matched_deg_s]
-    order = 3 if len(pairs_v) > 2 else 1
-    powers = np.power.outer(np.asarray(pairs_v), np.arange(0 if len(pairs_v) > 1 else 1, order + 1))
-    found = np.linalg.lstsq(powers, np.asarray(matched_deg_s), rcond=None)[0][-order:]
-    k_vc = float(found[0])
-    stands_for = np.power.outer(np.asarray(levels_v), np.arange(1, order + 1)) @ found
-    virtual_slope, virtual_bias = _line(stands_for.tolist(), [output(0.0, v) for v in levels_v])
-    return {
-        "k_vc": k_vc,
-        "turntable.scale_factor": slope,
-        "turntable.bias": bias,
-        "turntable.bias_deg_s": bias / slope,
-        "virtual.scale_factor": virtual_slope,
-        "virtual.bias": virtual_bias,
-        "virtual.bias_deg_s": virtual_bias / virtual_slope,
-        "scale_factor_error_percent": 100.0 * (virtual_slope / slope - 1.0),
-        "bias_difference_v": virtual_bias - bias,
-        "turntable.nonlinearity": _nonlinearity_ppm(rates_deg_s, on_table),
-        "virtual.nonlinearity": _nonlinearity_ppm(stands_for.tolist(), [output(0.0, v) for v in levels_v]),
-    }
-
-
-def _nonlinearity_ppm(x: Sequence[float], y: Sequence[float]) -> float:
-    """Return the largest distance from the line over its span, ppm."""
-    slope, intercept = _line(x, y)
-    largest = max(abs(out - slope * at - intercept) for at, out in zip(x, y, strict=True))
-    return 1e6 * largest / (abs(slope) * (max(x) - min(x)))
-
-
-def true_output(bench: BenchParameters, generator_ohm: float = 50.0) -> Callable[[float, float | None], float]:
-    """Return the output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off."""
-    thermal, path, virtual, stage = bench.thermal, bench.sense_path, bench.virtual_path, bench.output_stage
-    rise = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
-    drive = 2 * math.pi * bench.drive_mode.frequency_hz * (1 + bench.drive_mode.frequency_coefficient_per_k * rise)
-    per_rate = per_volt = shifted = 0j
-    demodulator = 1j * cmath.exp(-1j * path.demodulator_phase_rad)
-    chain = path.preamplifier_gain * path.amplifier_gain * path.multiplier_per_v * path.reference_amplitude_v / 2
-    for mode in (bench.sense_in_phase, bench.sense_anti_phase):
-        own = 2 * math.pi * mode.frequency_hz * (1 + mode.frequency_coefficient_per_k * rise)
-        quality = mode.quality * (1 + mode.quality_coefficient_per_k * rise)
-        answer = chain * mode.pick_off_v_per_m / complex(own**2 - drive**2, own * drive / quality)
-        left, right = mode.left_participation, mode.right_participation
-        velocity = bench.drive_loop.amplitude_m * drive
-        combs = left * virtual.left_comb_n_per_v2 + right * virtual.right_comb_n_per_v2
-        force = combs * path.reference_amplitude_v / virtual.mass_kg
-        per_rate += answer * (left + right) * 2j * velocity * math.pi / 180
-        shifted += answer * 2 * velocity * mode.quadrature_rad_s
-        per_volt += answer * -1j * cmath.exp(1j * virtual.carrier_phase_rad) * force
-    seen = [(demodulator * each).real for each in (per_rate, per_volt, shifted)]
-    steady_deg_s = (
-        EARTH_DEG_S * math.sin(math.radians(bench.site.latitude_deg)) + thermal.bias_coefficient_deg_s_k * rise
-    )
-
-    def output(rate_deg_s: float, v_vc_v: float | None) -> float:
-        modulated = 0.0
-        if v_vc_v is not None:
-            node = v_vc_v * virtual.pull_down_ohm / (virtual.pull_down_ohm + generator_ohm)
-            modulated = (
-                virtual.offset_v + node + virtual.second_order_per_v * node**2 + virtual.third_order_per_v2 * node**3
-            )
-        u = stage.gain * (seen[0] * (rate_deg_s + steady_deg_s) + seen[1] * modulated + seen[2])
-        return stage.offset_v + u + stage.second_order_per_v * u**2 + stage.third_order_per_v2 * u**3
-
-    return output
-
-
-def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    design = np.stack([np.asarray(x), np.ones(len(x))], axis=1)
-    slope, intercept = np.linalg.lstsq(design, np.asarray(y), rcond=None)[0]
-    return float(slope), float(intercept)
-
-
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    rising = function(high) > function(low)
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if (function(middle) > 0.0) == rising else (middle, high)
-    return 0.5 * (low + high)
 
 
 def study(seeds: Sequence[int], how: Mapping[str, str], processes: int) -> Iterator[Line]:
@@ -263,7 +155,7 @@ def main() -> int:
     parser.add_argument("--v-vc", choices=sorted(BENCHES), default="set", help="how V_Vc is known")
     parser.add_argument("--order", default="paper")
     parser.add_argument("--zero", default="none")
-    parser.add_argument("--kvc", choices=list(MATCHED_DEG_S), default="one-point")
+    parser.add_argument("--kvc", choices=K_VC_BY, default="one-point")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--lines", type=Path, help="file that keeps a line a seed")
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 FLOORS = [
     {"cli", "testing", "__main__"},
+    {"studies"},
     {"runs"},
     {"procedures"},
     {"report"},

@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 
 import vcfbench
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.simulated import true_output
+from vcfbench.studies.truth import Rates, four_step_truth, truth_of
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "truth.py"
 QUIET = """
@@ -42,7 +45,9 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
     run = vcfbench.run("virtual-coriolis", bench, seed=1, settings=told, runs=tmp_path)
     rates = [point.rate_deg_s for point in run.points if point.step == 3]
     levels = [point.v_vc_v for point in run.points if point.step == 4]
-    expected = truth.truths(rates, levels, (10.0,))
+    output = true_output(load_bench(bench))
+    expected = four_step_truth(output, Rates(rates, levels, (10.0,)))
+    assert truth_of(run, load_bench(bench)) == expected
     left_v = 2e-7  # of the warm-up: 31 uV, exp(-6) of it
     for each in run.results.uncertainty.values:
         left = {"V": left_v, "deg/s": left_v / 0.0125, "ppm": 1e6 * left_v / 5.0}.get(each.unit, 0.0)

@@ -78,6 +78,8 @@ if TYPE_CHECKING:
     from vcfbench.runs.run import RawReading, Run
     from vcfbench.runs.summary import RunSummary, run_summaries
     from vcfbench.runs.written import write_report
+    from vcfbench.studies.conduct import study
+    from vcfbench.studies.result import StudyResult, load_study
 
 __version__: str
 """Of the package as it was installed: that of the tag, or what comes after it; ``0+unknown`` where it was not."""
@@ -164,6 +166,7 @@ __all__ = [
     "StepFinished",
     "StepResult",
     "StepStarted",
+    "StudyResult",
     "SwitchesOutput",
     "Table",
     "Text",
@@ -186,6 +189,7 @@ __all__ = [
     "load_bench",
     "load_device",
     "load_run",
+    "load_study",
     "open_bench",
     "powered",
     "ramp_to",
@@ -195,6 +199,7 @@ __all__ = [
     "safe_bench",
     "set_v_vc",
     "sleep",
+    "study",
     "take",
     "text_of",
     "v_vc_on",
@@ -361,6 +366,11 @@ _HOMES = {
         "run_summaries",
     ),
     "runs.written": ("write_report",),
+    "studies.conduct": ("study",),
+    "studies.result": (
+        "StudyResult",
+        "load_study",
+    ),
 }
 
 

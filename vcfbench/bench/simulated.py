@@ -20,7 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.models import ROLES, find_language, find_model, languages, resolve
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.random import Generator, SeedSequence
 
@@ -40,6 +40,7 @@ __all__ = [
     "physical_parameters",
     "profile_twin",
     "table_language",
+    "true_output",
     "twins",
 ]
 
@@ -138,6 +139,17 @@ def physical_parameters(description: BenchDescription) -> BenchParameters:
         pick_up=replace(named.pick_up, mains_hz=float(description.site.mains_hz)),
     )
     return overridden(here, simulation.override)
+
+
+def true_output(description: BenchDescription, *, at_input: bool = False) -> Callable[[float, float | None], float]:
+    """Return the true output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
+
+    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it.
+    """
+    from vcfbench.sim.gyro.warm_output import warm_output  # noqa: PLC0415
+    from vcfbench.sim.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
+
+    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM)
 
 
 def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["Journal", "JournalRecord", "lines_of", "read_header", "read_journal", "read_start"]
+__all__ = ["Journal", "JournalRecord", "MemoryJournal", "lines_of", "read_header", "read_journal", "read_start"]
 
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
@@ -77,6 +77,10 @@ class Journal:
         """Write the last line."""
         self._append({"type": "footer", "utc": _stamp(), **values})
 
+    def lines(self) -> Iterator[dict[str, Any]]:
+        """Yield what was written until now, line after line."""
+        return lines_of(self.path)
+
     def close(self) -> None:
         """Give the file back."""
         os.close(self._descriptor)
@@ -91,6 +95,25 @@ class Journal:
             raise BenchError(f"the record {self.path} cannot be written: {error.strerror}") from error
         if written != len(data):
             raise BenchError(f"the record {self.path} cannot be written: the disk took {written} of {len(data)} bytes")
+
+
+class MemoryJournal(Journal):
+    """The journal of a run that leaves no record: it has no file, and is gone with the run."""
+
+    __slots__ = ("_written",)
+
+    def __init__(self) -> None:
+        self._written: list[bytes] = []
+
+    def lines(self) -> Iterator[dict[str, Any]]:
+        """Yield what was written until now, line after line."""
+        return map(msgspec.json.Decoder(dict[str, Any]).decode, self._written)
+
+    def close(self) -> None:
+        """Nothing to give back: what was written can still be read."""
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        self._written.append(msgspec.json.encode(line))
 
 
 def _stamp() -> str:

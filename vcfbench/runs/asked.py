@@ -59,13 +59,14 @@ class Asked(Struct, frozen=True):
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
     `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
     from beginning.
+    `runs` is where the record goes; None keeps none, on a simulated bench.
     """
 
     procedure: str | Path | AnyProcedure
     bench: BenchDescription | Path | str | None = None
     seed: int | None = None
     settings: Layer | None = None
-    runs: Path = Path("runs")
+    runs: Path | None = Path("runs")
     speed: str | float | None = None
     observers: Sequence[Observer] = ()
     display: Display = no_display
@@ -85,7 +86,7 @@ class Beginning(Struct, frozen=True):
     procedure: AnyProcedure
     description: BenchDescription
     planned: DryRun
-    directory: Path
+    directory: Path | None
     points: tuple[Point, ...] = ()
 
 

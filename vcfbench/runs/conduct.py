@@ -48,7 +48,7 @@ def run(
     seed: int | None = None,
     settings: Mapping[str, Any] | None = None,
     observers: Sequence[Observer] = (),
-    runs: str | Path = "runs",
+    runs: str | Path | None = "runs",
     speed: str | float | None = None,
     operator: Operator | None = None,
     metadata: Mapping[str, Any] | RunMetadata | None = None,
@@ -65,7 +65,7 @@ def run(
             ``{"samples": 20, "drive": {"start_up_s": 8.0}}``.
         observers: are told what happens (``handle(event)``). One that raises is left out from then on; the run goes
             on, and :attr:`Run.observers_lost` says so.
-        runs: directory of the records; this run gets one of its own in it.
+        runs: directory of the records; this run gets one of its own in it. None keeps no record, on a simulated bench.
         speed: of a simulated bench, times real time, or ``"max"``, the default.
         operator: is called with what only hands can do (a ``Request``: words, seconds) and returns when it is done,
             with words for the record. On a simulated bench None does it to the simulated world.
@@ -79,12 +79,12 @@ def run(
     """
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
 
-    if not str(runs).strip():
+    if runs is not None and not str(runs).strip():
         raise ConfigError("runs: expected a directory, came an empty name")
     options = {
         "bench": _words_for(bench),
         "seed": seed,
-        "runs": str(runs),
+        "runs": None if runs is None else str(runs),
         "speed": speed,
         "settings": dict(settings or {}),
     }
@@ -98,7 +98,7 @@ def run(
         bench,
         seed,
         told,
-        Path(runs),
+        None if runs is None else Path(runs),
         speed,
         observers,
         operator=operator,
@@ -207,7 +207,8 @@ def _perform(course: _Course, signals: StopSignals) -> None:
     course.observers = _shielded(asked.observers)
     directory = record.prepare()
     procedure, description = prepared.procedure, prepared.description
-    beginning = Beginning(procedure, description, planned, directory.path, prepared.points())
+    kept = None if directory is None else directory.path
+    beginning = Beginning(procedure, description, planned, kept, prepared.points())
     display = Shielded(partial(asked.display, beginning))
     try:
         with ExitStack() as watching:
@@ -280,12 +281,19 @@ class _Record(Struct):
     safe_reports: Sequence[SafeReport] = ()
     identities: Mapping[str, Identity] = field(default_factory=dict)
 
-    def prepare(self) -> RunDirectory:
-        """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin."""
+    def prepare(self) -> RunDirectory | None:
+        """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin.
+
+        None where no record is to be kept, which real benches are not run without.
+        """
         from vcfbench.record.directory import create_run  # noqa: PLC0415
 
-        directory = self.course.directory = create_run(self.course.asked.runs, self.prepared.procedure.name)
-        return directory
+        runs = self.course.asked.runs
+        if runs is not None:
+            self.course.directory = create_run(runs, self.prepared.procedure.name)
+        elif not self.prepared.description.simulated:
+            raise ConfigError("runs: expected a directory for the record: without one only simulated benches are run")
+        return self.course.directory
 
     def perform(self, bench: Bench, watchers: Sequence[Observer]) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it."""
@@ -308,11 +316,11 @@ class _Record(Struct):
             course.take_error(execution.error)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0) -> Journal:
-        from vcfbench.record.journal import Journal  # noqa: PLC0415
+        from vcfbench.record.journal import Journal, MemoryJournal  # noqa: PLC0415
 
-        assert self.course.directory is not None  # noqa: S101  # prepared
-        self.journal = Journal(self.course.directory.journal)
-        self.course.header = self._header(self.course.directory.run, identities, began_s)
+        kept = self.course.directory
+        self.journal = MemoryJournal() if kept is None else Journal(kept.journal)
+        self.course.header = self._header("" if kept is None else kept.run, identities, began_s)
         self.journal.header(self.course.header)
         return self.journal
 
@@ -371,7 +379,7 @@ class _Record(Struct):
     def _keep_of_device(self) -> None:
         """Add what the procedure keeps of the device to its store: of a run that is complete, recorded and safe."""
         course, procedure, settings = self.course, self.prepared.procedure, self.prepared.settings
-        if procedure.entry is None or course.error is not None or course.came_to is None:
+        if procedure.entry is None or course.error is not None or course.came_to is None or course.directory is None:
             return
         kept = procedure.entry(settings, course.came_to.results, self._made(course.came_to))
         if kept is not None:
@@ -408,12 +416,11 @@ class _Record(Struct):
 
     def _compute(self) -> None:
         from vcfbench.plans.measured import Measured  # noqa: PLC0415
-        from vcfbench.record.journal import lines_of  # noqa: PLC0415
         from vcfbench.runs.results import come_to  # noqa: PLC0415
 
         course, settings = self.course, self.prepared.settings
-        assert course.directory is not None  # noqa: S101  # prepared
-        measured = Measured(course.as_run().points, partial(lines_of, course.directory.journal))
+        assert self.journal is not None  # noqa: S101  # the plan was performed
+        measured = Measured(course.as_run().points, self.journal.lines)
         try:
             course.came_to = come_to(self.prepared.procedure, settings, settings.acceptance, measured)
         except BenchError as error:

@@ -1,0 +1,134 @@
+"""``vcfbench study``: Monte-Carlo and parameter studies of a simulated bench."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vcfbench.cli.answer import print_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.studies.conduct import How, Plan, Progress
+    from vcfbench.studies.result import StudyResult
+
+__all__ = ["study"]
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="The study: procedure, bench, seeds, what varies.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Table of the runs, .parquet or .csv; journal, summary and picture go beside it. "
+            "FILE.parquet here, named after the study, if nothing is said.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes; one for each processor if nothing is said.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="URL", help="Dask scheduler whose workers do the runs: tcp://HOST:8786.")
+    ] = None,
+    keep_records: Annotated[
+        Path | None, typer.Option("--keep-records", metavar="DIR", help="Keep the record of every run there.")
+    ] = None,
+    *,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, whatever was done before.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check all of it, list the cases, and estimate the time.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+) -> None:
+    """Run a procedure many times on simulated benches: over seeds, over values of bench, gyroscope and settings.
+
+    A study that was stopped, or killed, goes on where it was with the same command.
+    """
+    from vcfbench.studies.asked import read_study  # noqa: PLC0415  # nothing heavy is imported before a command runs
+    from vcfbench.studies.conduct import How, conduct, plan_of  # noqa: PLC0415
+
+    asked = read_study(file)
+    table = Path(f"{file.stem}.parquet") if output is None else output
+    how = How(table, workers, scheduler, restart, keep_records)
+    with _shown(how, quiet=quiet) as progress:
+        if dry_run:
+            _show_plan(plan_of(asked, how, progress), as_json=json)
+            return
+        result = conduct(asked, how, progress)
+    _show(result, as_json=json)
+
+
+@contextmanager
+def _shown(how: How, *, quiet: bool) -> Iterator[Progress]:
+    """Show how the study goes on stderr; when it is stopped say what is kept."""
+    from vcfbench.report.outlet import Outlet  # noqa: PLC0415
+    from vcfbench.studies.conduct import Quiet, journal_of  # noqa: PLC0415
+    from vcfbench.studies.progress import BarProgress, LineProgress  # noqa: PLC0415
+
+    if quiet:
+        yield Quiet()
+        return
+    outlet = Outlet(sys.stderr)
+    outlet.open()
+    progress = BarProgress(outlet) if sys.stderr.isatty() else LineProgress(outlet)
+    with ExitStack() as stack:
+        stack.callback(outlet.close)
+        stack.enter_context(progress)
+        try:
+            yield progress
+        except BaseException:
+            if progress.kept and how.output is not None:
+                progress.say(
+                    f"{progress.kept} of {progress.total} runs are kept in {journal_of(how.output)}; "
+                    "the same command goes on"
+                )
+            raise
+
+
+def _show_plan(plan: Plan, *, as_json: bool) -> None:
+    study, total = plan.study, len(plan.study.runs)
+    cases = [{study.labels[path]: value for path, value in case.values.items()} for case in study.cases]
+    if as_json:
+        figures = {"runs": total, "done": plan.had, "workers": plan.workers, "run_s": plan.run_s, "left_s": plan.left_s}
+        print_json({"dry_run": True, "cases": cases, **figures})
+        return
+    from vcfbench.report.text import left_table  # noqa: PLC0415
+    from vcfbench.studies.table import in_words  # noqa: PLC0415
+
+    heads = list(cases[0])
+    rows = [[str(number), *(in_words(values[head]) for head in heads)] for number, values in enumerate(cases)]
+    typer.echo(left_table(["case", *heads], rows))
+    for each in study.varied:
+        if each.path not in study.cases[0].values:
+            typer.echo(f"drawn by the seed: {each.label}")
+    seeds = f"seeds {study.seeds[0]} to {study.seeds[-1]}"
+    typer.echo(f"\n{len(cases)} cases, {seeds}: {total} runs of {study.procedure}, {plan.had} of them done")
+    typer.echo(f"some {_span(plan.left_s)} with {plan.workers} processes, at {plan.run_s:.2f} s a run as one took now")
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def _show(result: StudyResult, *, as_json: bool) -> None:
+    if as_json:
+        print_json(result.as_json())
+        return
+    from vcfbench.report.text import text_of  # noqa: PLC0415
+    from vcfbench.studies.result import beside  # noqa: PLC0415
+
+    typer.echo(text_of(result.report()))
+    assert result.table_path is not None  # noqa: S101  # a command always writes
+    typer.echo(f"\ntable: {result.table_path}")
+    for ending in (".summary.json", ".svg"):
+        if (file := beside(result.table_path, ending)).exists():
+            typer.echo(f"{'summary' if ending == '.summary.json' else 'picture'}: {file}")

@@ -1,0 +1,312 @@
+"""What a study is asked to be: the study file, read and checked wholly before anything runs."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct, field, structs
+
+from vcfbench.bench.layering import Layer, merged
+from vcfbench.bench.strict import converted, refusal
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
+from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, placed, varied
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.runs.asked import Asked, Prepared
+
+__all__ = ["Case", "Study", "read_study", "study_of"]
+
+_MOST_CASES = 10_000
+_MOST_RUNS = 1_000_000
+
+
+class _Seeds(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[seeds]``."""
+
+    count: Annotated[int, Meta(ge=1, le=_MOST_RUNS)]
+    first: Annotated[int, Meta(ge=0, le=2**53)] = 0
+
+
+class _File(Struct, frozen=True, forbid_unknown_fields=True):
+    """A study file."""
+
+    procedure: Annotated[str, Meta(min_length=1)]
+    seeds: _Seeds
+    bench: Annotated[str, Meta(min_length=1)] = "paper"
+    title: Annotated[str, Meta(max_length=200)] = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+    change: dict[str, Any] = field(default_factory=dict)
+    vary: dict[str, Any] = field(default_factory=dict)
+    combine: Literal["grid", "paired"] = "grid"
+    metrics: Annotated[tuple[str, ...], Meta(min_length=1)] = ("*",)
+
+
+class Case(Struct, frozen=True):
+    """One combination of the values that a study lists: `values` by path; `number` counts from 0."""
+
+    number: int
+    values: Mapping[str, Any]
+
+
+class Study(Struct, frozen=True, kw_only=True):
+    """A study that was checked: procedure, bench and settings, cases, seeds, metrics.
+
+    `bench_table` is the bench file with the study's changes, `source` names the study file in errors. Those metrics are
+    kept whose names one of the patterns `metrics` fits (``virtual.*``).
+    """
+
+    source: str
+    title: str
+    procedure: str
+    bench: str
+    bench_table: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    change: Mapping[str, Any]
+    varied: tuple[Varied, ...]
+    cases: tuple[Case, ...]
+    seeds: range
+    metrics: tuple[str, ...]
+
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        """Case and seed of every run, in order."""
+        return [(case.number, seed) for case in self.cases for seed in self.seeds]
+
+    def of(self, case: int) -> Study:
+        """Return the study with one of its cases, which is all that a run of it needs."""
+        return structs.replace(self, cases=(self.cases[case],))
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What the column of each varied path is called."""
+        return {each.path: each.label for each in self.varied}
+
+    def values(self, case: Case, seed: int) -> dict[str, Any]:
+        """Return the value of every varied path in one run."""
+        drawn = {each.path: each.value(seed) for each in self.varied if isinstance(each, Drawn)}
+        return {each.path: drawn.get(each.path, case.values.get(each.path)) for each in self.varied}
+
+    def described(self, case: Case, seed: int) -> tuple[BenchDescription, dict[str, Any]]:
+        """Return the bench of one run, and the settings that it is asked for.
+
+        Raises:
+            ConfigError: a value cannot be, or its path is unknown; the words name the key of the study file.
+        """
+        table: dict[str, Any] = dict(self.bench_table)
+        asked: dict[str, Any] = {SETTINGS: dict(self.settings)}
+        for path, value in self.values(case, seed).items():
+            where = f"{self.source}: vary.{path}"
+            if path == SETTINGS or path.startswith(f"{SETTINGS}."):
+                asked = placed(asked, path, value, where)
+            else:
+                table = placed(table, path, value, where)
+        return self._bench_of(table), asked[SETTINGS]
+
+    def _bench_of(self, table: Mapping[str, Any]) -> BenchDescription:
+        from vcfbench.bench.file import checked_bench  # noqa: PLC0415
+
+        marked = "\0"  # no file is called so: what follows it in an error is the key
+        try:
+            return checked_bench(table, marked)
+        except ConfigError as error:
+            before, mark, rest = error.what.partition(f"{marked}: ")
+            if not mark:
+                raise
+            raise ConfigError(f"{before}{self._place_of(rest)}{rest}", hint=error.hint) from None
+
+    def _place_of(self, path: str) -> str:
+        """Return the words that go before the key at the beginning of `path`: the file, and the table in it."""
+        key = path.partition(":")[0]
+        if any(key.startswith(each.path) or each.path.startswith(key) for each in self.varied):
+            return f"{self.source}: vary."
+        changed = any(key.startswith(each) or each.startswith(key) for each in _paths(self.change))
+        return f"{self.source}: change." if changed else f"{self.bench}: "
+
+    def asked(self, case: Case, seed: int) -> Asked:
+        """Return one run of the study as what :func:`vcfbench.runs.conduct.conduct` takes; it keeps no record."""
+        from vcfbench.runs.asked import Asked  # noqa: PLC0415
+
+        description, settings = self.described(case, seed)
+        return Asked(_loaded(self.procedure), description, seed, Layer(settings, self._naming), runs=None)
+
+    def _naming(self, keys: tuple[str | int, ...]) -> str:
+        path = dotted((SETTINGS, *keys))
+        given = any(path.startswith(each.path) for each in self.varied)
+        return f"{self.source}: {'vary.' if given else ''}{path}"
+
+    def fingerprint(self) -> str:
+        """Return what tells this study from every other: all that its results depend on, but for which seeds."""
+        from vcfbench import __version__  # noqa: PLC0415
+
+        told = {
+            "version": __version__,
+            "procedure": self.procedure,
+            "code": _code_of(self.procedure),
+            "bench": self.bench_table,
+            "settings": self.settings,
+            "vary": self.varied,
+            "cases": [case.values for case in self.cases],
+            "metrics": self.metrics,
+        }
+        return hashlib.sha256(msgspec.json.encode(told, order="sorted")).hexdigest()
+
+    def planned(self, case: Case, seed: int) -> Prepared:
+        """Prepare one run and walk its plan against the limits; nothing is opened.
+
+        Raises:
+            BenchError: it cannot be; the words name file, key and case.
+        """
+        from vcfbench.runs.asked import Checked, prepare  # noqa: PLC0415
+
+        try:
+            prepared = prepare(self.asked(case, seed), Checked())
+            prepared.planned()
+        except BenchError as error:
+            error.hint = "; ".join(filter(None, [error.hint, self._case_words(case, seed)]))
+            if not str(error).startswith(f"{self.source}: "):
+                error.what = f"{self.source}: {error.what}"
+            raise
+        return prepared
+
+    def _case_words(self, case: Case, seed: int) -> str:
+        said = ", ".join(f"{path} = {value}" for path, value in self.values(case, seed).items())
+        return f"case {case.number} ({said})" if said else ""
+
+    def check(self) -> Iterator[Case]:
+        """Check every run before any is done, and yield each case when it is checked.
+
+        Each case's plan is walked against the limits; where values are drawn, the bench and settings of every seed are
+        checked too.
+
+        Raises:
+            BenchError: a run cannot be as asked; file, key and what was expected are in the words.
+        """
+        draws = any(isinstance(each, Drawn) for each in self.varied)
+        for case in self.cases:
+            self.planned(case, self.seeds[0])
+            for seed in self.seeds if draws else ():
+                self._check_drawn(case, seed)
+            yield case
+
+    def _check_drawn(self, case: Case, seed: int) -> None:
+        from vcfbench.runs.asked import Checked, prepare  # noqa: PLC0415
+
+        try:
+            prepare(self.asked(case, seed), Checked())
+        except BenchError as error:
+            error.hint = "; ".join(filter(None, [error.hint, f"drawn for seed {seed}", self._case_words(case, seed)]))
+            raise
+
+
+def read_study(file: Path | str) -> Study:
+    """Return the study that a TOML file describes; its values are checked by :meth:`Study.check`.
+
+    Raises:
+        ConfigError: it cannot be read, a key is unknown, or its bench is not simulated.
+        PlanError: there is no such procedure.
+    """
+    path, source = Path(file), shown(file)
+    said = converted(parse_toml(read_text(path, "a study file"), source), _File, lambda k: f"{source}: {dotted(k)}")
+    return _study(said, source, path.parent)
+
+
+def study_of(values: Mapping[str, Any], source: str = "study") -> Study:
+    """Return the study that `values`, tables as a study file has them, describe; errors as :func:`read_study`."""
+    plain: dict[str, Any] = msgspec.to_builtins(values, enc_hook=_plain)
+    require_numbers(plain, source)
+    return _study(converted(plain, _File, lambda keys: f"{source}: {dotted(keys)}"), source, Path())
+
+
+def _plain(value: object) -> Any:
+    tolist = getattr(value, "tolist", None)
+    return str(value) if tolist is None else tolist()
+
+
+def _study(said: _File, source: str, folder: Path) -> Study:
+    bench, table = _bench_table(said.bench, folder)
+    changed = merged(table, said.change)
+    paths = varied(said.vary, source)
+    axes = [each for each in paths if isinstance(each, Listed)]
+    cases = tuple(Case(number, values) for number, values in enumerate(combined(axes, said.combine, source)))
+    if len(cases) > _MOST_CASES or len(cases) * said.seeds.count > _MOST_RUNS:
+        expected = f"at most {_MOST_CASES} cases and {_MOST_RUNS} runs"
+        raise refusal(f"{source}: vary", expected, f"{len(cases)} cases of {said.seeds.count} seeds")
+    study = Study(
+        source=source,
+        title=said.title,
+        procedure=_beside(said.procedure, folder),
+        bench=bench,
+        bench_table=changed,
+        settings=said.settings,
+        change=said.change,
+        varied=paths,
+        cases=cases,
+        seeds=range(said.seeds.first, said.seeds.first + said.seeds.count),
+        metrics=said.metrics,
+    )
+    _require_simulated(study)
+    _loaded(study.procedure)
+    return study
+
+
+def _require_simulated(study: Study) -> None:
+    simulated = isinstance(study.bench_table.get("simulation"), dict) and "served" not in study.bench_table
+    if not simulated:
+        raise ConfigError(
+            f"{study.source}: bench: expected a bench that is simulated here, {study.bench} is not",
+            hint="its bench file has no table [simulation], or a table [served]",
+        )
+
+
+def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
+    """Return what a bench is called in errors, and its file as a table; profiles are found from anywhere."""
+    from vcfbench.bench.file import EMBEDDED, embedded_text  # noqa: PLC0415
+
+    file = folder / bench
+    if bench in EMBEDDED and not file.is_file():
+        return f"embedded {bench} bench", parse_toml(embedded_text(bench), bench)
+    table = parse_toml(read_text(file, "a bench file"), shown(file))
+    dialect = table.get("rate_table", {}).get("dialect", "") if isinstance(table.get("rate_table"), dict) else ""
+    if isinstance(dialect, str) and dialect.endswith(".toml"):
+        table = placed(table, "rate_table.dialect", str((file.parent / dialect).resolve()), shown(file))
+    return shown(file), table
+
+
+def _beside(procedure: str, folder: Path) -> str:
+    """Return the procedure, the file of one's own as it is found from anywhere."""
+    from vcfbench.procedures.catalogue import is_file  # noqa: PLC0415
+
+    return str((folder / procedure).resolve()) if is_file(procedure) else procedure
+
+
+@cache  # a file of one's own is read and run once
+def _loaded(name: str) -> AnyProcedure:
+    """Return the procedure of a name or a file; errors as :func:`vcfbench.procedures.catalogue.procedure`."""
+    from vcfbench.procedures.catalogue import is_file, procedure  # noqa: PLC0415
+
+    return procedure(Path(name) if is_file(name) else name)
+
+
+def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    """Yield the path of every value of a nested table."""
+    for key, value in table.items():
+        if isinstance(value, dict) and value:
+            yield from _paths(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}"
+
+
+def _code_of(procedure: str) -> str:
+    """Return the code of a procedure of one's own, whose change changes the study; empty of one that is installed."""
+    from vcfbench.procedures.catalogue import is_file  # noqa: PLC0415
+
+    return read_text(procedure, "a procedure") if is_file(procedure) else ""

@@ -1,0 +1,255 @@
+"""Conducts a study: checks all of it, does the runs that are missing, keeps each, and sums up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from msgspec import Struct
+
+from vcfbench.clock import WallClock
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.files import shown
+from vcfbench.studies.asked import Study, read_study, study_of
+from vcfbench.studies.journal import Begun, kept
+from vcfbench.studies.one_run import Work, perform
+from vcfbench.studies.result import beside, of_rows
+from vcfbench.studies.table import require_writable
+from vcfbench.studies.vary import Drawn
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from contextlib import AbstractContextManager
+
+    from vcfbench.studies.journal import StudyJournal
+    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.result import StudyResult
+
+    Rows = Mapping[tuple[int, int], Row]
+
+__all__ = ["Plan", "Progress", "Quiet", "conduct", "plan_of", "study"]
+
+_BATCH = 64
+_BATCH_S = 1.0
+"""Runs, and seconds, after which finished ones go to the disk: at most so much is done again after a power cut."""
+
+
+class Progress(Protocol):
+    """Is told how a study goes."""
+
+    def checked(self, done: int, total: int) -> None:
+        """Take note that so many cases of all have been checked."""
+
+    def begun(self, had: int, total: int) -> None:
+        """Take note that runs begin; `had` of `total` were done before."""
+
+    def done(self, row: Row) -> None:
+        """Take note of a run that is done."""
+
+
+class Quiet:
+    """Takes no notice."""
+
+    def checked(self, done: int, total: int) -> None:
+        """Take no notice."""
+
+    def begun(self, had: int, total: int) -> None:
+        """Take no notice."""
+
+    def done(self, row: Row) -> None:
+        """Take no notice."""
+
+
+class How(Struct, frozen=True):
+    """How a study is done: `output` is the file of its table, None writes nothing; `workers` None: all processors."""
+
+    output: Path | None = None
+    workers: int | None = None
+    scheduler: str | None = None
+    restart: bool = False
+    keep_records: Path | None = None
+
+
+class Plan(Struct, frozen=True):
+    """A study without its runs: how many there are, how many are done, and how long the others will take.
+
+    `run_s` is what one run of the first case took here, s; `left_s` what is left for `workers` processes at that pace.
+    """
+
+    study: Study
+    had: int
+    workers: int
+    run_s: float
+
+    @property
+    def left_s(self) -> float:
+        """How long the study will take, s."""
+        return (len(self.study.runs) - self.had) * self.run_s / self.workers
+
+
+def study(
+    study: str | Path | Mapping[str, Any],
+    *,
+    output: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    restart: bool = False,
+    keep_records: str | Path | None = None,
+    progress: Progress | None = None,
+) -> StudyResult:
+    """Run a procedure many times on simulated benches, varied as `study` says, and return what that comes to.
+
+    The same study gives the same rows and files, however many processes do it and in whatever order they end.
+
+    Args:
+        study: a study file, or its tables as a mapping.
+        output: where the table goes, ``.parquet`` or ``.csv``; its journal, summary and picture beside it. A study that
+            was ended goes on where it was. None writes nothing.
+        workers: processes on this computer; None is one for each processor, 1 does the runs in this process. More
+            than one needs ``if __name__ == "__main__":`` around the call in a script.
+        scheduler: address of a Dask scheduler (``"tcp://host:8786"``), whose workers do the runs instead.
+        restart: begin anew, whatever is there.
+        keep_records: directory for the record of each run; None keeps none.
+        progress: is told how it goes.
+
+    Raises:
+        BenchError: the study cannot be as asked, which is told before anything runs; or no run came to its end.
+    """
+    how = How(
+        None if output is None else Path(output),
+        workers,
+        scheduler,
+        restart,
+        None if keep_records is None else Path(keep_records),
+    )
+    asked = study_of(study) if isinstance(study, Mapping) else read_study(study)
+    return conduct(asked, how, progress or Quiet())
+
+
+def conduct(asked: Study, how: How, progress: Progress) -> StudyResult:
+    """Do the study as :func:`study` does, which see."""
+    _require(how)
+    for number, _ in enumerate(asked.check(), start=1):
+        progress.checked(number, len(asked.cases))
+    begun = begun_by(asked)
+    with _journal(how, begun) as (journal, had):
+        wanted = asked.runs
+        rows = {key: had[key] for key in wanted if key in had}
+        progress.begun(len(rows), len(wanted))
+        missing = [key for key in wanted if key not in rows]
+        for row in _kept(_rows(asked, missing, how), journal):
+            rows[row.case, row.seed] = row
+            progress.done(row)
+    drawn = begun.drawn_for(asked.seeds)
+    result = of_rows(begun, [rows[key] for key in wanted], drawn, how.output)
+    if how.output is not None:
+        result.write(how.output)
+    _require_some(result)
+    return result
+
+
+def _journal(how: How, begun: Begun) -> AbstractContextManager[tuple[StudyJournal | None, Rows]]:
+    """Return the journal and the rows in it; none, and none, where nothing is to be written."""
+    if how.output is None:
+        return nullcontext((None, {}))
+    return kept(journal_of(how.output), begun, restart=how.restart)
+
+
+def plan_of(asked: Study, how: How, progress: Progress) -> Plan:
+    """Check the study as before its runs, and time one of the first case, in memory; nothing is written."""
+    _require(how)
+    for number, _ in enumerate(asked.check(), start=1):
+        progress.checked(number, len(asked.cases))
+    had = 0
+    if how.output is not None and journal_of(how.output).exists() and not how.restart:
+        with kept(journal_of(how.output), begun_by(asked), restart=False) as (_, rows):
+            had = sum(key in rows for key in asked.runs)
+    work = Work(asked.of(0), asked.seeds[0])
+    perform(work)  # what a process loads once
+    clock = WallClock()
+    perform(work)
+    return Plan(asked, had, _workers(how), clock.now())
+
+
+def journal_of(output: Path) -> Path:
+    """Return the journal of the study whose table is `output`."""
+    return beside(output, ".journal.jsonl")
+
+
+def begun_by(asked: Study) -> Begun:
+    """Return the first line of the journal of a study."""
+    return Begun(
+        asked.fingerprint(),
+        asked.title or Path(asked.source).stem,
+        asked.procedure,
+        asked.bench,
+        asked.labels,
+        tuple(dict(case.values) for case in asked.cases),
+        tuple(each for each in asked.varied if isinstance(each, Drawn)),
+    )
+
+
+def _require(how: How) -> None:
+    """See that the study can be done as asked, before anything runs."""
+    if how.workers is not None and not 1 <= how.workers <= 1024:
+        raise ConfigError(f"--workers {how.workers}: expected 1 to 1024")
+    if how.workers is not None and how.scheduler is not None:
+        raise ConfigError("--scheduler: the cluster has workers of its own", hint="leave --workers out")
+    if how.output is not None:
+        require_writable(how.output)
+    if how.keep_records is not None and how.keep_records.exists() and not how.keep_records.is_dir():
+        raise ConfigError(f"--keep-records {shown(how.keep_records)}: expected a directory")
+
+
+def _workers(how: How) -> int:
+    from vcfbench.studies.workers import processors  # noqa: PLC0415
+
+    return processors() if how.workers is None else how.workers
+
+
+def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: How) -> Iterator[Row]:
+    """Do the missing runs where they are to be done, and yield each row when it is there."""
+    from vcfbench.studies.workers import here, in_processes, on_cluster  # noqa: PLC0415
+
+    works = (_work(asked, case, seed, how.keep_records) for case, seed in missing)
+    workers = min(_workers(how), len(missing))
+    if not missing:
+        return
+    if how.scheduler is not None:
+        yield from on_cluster(works, how.scheduler)
+    elif workers > 1:
+        yield from in_processes(works, workers)
+    else:
+        yield from here(works)
+
+
+def _work(asked: Study, case: int, seed: int, keep: Path | None) -> Work:
+    return Work(asked.of(case), seed, None if keep is None else keep.resolve() / f"case-{case:04}" / f"seed-{seed}")
+
+
+def _kept(rows: Iterator[Row], journal: StudyJournal | None) -> Iterator[Row]:
+    """Yield `rows`, and write them to the journal in batches; those of a process that died are not kept."""
+    from vcfbench.studies.workers import LOST  # noqa: PLC0415
+
+    batch: list[Row] = []
+    clock, written_s = WallClock(), 0.0
+    try:
+        for row in rows:
+            if row.status != LOST:
+                batch.append(row)
+            if journal is not None and batch and (len(batch) >= _BATCH or clock.now() - written_s >= _BATCH_S):
+                journal.add(batch)
+                batch, written_s = [], clock.now()
+            yield row
+    finally:
+        if journal is not None and batch:
+            journal.add(batch)
+
+
+def _require_some(result: StudyResult) -> None:
+    if result.rows and all(row.status != "complete" for row in result.rows):
+        first = result.rows[0]
+        words = f"none of the {len(result.rows)} runs came to its end; case {first.case}, seed {first.seed}"
+        raise MeasurementError(f"{words}: {first.message}")

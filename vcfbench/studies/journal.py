@@ -1,0 +1,142 @@
+"""The journal of a study: one JSON line a finished run, on the disk before the study goes on.
+
+Its first line tells which study it is of. A line that was cut off, as that of a study that was killed, is no line: the
+run is done again.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import contextmanager
+from typing import IO, TYPE_CHECKING, Any
+
+import msgspec
+from msgspec import Struct
+
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import opened, shown
+from vcfbench.studies.one_run import Row
+from vcfbench.studies.vary import Drawn  # noqa: TC001  # msgspec reads the annotation
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+__all__ = ["Begun", "StudyJournal", "read_rows"]
+
+FORMAT = 1
+
+
+class Begun(Struct, frozen=True, tag="study", tag_field="type"):
+    """The first line: the study's title, procedure and bench, and what tells it from others."""
+
+    fingerprint: str
+    title: str
+    procedure: str
+    bench: str
+    labels: dict[str, str]
+    cases: tuple[dict[str, Any], ...]
+    drawn: tuple[Drawn, ...] = ()
+    format: int = FORMAT
+
+    def drawn_for(self, seeds: Iterable[int]) -> dict[int, dict[str, Any]]:
+        """Return what is drawn for each seed, by label."""
+        if not self.drawn:
+            return {}
+        return {seed: {each.label: each.value(seed) for each in self.drawn} for seed in seeds}
+
+
+_HEAD = msgspec.json.Decoder(Begun)
+_ROW = msgspec.json.Decoder(Row)
+
+
+class StudyJournal:
+    """Rows that are kept as they come; open as long as the study goes.
+
+    Raises:
+        BenchError: the disk took no more.
+    """
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        self.path = path
+        self._file = file
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Write rows and see them to the disk."""
+        self._write(rows)
+
+    def _write(self, lines: Iterable[object]) -> None:
+        try:
+            self._file.writelines(msgspec.json.encode(line) + b"\n" for line in lines)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise BenchError(f"{shown(self.path)}: the journal cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJournal, dict[tuple[int, int], Row]]]:
+    """Open the journal at `path`, and yield it with the rows that are there, by case and seed.
+
+    Raises:
+        ConfigError: it is that of another study, or no journal, and `restart` is not asked for.
+        BenchError: it cannot be written.
+    """
+    had: dict[tuple[int, int], Row] = {}
+    whole = 0
+    if path.exists() and not restart:
+        found, had, whole = _read(path)
+        if found is not None and found.fingerprint != begun.fingerprint:
+            raise ConfigError(
+                f"{shown(path)}: expected the journal of this study, it is that of another: procedure, bench, "
+                "settings, what varies, metrics or version have changed",
+                hint="--restart begins anew; or another -o keeps both",
+            )
+    try:
+        with path.open("ab" if whole else "wb") as file:
+            file.truncate(whole)
+            journal = StudyJournal(path, file)
+            if not whole:
+                journal._write([begun])  # noqa: SLF001  # its own module
+            yield journal, had
+    except OSError as error:
+        raise BenchError(f"{shown(path)}: the journal cannot be written: {error.strerror}") from error
+
+
+def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], Row]]:
+    """Return the first line of a study's journal and every row, by case and seed.
+
+    Raises:
+        ConfigError: it cannot be read, or is no journal of a study.
+    """
+    begun, rows, _ = _read(path)
+    if begun is None:
+        raise ConfigError(f"{shown(path)}: expected the journal of a study, its first line is none")
+    return begun, rows
+
+
+def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], Row], int]:
+    """Return first line, rows, and how many bytes they have: what comes after is a line that was cut off."""
+    rows: dict[tuple[int, int], Row] = {}
+    whole = 0
+    with opened(path, "the journal of a study") as file:
+        first = file.readline()
+        if not first.endswith(b"\n"):
+            if first and not first.startswith(b'{"type":"study"'[: len(first)]):
+                raise ConfigError(f"{shown(path)}: expected the journal of a study, this is something else")
+            return None, rows, 0
+        try:
+            begun = _HEAD.decode(first)
+            if begun.format != FORMAT:
+                raise ConfigError(f"{shown(path)}: a study of format {begun.format}; this version reads {FORMAT}")
+            whole = len(first)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                row = _ROW.decode(line)
+                rows[row.case, row.seed] = row
+                whole += len(line)
+        except msgspec.DecodeError as error:
+            where = f"line {len(rows) + 2}" if whole else "line 1"
+            raise ConfigError(f"{shown(path)}: {where} is none of the journal of a study: {error}") from None
+    return begun, rows, whole

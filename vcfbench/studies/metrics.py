@@ -1,0 +1,69 @@
+"""What a study keeps of a run: one flat row of numbers, by names that say what they are."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.record.plain import plain
+from vcfbench.studies.truth import truth_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.runs.run import Run
+
+__all__ = ["PARTS", "metrics_of"]
+
+PARTS = (".u", ".u95", ".truth", ".z", ".covered")
+"""What stands beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds the truth."""
+
+_DEEPEST = 4
+
+
+def metrics_of(run: Run, description: BenchDescription, patterns: Sequence[str]) -> dict[str, Any]:
+    """Return the numbers of the results of `run` by name, those whose names one of `patterns` fits.
+
+    What is stated with an uncertainty comes first, with u, U95 and, where the simulation knows it, the truth; then what
+    ``[acceptance]`` can limit, then every other number of the results that is no list.
+    """
+    truth = truth_of(run, description)
+    found: dict[str, Any] = {}
+    for name, value in (*_stated(run.results, truth), *_acceptance(run.results), *_numbers(plain(run.results))):
+        whole = next((name.removesuffix(part) for part in PARTS if name.endswith(part)), name)
+        if any(fnmatchcase(whole, pattern) for pattern in patterns):
+            found.setdefault(name, value)
+    return found
+
+
+def _stated(results: Any, truth: Mapping[str, float]) -> Iterator[tuple[str, Any]]:
+    """Yield what is stated in the budget of the results, where they have one."""
+    for each in getattr(getattr(results, "uncertainty", None), "values", ()):
+        yield each.name, each.value
+        yield f"{each.name}.u", each.u
+        yield f"{each.name}.u95", each.u95
+        if each.name in truth:
+            true = truth[each.name]
+            yield f"{each.name}.truth", true
+            if each.u > 0.0:
+                yield f"{each.name}.z", (each.value - true) / each.u
+            yield f"{each.name}.covered", abs(each.value - true) <= each.u95
+
+
+def _acceptance(results: Any) -> Iterator[tuple[str, Any]]:
+    values = getattr(results, "acceptance_values", None)
+    for name, value in () if values is None else values().items():
+        yield f"acceptance.{name}", value
+
+
+def _numbers(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Yield the numbers of plain results by the names of their fields; the ``value`` of a quantity has its name."""
+    if isinstance(value, bool | int | float):
+        yield name, value
+    elif isinstance(value, dict) and depth < _DEEPEST:
+        for key, below in value.items():
+            if (name, key) == ("", "uncertainty"):
+                continue  # its values were there already
+            here = f"{name}.{key}" if name else key
+            yield from _numbers(below, name if key == "value" and name else here, depth + 1)

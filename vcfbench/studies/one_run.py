@@ -1,0 +1,71 @@
+"""One run of a study, in whatever process it is done: from case and seed to a row of its table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct, field, structs
+
+from vcfbench.errors import Aborted, BenchError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.studies.asked import Study
+
+__all__ = ["Row", "Work", "failed", "perform"]
+
+
+class Work(Struct, frozen=True):
+    """A run that is to be done: a study with one case, and a seed; its record goes into `keep`, None keeps none."""
+
+    study: Study
+    seed: int
+    keep: Path | None = None
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Case and seed."""
+        return self.study.cases[0].number, self.seed
+
+
+class Row(Struct, frozen=True):
+    """What a run came to: ``complete`` with its metrics, or ``failed`` with a message."""
+
+    case: int
+    seed: int
+    status: str
+    message: str | None = None
+    verdict: str | None = None
+    bench_seconds: float | None = None
+    metrics: dict[str, Any] = field(default_factory=dict)
+
+
+def perform(work: Work) -> Row:
+    """Do one run; whatever goes wrong in it is in the row.
+
+    Raises:
+        Aborted: a signal came.
+    """
+    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.runs.conduct import conduct  # noqa: PLC0415
+    from vcfbench.studies.metrics import metrics_of  # noqa: PLC0415
+
+    case, study = work.study.cases[0], work.study
+    try:
+        asked = structs.replace(study.asked(case, work.seed), runs=work.keep)
+        run = conduct(asked, StopSignals())  # not entered: signals are for whoever conducts the study
+        metrics = metrics_of(run, asked.bench, study.metrics)  # type: ignore[arg-type]  # it is described
+    except Aborted:
+        raise
+    except BenchError as error:
+        return failed(work, str(error))
+    except Exception as error:  # noqa: BLE001  # a procedure is anybody's; the other runs go on
+        return failed(work, f"{type(error).__name__}: {error}")
+    verdict = None if run.verdict is None else run.verdict.word
+    return Row(*work.key, run.status.value, None, verdict, run.bench_seconds, metrics)
+
+
+def failed(work: Work, message: str) -> Row:
+    """Return the row of a run that came to nothing."""
+    return Row(*work.key, "failed", message)

@@ -1,0 +1,140 @@
+"""What a study came to: its rows, and what is made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import shown
+from vcfbench.report.document import Report, Text
+from vcfbench.studies.journal import read_rows
+from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
+from vcfbench.studies.table import columns_of, write_table, written
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.studies.journal import Begun
+    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.table import ColumnOf
+
+__all__ = ["StudyResult", "beside", "load_study"]
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyResult:
+    """What a study came to.
+
+    `title`, `procedure` and `bench` say of what. `rows` are those of the table, sorted by case and seed: ``status`` is
+    ``complete`` or says how the run failed, ``metrics`` its numbers. `values` are those that were varied, by case and
+    label, `drawn` what was drawn, by seed and label. `table_path` is the file of the table, None where there is none.
+    """
+
+    title: str
+    procedure: str
+    bench: str
+    rows: tuple[Row, ...]
+    values: Mapping[int, Mapping[str, Any]]
+    drawn: Mapping[int, Mapping[str, Any]]
+    table_path: Path | None = None
+
+    @property
+    def summary(self) -> tuple[CaseSummary, ...]:
+        """What the runs of each case come to."""
+        return summaries(self.rows, self.values)
+
+    @property
+    def columns(self) -> tuple[ColumnOf, ...]:
+        """The table, column by column."""
+        return columns_of(
+            self.rows, [{**self.values.get(row.case, {}), **self.drawn.get(row.seed, {})} for row in self.rows]
+        )
+
+    def table(self) -> Any:
+        """Return the table as a pandas DataFrame, a row a run.
+
+        Raises:
+            ConfigError: pandas is not installed.
+        """
+        from vcfbench.extras import need  # noqa: PLC0415
+
+        pandas = need("pandas", "export", "a table of a study")
+        return pandas.DataFrame({column.name: list(column.values) for column in self.columns})
+
+    def report(self) -> Report:
+        """Return the summary as a report: how many runs, and a table of the headlines by case."""
+        cases = self.summary
+        complete = sum(case.complete for case in cases)
+        said = [f"{self.title}: {self.procedure} on the {self.bench}", f"{complete} of {len(self.rows)} runs complete"]
+        if (broken := next((row for row in self.rows if row.status != "complete"), None)) is not None:
+            said.append(f"the first that is not: case {broken.case}, seed {broken.seed}: {broken.message}")
+        return Report([Text("\n".join(said)), *([summary_table(cases)] if headlines(cases) else [])])
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``summary.json`` holds."""
+        told = {"title": self.title, "procedure": self.procedure, "bench": self.bench, "runs": len(self.rows)}
+        return {**told, "cases": msgspec.to_builtins(self.summary)}
+
+    def write(self, path: Path) -> tuple[Path, ...]:
+        """Write the table to `path` (``.parquet`` or ``.csv``), summary and picture beside it; return all of them.
+
+        Raises:
+            ConfigError: what one of them needs is not installed.
+            BenchError: the disk does not take them.
+        """
+        from vcfbench.studies.figures import picture  # noqa: PLC0415  # loads Matplotlib
+
+        summary, drawing = beside(path, ".summary.json"), beside(path, ".svg")
+        write_table(path, self.columns)
+        written(summary, msgspec.json.format(msgspec.json.encode(self.as_json())) + b"\n")
+        cases = self.summary
+        if not headlines(cases):
+            return path, summary
+        written(drawing, picture(self.title, self.rows, cases))
+        return path, summary, drawing
+
+    def __repr__(self) -> str:
+        return f"<StudyResult {self.title}: {len(self.rows)} runs of {self.procedure}, {len(self.values)} cases>"
+
+    def _repr_html_(self) -> str:
+        """Show the summary in a notebook."""
+        from vcfbench.report.html import html_of  # noqa: PLC0415
+
+        return html_of(self.report())
+
+
+def beside(path: Path, ending: str) -> Path:
+    """Return the file of that ending beside the table at `path`."""
+    return path.with_name(f"{path.stem}{ending}")
+
+
+def of_rows(
+    begun: Begun, rows: Sequence[Row], drawn: Mapping[int, Mapping[str, Any]], path: Path | None
+) -> StudyResult:
+    """Return what `rows` come to; `begun` says of which study they are."""
+    ordered = tuple(sorted(rows, key=lambda row: (row.case, row.seed)))
+    values = {
+        number: {begun.labels[path]: value for path, value in case.items()} for number, case in enumerate(begun.cases)
+    }
+    return StudyResult(begun.title, begun.procedure, begun.bench, ordered, values, drawn, path)
+
+
+def load_study(path: str | Path) -> StudyResult:
+    """Return what a study has come to until now, by the path of its table or its journal, which lies beside it.
+
+    Raises:
+        ConfigError: there is no journal of a study.
+    """
+    from pathlib import Path as AnyPath  # noqa: PLC0415  # an annotation elsewhere
+
+    asked = AnyPath(path)
+    journal = asked if asked.suffix == ".jsonl" else beside(asked, ".journal.jsonl")
+    if not journal.is_file():
+        raise ConfigError(f"{shown(journal)}: expected the journal of a study, there is no such file")
+    begun, rows = read_rows(journal)
+    table = None if asked.suffix == ".jsonl" else asked
+    return of_rows(begun, list(rows.values()), begun.drawn_for({seed for _, seed in rows}), table)

@@ -1,0 +1,153 @@
+"""What the runs of a study come to, case by case: mean, spread, coverage, pass rate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+
+from vcfbench.report.document import Column, Table
+from vcfbench.studies.metrics import PARTS
+from vcfbench.studies.table import in_words
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.studies.one_run import Row
+
+__all__ = ["CaseSummary", "MetricSummary", "headlines", "summaries", "summary_table"]
+
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+class MetricSummary(Struct, frozen=True):
+    """One metric over the runs of a case that have it.
+
+    `sd` is None of a single run. `u` is the root mean square of the stated standard uncertainties; `z_mean` and `z_sd`
+    are of (value - truth)/u, `coverage` the share of runs whose U95 holds the truth; each None where it is not known.
+    """
+
+    n: int
+    mean: float
+    sd: float | None
+    least: float
+    most: float
+    quantiles: dict[str, float]
+    u: float | None = None
+    z_mean: float | None = None
+    z_sd: float | None = None
+    coverage: float | None = None
+
+
+class CaseSummary(Struct, frozen=True):
+    """One case: its values by label, runs by how they ended, share of runs that passed, metrics by name.
+
+    `pass_rate` is of the runs that were judged, None where none was.
+    """
+
+    case: int
+    values: dict[str, Any]
+    runs: int
+    complete: int
+    pass_rate: float | None
+    metrics: dict[str, MetricSummary]
+
+
+def summaries(rows: Sequence[Row], values: Mapping[int, Mapping[str, Any]]) -> tuple[CaseSummary, ...]:
+    """Return the summary of every case of the sorted `rows`; `values` are those of each case, by label."""
+    cases: dict[int, list[Row]] = {}
+    for row in rows:
+        cases.setdefault(row.case, []).append(row)
+    return tuple(_case(number, dict(values.get(number, {})), of_case) for number, of_case in cases.items())
+
+
+def _case(number: int, values: dict[str, Any], rows: Sequence[Row]) -> CaseSummary:
+    judged = [row.verdict == "pass" for row in rows if row.verdict is not None]
+    names = dict.fromkeys(name for row in rows for name in row.metrics if not name.endswith(PARTS))
+    return CaseSummary(
+        case=number,
+        values=values,
+        runs=len(rows),
+        complete=sum(row.status == "complete" for row in rows),
+        pass_rate=sum(judged) / len(judged) if judged else None,
+        metrics={name: metric for name in names if (metric := _metric(name, rows)) is not None},
+    )
+
+
+def _metric(name: str, rows: Sequence[Row]) -> MetricSummary | None:
+    import numpy as np  # noqa: PLC0415  # the list of commands is shown without it
+
+    def numbers(of: str) -> list[float]:
+        return [float(row.metrics[of]) for row in rows if row.metrics.get(of) is not None]
+
+    found, z, covered = numbers(name), numbers(f"{name}.z"), numbers(f"{name}.covered")
+    if not found:
+        return None
+    stated = np.array(numbers(f"{name}.u"))
+    spread = np.quantile(found, _QUANTILES)
+    return MetricSummary(
+        n=len(found),
+        mean=float(np.mean(found)),
+        sd=float(np.std(found, ddof=1)) if len(found) > 1 else None,
+        least=min(found),
+        most=max(found),
+        quantiles={f"{share:g}": float(each) for share, each in zip(_QUANTILES, spread, strict=True)},
+        u=float(np.sqrt(np.mean(stated**2))) if stated.size else None,
+        z_mean=float(np.mean(z)) if z else None,
+        z_sd=float(np.std(z, ddof=1)) if len(z) > 1 else None,
+        coverage=float(np.mean(covered)) if covered else None,
+    )
+
+
+def headlines(cases: Sequence[CaseSummary]) -> tuple[str, ...]:
+    """Return the metrics to show: those stated with an uncertainty, or where there are none, all."""
+    stated = dict.fromkeys(name for case in cases for name, each in case.metrics.items() if each.u is not None)
+    return tuple(stated or dict.fromkeys(name for case in cases for name in case.metrics))
+
+
+def summary_table(cases: Sequence[CaseSummary]) -> Table:
+    """Return mean, spread and coverage as a table, metric after metric, a row a case."""
+    several = any(case.values for case in cases)
+    heads = list(dict.fromkeys(label for case in cases for label in case.values))
+    columns = [
+        Column("metric", align="left"),
+        *(Column(_short(head), align="left") for head in heads),
+        *(Column(name) for name in ("n", "mean", "sd", "5 %", "95 %", "u", "z mean", "z sd", "in U95")),
+    ]
+    rows = list(_lines(cases, heads))
+    if any(case.pass_rate is not None for case in cases):
+        rows += [
+            ["passed", *_values(case, heads), str(case.complete), _percent(case.pass_rate), *[None] * 7]
+            for case in cases
+        ]
+    return Table(columns, rows, title="by case" if several else "")
+
+
+def _lines(cases: Sequence[CaseSummary], heads: Sequence[str]) -> Iterator[list[str | None]]:
+    for name in headlines(cases):
+        for case in cases:
+            each = case.metrics.get(name)
+            if each is None:
+                continue
+            spread = [each.mean, each.sd, each.quantiles["0.05"], each.quantiles["0.95"], each.u]
+            figures = [_figure(number) for number in spread]
+            z = [None if number is None else f"{number:+.2f}" for number in (each.z_mean,)]
+            z_sd = None if each.z_sd is None else f"{each.z_sd:.2f}"
+            yield [name, *_values(case, heads), str(each.n), *figures, *z, z_sd, _percent(each.coverage)]
+
+
+def _values(case: CaseSummary, heads: Sequence[str]) -> list[str | None]:
+    return [None if head not in case.values else in_words(case.values[head]) for head in heads]
+
+
+def _short(path: str) -> str:
+    """Return what is left of a long path: its last two names say what it is."""
+    return ".".join(path.split(".")[-2:])
+
+
+def _figure(number: float | None) -> str | None:
+    return None if number is None else f"{number:.6g}"
+
+
+def _percent(share: float | None) -> str | None:
+    return None if share is None else f"{100.0 * share:.1f} %"

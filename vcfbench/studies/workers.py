@@ -1,0 +1,210 @@
+"""Who does the runs of a study: this process, processes of its own, or a Dask cluster. All yield the same rows.
+
+A process that dies takes its pool with it. What it may have been doing is then done again one run at a time, each in a
+process of its own making, so that a run that kills its process is found, and no other run is lost by it.
+"""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import connection
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.errors import BenchError, ConfigError, ConnectFailed, LinkLost
+from vcfbench.extras import need
+from vcfbench.studies.one_run import Row, perform
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable, Iterator
+
+    from vcfbench.studies.one_run import Work
+
+__all__ = ["LOST", "here", "in_processes", "on_cluster", "processors"]
+
+LOST: Final = "lost"
+"""Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
+
+_TRIES: Final = 3
+_MOST_BREAKS: Final = 12
+"""Processes that die one after another without any run done: three runs that kill theirs may come together."""
+
+_THREADS: Final = "OPENBLAS_NUM_THREADS"
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def here(works: Iterable[Work]) -> Iterator[Row]:
+    """Do the runs in this process, one after another."""
+    yield from map(perform, works)
+
+
+def in_processes(works: Iterable[Work], workers: int) -> Iterator[Row]:
+    """Do the runs in so many processes, and yield each row when it is there.
+
+    Raises:
+        BenchError: processes die again and again without a run done.
+    """
+    queue: deque[Work] = deque(works)
+    suspects: deque[Work] = deque()
+    breaks = 0
+    tries: Counter[tuple[int, int]] = Counter()
+    while queue or suspects:
+        alone = bool(suspects)
+        with _pool(1 if alone else workers) as pool:
+            lost: list[Work] = []
+            for row in _done(pool, suspects if alone else queue, 1 if alone else 2 * workers, lost):
+                breaks = 0
+                yield row
+        breaks += bool(lost)
+        if breaks > _MOST_BREAKS:
+            raise BenchError(
+                "the processes of the study die before they have done a run",
+                hint="a script needs `if __name__ == '__main__':` around the call; where memory is short, --workers 1",
+            )
+        for work in lost:
+            tries[work.key] += alone
+            if tries[work.key] >= _TRIES:
+                yield Row(*work.key, LOST, f"its process died {_TRIES} times")
+            else:
+                suspects.appendleft(work) if alone else suspects.append(work)
+
+
+def _done(pool: ProcessPoolExecutor, queue: deque[Work], window: int, lost: list[Work]) -> Iterator[Row]:
+    """Yield the rows of `queue`, at most `window` of them under way; what was when a process died goes into `lost`."""
+    running: dict[Any, Work] = {}
+    while queue or running:
+        try:
+            while queue and len(running) < window:
+                running[pool.submit(perform, queue[0])] = queue[0]
+                queue.popleft()
+        except BrokenProcessPool:  # told here first; those under way tell it below
+            pass
+        if not running:
+            lost.append(queue.popleft())
+            return
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            work = running.pop(future)
+            try:
+                row = future.result()
+            except BrokenProcessPool:
+                lost.append(work)
+            else:
+                yield row
+        if lost:
+            yield from _left(running, lost)
+            return
+
+
+def _left(running: dict[Any, Work], lost: list[Work]) -> Iterator[Row]:
+    """Yield what was done before the pool broke; the rest is lost."""
+    for future, work in running.items():
+        try:
+            yield future.result()
+        except BrokenProcessPool:
+            lost.append(work)
+
+
+@contextmanager
+def _pool(workers: int) -> Generator[ProcessPoolExecutor]:
+    """Make a pool of processes; left by an exception they are killed, so that nobody waits for a long run."""
+    before = set(multiprocessing.active_children())
+    threads = os.environ.get(_THREADS)
+    os.environ.setdefault(_THREADS, "1")  # as the command does; processes are made with it
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
+    try:
+        yield pool
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        if threads is None:
+            os.environ.pop(_THREADS, None)
+
+
+def _begin() -> None:
+    """Begin a process of the study: Ctrl-C is for the study, and without it there is nothing to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.set_threshold(200_000)  # as the command does
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait until the process of the study is gone, however it went, and be gone too."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def on_cluster(works: Iterable[Work], address: str) -> Iterator[Row]:
+    """Do the runs on the Dask cluster whose scheduler is at `address`, and yield each row when it is there.
+
+    Raises:
+        ConfigError: `distributed` is not installed, or a worker has another version of this package.
+        ConnectFailed: no scheduler answers.
+        LinkLost: it answered no more.
+    """
+    distributed = need("distributed", "study", "a study on a cluster")
+    try:
+        client = distributed.Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        words = f"--scheduler {address}: no Dask scheduler answers"
+        raise ConnectFailed(words, hint="dask scheduler begins one") from error
+    with client, client.as_current():
+        _require_version(client, address)
+        try:
+            yield from _clustered(client, distributed, iter(works))
+        except (OSError, TimeoutError) as error:
+            raise LinkLost(f"--scheduler {address}: the cluster answers no more: {error}") from error
+
+
+def _clustered(client: Any, distributed: Any, works: Iterator[Work]) -> Iterator[Row]:
+    keys: dict[str, Work] = {}
+
+    def submitted() -> Iterator[Any]:
+        for work in works:
+            future = client.submit(perform, work, pure=False, retries=_TRIES - 1)
+            keys[future.key] = work
+            yield future
+
+    more = submitted()
+    window = 2 * max(1, sum(client.nthreads().values()))
+    done = distributed.as_completed([future for _, future in zip(range(window), more, strict=False)])
+    for future in done:
+        work = keys.pop(future.key)
+        try:
+            yield future.result()
+        except distributed.KilledWorker:
+            yield Row(*work.key, LOST, "its workers died")
+        for another in more:
+            done.add(another)
+            break
+
+
+def _require_version(client: Any, address: str) -> None:
+    found = client.run(_version)
+    if not found:
+        raise ConnectFailed(f"--scheduler {address}: it has no workers", hint="dask worker SCHEDULER begins one")
+    others = {worker: version for worker, version in found.items() if version != _version()}
+    if others:
+        worker, version = next(iter(others.items()))
+        raise ConfigError(f"--scheduler {address}: worker {worker} has vcfbench {version}, this is {_version()}")
+
+
+def _version() -> str:
+    from vcfbench import __version__  # noqa: PLC0415  # another process asks for it
+
+    return __version__
