@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from shutil import get_terminal_size
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
@@ -13,7 +14,12 @@ from vcfbench.errors import BenchError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["answer", "given", "print_json"]
+    from vcfbench.report.document import Report
+
+__all__ = ["answer", "given", "print_json", "print_report"]
+
+_NARROWEST: Final = 40
+"""A terminal that says it is narrower, or nothing of its size, gets lines of so many characters."""
 
 
 def print_json(values: dict[str, Any]) -> None:
@@ -21,6 +27,14 @@ def print_json(values: dict[str, Any]) -> None:
     import msgspec  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
 
     typer.echo(msgspec.json.encode(values).decode())
+
+
+def print_report(report: Report) -> None:
+    """Print a report on stdout: as wide as a terminal there, if that is narrower than usual."""
+    from vcfbench.report.text import WIDTH, text_of  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+
+    width = min(WIDTH, get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
+    typer.echo(text_of(report, max(width, _NARROWEST)))
 
 
 def answer(show: Callable[[], None], outcome: BenchError | None) -> None:

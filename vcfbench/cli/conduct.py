@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from vcfbench.cli.answer import given, print_json
+from vcfbench.cli.answer import given, print_json, print_report
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
@@ -135,9 +135,7 @@ def _show(run: Run, options: RunOptions) -> None:
 
 
 def _show_text(run: Run, physical_minimum_s: float) -> None:
-    from vcfbench.report.text import text_of  # noqa: PLC0415
-
-    typer.echo(text_of(run.report()))
+    print_report(run.report())
     for said in run.asked_again:
         typer.echo(f"\nasked again: {said}")
     typer.echo(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vcfbench.cli.answer import print_json
+from vcfbench.cli.answer import print_json, print_report
 from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -215,7 +215,6 @@ def _told_of(run: Run) -> Iterator[str]:
 
 
 def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
-    from vcfbench.report.text import text_of  # noqa: PLC0415
     from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
     line = _line(directory, record)
@@ -226,7 +225,7 @@ def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> N
     )
     for words in _told_of(run):
         typer.echo(f"{printable(words)}\n")
-    typer.echo(text_of(run.report()))
+    print_report(run.report())
     for said in run.asked_again:
         typer.echo(f"\nasked again: {printable(said)}")
     if run.no_results is not None:

@@ -16,28 +16,35 @@ if TYPE_CHECKING:
 __all__ = ["left_table", "printable_lines", "table_text", "text_of"]
 
 WIDTH = 130
-"""Lines of text that are longer are wrapped; of a table that is wider its last column, if that is of texts."""
+"""Lines of text that are longer are wrapped, where nothing else is said; of a table that is wider its last column, if
+that is of texts."""
 _LEAST_WIDTH = 30
-"""A column of texts that would be narrower is left as it is."""
+"""A column of texts that would be narrower stands below its rows instead."""
+_BELOW = "    "
 
 _RULES = ("=", "-")
 """What stands below headings of the first and the second level."""
 
 
-def text_of(report: Report) -> str:
-    """Return the report with an empty line between its parts; what would write on a terminal by itself is escaped."""
-    return "\n\n".join(_part(part) for part in report.parts if not isinstance(part, Figure))
+def text_of(report: Report, width: int = WIDTH) -> str:
+    """Return the report with an empty line between its parts; what would write on a terminal by itself is escaped.
+
+    Args:
+        report: what is to be shown.
+        width: characters of a line; numbers of a table that is wider are not cut.
+    """
+    return "\n\n".join(_part(part, width) for part in report.parts if not isinstance(part, Figure))
 
 
-def _part(part: Part) -> str:
+def _part(part: Part, width: int) -> str:
     match part:
         case Heading():
             title = _line(part.text)
             return "\n".join([title, *(rule * len(title) for rule in _RULES[part.level - 1 : part.level])])
         case Table():
-            return table_text(part, WIDTH)
+            return table_text(part, width)
         case Text() | Notice():
-            return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(_line(line)))
+            return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(_line(line), width))
         case Figure():  # left out
             return ""
 
@@ -45,18 +52,30 @@ def _part(part: Part) -> str:
 def table_text(table: Table, most: float = math.inf) -> str:
     """Return columns under their heads, a rule between; numbers to the right.
 
-    Texts of the last column that would make lines longer than `most` go on under themselves.
+    Texts of the last column that would make lines longer than `most` go on under themselves, or stand below their rows
+    where there is no room for that.
     """
     rows = [[_line(cell) for cell in row] for row in ([each.head for each in table.columns], *table.printed())]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     sides = [str.ljust if column.align == "left" else str.rjust for column in table.columns]
-    room = most - sum(widths[:-1]) - 3 * len(widths[:-1])
-    if sides[-1] is str.ljust and _LEAST_WIDTH <= room < widths[-1]:
-        widths[-1] = int(room)
-        rows = [part for row in rows for part in _under_itself(row, widths[-1])]
-    head, *lines = ("   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows)
+    *others, last = (max(map(len, column)) for column in zip(*rows, strict=True))
+    room = most - sum(others) - 3 * len(others)
+    if sides[-1] is str.rjust or last <= room or not others:
+        lines = _in_columns(rows, [*others, last], sides)
+    elif room >= _LEAST_WIDTH:
+        lines = _in_columns([part for row in rows for part in _under_itself(row, int(room))], [*others, 0], sides)
+    else:
+        beside = _in_columns([row[:-1] for row in rows], others, sides[:-1])
+        below = [[], *(_wrapped(f"{_BELOW}{row[-1]}", most) for row in rows[1:])]
+        lines = [line for one, more in zip(beside, below, strict=True) for line in (one, *more)]
+    head, *lines = lines
     above = [head, "-" * len(head)] if table.has_heads else []
     return "\n".join([*([_line(table.title)] if table.title else []), *above, *lines])
+
+
+def _in_columns(
+    rows: Iterable[Sequence[str]], widths: Sequence[int], sides: Sequence[Callable[[str, int], str]]
+) -> list[str]:
+    return ["   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows]
 
 
 def _under_itself(row: list[str], width: int) -> list[list[str]]:
@@ -65,12 +84,12 @@ def _under_itself(row: list[str], width: int) -> list[list[str]]:
     return [[*row[:-1], first], *([*("" for _ in row[:-1]), each] for each in more)]
 
 
-def _wrapped(line: str) -> list[str]:
+def _wrapped(line: str, width: float) -> list[str]:
     """Return `line`, if it is too long, as several with its indentation and two more."""
-    if len(line) <= WIDTH:
+    if len(line) <= width:
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
-    return wrap(line, WIDTH, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False)
+    return wrap(line, int(width), subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _aligned(cell: str, width: int, side: Callable[[str, int], str]) -> str:
