@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
     from vcfbench.report.text import text_of
     from vcfbench.runs.asked import DryRun, dry_run
+    from vcfbench.runs.compared import RunComparison, compare_runs
     from vcfbench.runs.conduct import run
     from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
@@ -149,6 +150,7 @@ __all__ = [
     "Rotates",
     "Routine",
     "Run",
+    "RunComparison",
     "RunMetadata",
     "RunSummary",
     "SafeReport",
@@ -182,6 +184,7 @@ __all__ = [
     "allan_deviation",
     "characterise",
     "compare",
+    "compare_runs",
     "dry_run",
     "energised",
     "go_to_rate",
@@ -350,6 +353,10 @@ _HOMES = {
     "runs.asked": (
         "DryRun",
         "dry_run",
+    ),
+    "runs.compared": (
+        "RunComparison",
+        "compare_runs",
     ),
     "runs.conduct": ("run",),
     "runs.recorded": (

@@ -38,3 +38,14 @@ def test_what_is_not_there_is_said(folder: Path) -> None:
     done = warm.run(["vcfbench", "report", "none"], folder)
     assert (done.returncode, done.stdout) == (2, "")
     assert "there is no run 'none'" in done.stderr
+
+
+def test_figures_are_drawn_alone_or_all(folder: Path) -> None:
+    drawn = warm.run(["vcfbench", "plot", "-o", "fig.png"], folder)
+    assert drawn.stdout.split() == ["fig-1.png", "fig-2.png"], drawn.stderr
+    drawn = warm.run(["vcfbench", "plot", "last", "--figure", "2", "-o", "residuals.svg"], folder)
+    assert drawn.stdout.split() == ["residuals.svg"]
+    assert "residual of full scale / ppm" in (folder / "residuals.svg").read_text(encoding="utf-8")
+    refused = warm.run(["vcfbench", "plot", "--figure", "3"], folder)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "expected a figure from 1 to 2, came 3" in refused.stderr

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 import vcfbench
+from vcfbench.bench.file import embedded_text
 from vcfbench.errors import ConfigError
 from vcfbench.report.document import Figure, Heading, Notice
 from vcfbench.report.text import text_of
-from vcfbench.runs.reported import full_report
+from vcfbench.runs.reported import command_of, full_report
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,10 +21,37 @@ if TYPE_CHECKING:
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
 
+METER = """[multimeter]
+calibrated = 2020-08-01
+calibration_due = 2021-08-01
+certificate = "DKD-4711"
+"""
+MORE = """
+[acceptance]
+bias_v = [-0.05, 0.05]
+nonlinearity_ppm = [0, 1e-3]
+
+[laboratory]
+name = "Gyroscope Laboratory"
+address = "1 Example Street, Example Town"
+"""
+TOLD = {
+    "dut": "G-0042",
+    "operator": "A. Person",
+    "note": "after <script>alert(1)</script> rework",
+    "tags": {"batch": "7"},
+    "ambient_temperature_c": 23.1,
+    "humidity_percent": 41.0,
+}
+
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path_factory.mktemp("runs"))
+    bench = tmp_path_factory.mktemp("bench") / "bench.toml"
+    bench.write_text(embedded_text("paper").replace("[multimeter]\n", METER) + MORE, encoding="utf-8")
+    runs = tmp_path_factory.mktemp("runs")
+    with pytest.warns(UserWarning, match="multimeter"):
+        return vcfbench.run("turntable", bench, seed=3, settings=QUICK, runs=runs, metadata=TOLD)
 
 
 def recorded(run: Run, folder: Path, **changes: object) -> Run:
@@ -41,16 +69,48 @@ def test_a_report_says_who_what_and_by_what_means(quick: Run) -> None:
     report = full_report(quick)
     heads = [part.text for part in report.parts if isinstance(part, Heading)]
     assert heads == [
-        *("Calibration report: turntable", "Identification", "Conditions", "Equipment", "Method", "Results"),
-        *("Settings", "Provenance"),
+        *("Calibration report: turntable of G-0042", "Identification", "Conditions", "Equipment", "Method", "Results"),
+        *("Verdict", "Settings", "Provenance"),
     ]
     notices = [part.text for part in report.parts if isinstance(part, Notice)]
-    assert notices == ["SIMULATED: instruments and gyroscope were simulated (seed 3). Nothing here was measured."]
+    assert notices == [
+        "SIMULATED: instruments and gyroscope were simulated (seed 3). Nothing here was measured.",
+        "OVERDUE: the calibration of multimeter (34401A) was due 2021-08-01.",
+        "Verdict: FAIL",
+    ]
     titles = [part.title for part in report.parts if isinstance(part, Figure)]
     assert titles == ["Output against the table's rate", "Residuals of the least-squares line"]
     words = text_of(report)
     for said in (quick.name, "A least-squares line", "MY44021876", "GPIB0::22::INSTR", "SHA-256", "rates_deg_s"):
         assert str(said) in words
+    for said in ("A. Person", "after <script>", "23.1 degC", "41 %", "2021-08-01 OVERDUE", "DKD-4711", "Gyroscope Lab"):
+        assert said in words
+
+
+def test_a_note_is_harmless(quick: Run, tmp_path: Path) -> None:
+    (page,) = vcfbench.write_report(quick, tmp_path / "one.html")
+    assert "<script" not in page.read_text(encoding="utf-8")
+    assert "&lt;script&gt;alert(1)" in page.read_text(encoding="utf-8")
+    (text, *_) = vcfbench.write_report(quick, tmp_path / "one.md")
+    assert "<" not in text.read_text(encoding="utf-8")
+
+
+def test_the_record_of_a_long_window_is_drawn(tmp_path: Path) -> None:
+    settings = {"powered_s": 0.0, "duration_s": 200.0}
+    run = vcfbench.run("zero", seed=1, settings=settings, runs=tmp_path)
+    figures = [part for part in full_report(run).parts if isinstance(part, Figure)]
+    assert [each.title for each in figures] == ["Allan deviation of the output at rest", "Record of the raw readings"]
+    assert figures[0].series[0].low is not None
+    assert figures[1].series[0].y == tuple(each.voltage_v for each in run.readings)
+
+
+def test_the_command_can_be_typed_again(quick: Run) -> None:
+    header = {**quick.header, "options": {"bench": "a b.toml", "quiet": True, "seed": 3, "metadata": dict(TOLD)}}
+    assert command_of(header) == (
+        "vcfbench run turntable --bench 'a b.toml' --quiet --seed 3 --dut G-0042 --operator 'A. Person' "
+        "--note 'after <script>alert(1)</script> rework' --tag batch=7 --ambient-temperature-c 23.1 "
+        "--humidity-percent 41.0"
+    )
 
 
 def test_the_same_record_gives_the_same_bytes(quick: Run, tmp_path: Path) -> None:

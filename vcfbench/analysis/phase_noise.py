@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -146,6 +147,13 @@ def _variance(noise: PhaseNoise, stride: int, order: int) -> float:
     return float(np.array(list(shifts.values())) @ noise.covariance(np.array(list(shifts), dtype=np.float64)))
 
 
+@cache  # it is asked for with each of thousands of covariances
+def _rule() -> tuple[Floats, Floats]:
+    """Return nodes and weights of Gauss and Legendre."""
+    nodes, shares = np.polynomial.legendre.leggauss(_NODES)
+    return nodes, shares
+
+
 def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
     """Return lags and weights whose weighted sum is that over every whole lag from `low` to `high`.
 
@@ -159,7 +167,7 @@ def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
     begins, widths = edges[:-1], np.diff(edges)
     short, long = widths <= _SHORT, widths > _SHORT
     singly = [np.arange(b, b + w) for b, w in zip(begins[short], widths[short], strict=True)]
-    nodes, shares = np.polynomial.legendre.leggauss(_NODES)
+    nodes, shares = _rule()
     middle = begins[long] + (widths[long] - 1.0) / 2.0
     spread = (middle[:, None] + widths[long][:, None] / 2.0 * nodes).ravel()
     weights = (widths[long][:, None] / 2.0 * shares).ravel()

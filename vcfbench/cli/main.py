@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["app", "main"]
 
 
-COMMANDS = ("resume", "report", "analyze", "device", "talk", "safe", "run", "study", "runs", "bench", "sim")
+COMMANDS = (
+    *("resume", "report", "plot", "compare", "analyze", "device", "talk", "safe", "run", "study"),
+    *("runs", "bench", "sim"),
+)
 """Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name."""
 
 

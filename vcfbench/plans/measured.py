@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from vcfbench.plans.decode import Recorded, result_of, step_of
@@ -172,7 +173,8 @@ def _steps(lines: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, An
 def _rows(readings: Sequence[Mapping[str, float]]) -> NDArray[np.float64]:
     import numpy as np  # noqa: PLC0415  # most results need points alone
 
-    return np.array([(reading["t_s"], reading["voltage_v"]) for reading in readings])
+    columns = [np.fromiter(map(itemgetter(name), readings), np.float64, len(readings)) for name in ("t_s", "voltage_v")]
+    return np.column_stack(columns)
 
 
 def _window(number: int, step: Step | Recorded, pieces: Sequence[NDArray[np.float64]]) -> WindowReadings:

@@ -523,9 +523,13 @@ def _figures(results: OnlineResult) -> list[Figure]:
     rows = [each for each in results.allan if each.deviation_ppm > 0.0]
     if rows:
         tau = [each.tau_s for each in rows]
-        half_width = [0.5 * (each.high_ppm - each.low_ppm) for each in rows]
-        curve = Series("windows", tau, [each.deviation_ppm for each in rows], half_width)
+        low, high = [each.low_ppm for each in rows], [each.high_ppm for each in rows]
+        curve = Series("windows", tau, [each.deviation_ppm for each in rows], low=low, high=high)
         noise = Series("noise of the readings alone", tau, [each.noise_ppm for each in rows], kind="line")
         axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "ppm", "log")
-        figures.append(Figure("Allan deviation of the scale factor", *axes, [curve, noise]))
+        figures.append(
+            Figure(
+                "Allan deviation of the scale factor", *axes, [curve, noise], "The band holds the true value with 95 %."
+            )
+        )
     return figures

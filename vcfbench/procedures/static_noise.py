@@ -464,11 +464,11 @@ def _figure(results: ZeroResult) -> Figure | Text:
     if not rows:
         return Text("no Allan figure: there is no noise to draw")
     tau = [row.tau_s for row in rows]
-    half_width = [0.25 * (row.high - row.low) for row in rows]
-    series = [Series("as the record shows it", tau, [row.observed for row in rows], half_width)]
+    low, high = [row.low for row in rows], [row.high for row in rows]
+    series = [Series("as the record shows it", tau, [row.observed for row in rows], low=low, high=high)]
     if all(row.corrected is not None for row in rows) and results.white_noise_seen > 1.0:
         series.append(Series("without dead time", tau, [row.corrected or 0.0 for row in rows]))
     if all(row.fit is not None for row in rows):
         series.append(Series("fit, gapless", tau, [row.fit or 0.0 for row in rows], kind="line"))
     axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "deg/h", "log")
-    return Figure("Allan deviation of the output at rest", *axes, series)
+    return Figure("Allan deviation of the output at rest", *axes, series, "The band holds the true value with 95 %.")

@@ -90,6 +90,11 @@ def _words(value: Any) -> Value:
 
 def verdict_table(acceptance: Acceptance) -> Table:
     """Return PASS, MARGINAL or FAIL, and below it every limit with its value."""
-    columns = (Column("limit"), Column("value", "", ".6g"), Column("low", "", "g"), Column("high", "", "g"))
+    columns = (
+        Column("limit", align="left"),
+        Column("value", "", ".6g"),
+        Column("low", "", "g"),
+        Column("high", "", "g"),
+    )
     rows = [(each.key, each.value, each.low, each.high, each.word.upper()) for each in acceptance.limits]
     return Table((*columns, Column("verdict")), rows, title=acceptance.word.upper())

@@ -93,7 +93,8 @@ def caption_of(figure: Figure) -> str:
         for each in figure.series
         if thinned(each.x, each.y) is not None
     ]
-    return " ".join([*([figure.caption] if figure.caption else []), *thin])
+    bars = ["Bars are U = 2 u."] if any(each.u_y is not None for each in figure.series) else []
+    return " ".join([*([figure.caption] if figure.caption else []), *bars, *thin])
 
 
 def _settings(salt: str) -> Any:

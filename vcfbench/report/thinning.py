@@ -17,21 +17,19 @@ _FEW: Final = 4 * COLUMNS
 
 
 def thinned(x: Sequence[float], y: Sequence[float]) -> tuple[list[float], list[float]] | None:
-    """Return least and greatest `y` of each of `COLUMNS` equal columns along `x`, in their order; None for few values.
+    """Return least and greatest `y` of each of `COLUMNS` equal columns along `x`, where it begins; None for few values.
 
-    Extremes stay where they are, so that no spike is lost; an empty column gives nothing. Values keep their order only
-    where `x` does not fall; where it does, they are none of a record and are drawn one by one.
+    No spike is lost; an empty column gives nothing. Values are a record only where `x` does not fall; where it does,
+    they are drawn one by one.
     """
     if len(x) <= _FEW:
         return None
     import numpy as np  # noqa: PLC0415 - it is needed for long records alone
 
     along, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if along[-1] <= along[0] or np.any(np.diff(along) < 0.0):
+    if along[-1] <= along[0] or np.any(along[1:] < along[:-1]):
         return None
-    columns = np.minimum((along - along[0]) * (COLUMNS / (along[-1] - along[0])), COLUMNS - 1).astype(np.intp)
-    firsts = np.flatnonzero(np.diff(columns, prepend=-1))
-    sorted_ = np.lexsort((values, columns))  # within each column from the least to the greatest
-    lasts = np.append(firsts[1:], along.size) - 1
-    kept = np.unique(np.concatenate([sorted_[firsts], sorted_[lasts]]))
-    return along[kept].tolist(), values[kept].tolist()
+    edges = np.linspace(along[0], along[-1], COLUMNS, endpoint=False)
+    begins = np.unique(np.searchsorted(along, edges))
+    extremes = np.column_stack([np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins)])
+    return np.repeat(along[begins], 2).tolist(), extremes.ravel().tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,7 +77,7 @@ def list_runs(
 
 def _run_or_why_not(directory: RunDirectory) -> Run:
     try:
-        return recorded_run(directory, directory.read())
+        return replace(recorded_run(directory, directory.read()), _measured=None)  # of many, none keeps its readings
     except ConfigError as error:
         run = Run("unknown", Status.UNREADABLE, error=error, directory=directory.path)
         error.run = run
@@ -110,6 +111,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         equipment=equipment_of(header),
         resumed=tuple(map(printable, breaks(header, len(record.points)))),
         _came_to=came_to.report,
+        _measured=came_to.measured,
     )
     if run.error is not None:
         run.error.run = run

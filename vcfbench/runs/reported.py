@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import shlex
-from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
-from vcfbench.plans.measured import Measured
-from vcfbench.record.journal import lines_of
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Status
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
@@ -26,10 +23,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.plans.measured import WindowReadings
+    from vcfbench.record.metadata import Equipment
     from vcfbench.report.document import Part
     from vcfbench.runs.run import Run
 
-__all__ = ["full_report", "title_of"]
+__all__ = ["command_of", "full_report", "title_of"]
 
 _LONG: Final = 100
 """A window of so many readings is drawn reading by reading."""
@@ -48,7 +46,7 @@ def full_report(run: Run) -> Report:
             *_notices(run),
             *_identification(run, header),
             *_conditions(run, header),
-            *_equipment(header),
+            *_equipment(run),
             *_method(run, header),
             *_results(run),
             *_remarks(run),
@@ -60,7 +58,8 @@ def full_report(run: Run) -> Report:
 
 def title_of(run: Run) -> str:
     """Return the title of the report of `run`."""
-    return f"Calibration report: {run.procedure}"
+    device = "" if run.metadata.dut is None else f" of {run.metadata.dut}"
+    return f"Calibration report: {run.procedure}{device}"
 
 
 def _notices(run: Run) -> Iterator[Notice]:
@@ -71,6 +70,9 @@ def _notices(run: Run) -> Iterator[Notice]:
     if run.status is not Status.COMPLETE:
         why = "" if run.error is None else f": {run.error}"
         yield Notice(f"This run is not complete, its record is {run.status.value}{why}", "fail")
+    for each in run.equipment:
+        if each.overdue:
+            yield Notice(f"OVERDUE: the calibration of {each.role} ({each.model}) was due {each.calibration_due}.")
     if run.verdict is not None:
         word = run.verdict.word
         yield Notice(f"Verdict: {word.upper()}", word)
@@ -84,13 +86,20 @@ def _pairs(rows: Sequence[tuple[str, Any]], title: str = "") -> Table:
 
 def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     yield Heading("Identification", 2)
+    told, laboratory = run.metadata, header.get("bench", {}).get("laboratory") or {}
     rows = [
+        ("device under test", told.dut),
         ("run", run.name or "not recorded"),
         ("procedure", run.procedure),
         ("what it is", header.get("title")),
         ("status", run.status.value),
+        ("laboratory", ", ".join(filter(None, map(laboratory.get, ("name", "address", "email")))) or None),
+        ("operator", told.operator),
+        *((f"tag {key}", value) for key, value in told.tags.items()),
     ]
     yield _pairs(rows)
+    if told.note is not None:
+        yield Text(f"Note: {told.note}")
 
 
 def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
@@ -104,8 +113,10 @@ def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("took", None if took_s is None else f"{took_s:.0f} s ({took_s / 3600.0:.2f} h) of bench time"),
         ("bench", run.bench),
         ("station", bench.get("title") or None),
-        ("latitude", None if latitude is None else f"{latitude:g} deg"),
-        ("wait after power-on", None if warm_up_s is None else f"{warm_up_s:g} s"),
+        ("latitude", _with_unit(latitude, "deg")),
+        ("temperature of the room", _with_unit(run.metadata.ambient_temperature_c, "degC")),
+        ("relative humidity", _with_unit(run.metadata.humidity_percent, "%")),
+        ("wait after power-on", _with_unit(warm_up_s, "s")),
     ]
     yield _pairs(rows)
 
@@ -115,20 +126,29 @@ def _clock(told: object) -> str | None:
     return None if told is None else f"{str(told)[:19].replace('T', ' ')} UTC"
 
 
-def _equipment(header: Mapping[str, Any]) -> Iterator[Part]:
-    identities, bench = header.get("identities", {}), header.get("bench", {})
-    if not identities:
+def _with_unit(value: float | None, unit: str) -> str | None:
+    return None if value is None else f"{value:g} {unit}"
+
+
+def _equipment(run: Run) -> Iterator[Part]:
+    if not run.equipment:
         return
     yield Heading("Equipment", 2)
-    columns = [Column(name, align="left") for name in ("role", "maker and model", "serial", "firmware", "resource")]
-    rows = [
-        (
-            *(role.replace("_", " "), f"{who.get('maker', '')} {who.get('model', '')}".strip() or "-"),
-            *(who.get("serial") or "-", who.get("firmware") or "-", (bench.get(role) or {}).get("resource", "-")),
-        )
-        for role, who in identities.items()
-    ]
-    yield Table(columns, rows)
+    names = ("role", "instrument", "serial number", "calibrated", "due", "certificate")
+    yield Table([Column(name, align="left") for name in names], list(map(_instrument, run.equipment)))
+
+
+def _instrument(each: Equipment) -> tuple[str | None, ...]:
+    due = None if each.calibration_due is None else str(each.calibration_due)
+    who = each.identity
+    return (
+        each.role.replace("_", " "),
+        each.model if who is None else f"{who.maker} {who.model}",
+        ", ".join(filter(None, (each.serial_number, each.inventory_number))) or None,
+        None if each.calibrated is None else str(each.calibrated),
+        f"{due} OVERDUE" if each.overdue else due,
+        each.certificate,
+    )
 
 
 def _method(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
@@ -149,16 +169,21 @@ def _method_known(name: str) -> str:
 
 def _results(run: Run) -> Iterator[Part]:
     yield Heading("Results", 2)
-    yield from run.report().parts
+    *parts, last = run.report().parts or (Text("nothing"),)
+    verdict = [last] if run.verdict is not None else []
+    yield from parts if verdict else [*parts, last]
     if run.no_results is not None:
         stored = "no results" if run.results is None else "results as they were stored with the run"
         yield Text(f"{stored}: {run.no_results}")
     yield from _record(run)
+    if verdict:
+        yield Heading("Verdict", 2)
+        yield from verdict
 
 
 def _record(run: Run) -> Iterator[Figure]:
     """Draw the raw readings of long windows over time, from the first of them on."""
-    windows = [each for each in _measured(run).readings.windows if len(each.t_s) >= _LONG]
+    windows = [each for each in run.measured.readings.windows if len(each.t_s) >= _LONG]
     if windows:
         t_s, output_v = _joined(windows)
         yield Figure(
@@ -167,12 +192,6 @@ def _record(run: Run) -> Iterator[Figure]:
             Axis("output", "V"),
             [Series("readings", (t_s - t_s[0]).tolist(), output_v.tolist(), kind="line")],
         )
-
-
-def _measured(run: Run) -> Measured:
-    if run.directory is None:
-        return Measured(run.points)
-    return Measured(run.points, partial(lines_of, run.directory / "journal.jsonl"))
 
 
 def _joined(windows: Sequence[WindowReadings]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -207,7 +226,7 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     rows = [
         ("measured with", versions or None),
         ("report made with", f"vcfbench {__version__}"),
-        ("command", _command(header)),
+        ("command", command_of(header)),
         ("bench simulated", None if run.simulated is None else "yes" if run.simulated else "no"),
         ("seed of its noise", run.seed),
         ("bench file", _sha256_of_bench(header)),
@@ -215,9 +234,13 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("record", None if run.directory is None else f"journal.jsonl, SHA-256 {_sha256(run)}"),
     ]
     yield _pairs(rows)
+    if run.equipment:
+        columns = [Column(name, align="left") for name in ("role", "resource", "firmware")]
+        answered = [(e.role, e.resource, None if e.identity is None else e.identity.firmware) for e in run.equipment]
+        yield Table(columns, answered, "Where the instruments answered")
 
 
-def _command(header: Mapping[str, Any]) -> str | None:
+def command_of(header: Mapping[str, Any]) -> str | None:
     """Return the command that made the record, as it would be typed; what was left to its default is left out."""
     options = header.get("options")
     if not isinstance(options, dict):
@@ -227,11 +250,21 @@ def _command(header: Mapping[str, Any]) -> str | None:
         name = f"--{key.replace('_', '-')}"
         if key == "settings" and isinstance(value, dict):
             words += chain.from_iterable(("--set", f"{each}={told}") for each, told in value.items())
+        elif key == "metadata" and isinstance(value, dict):
+            words += _metadata_words(value)
         elif value is True:
             words.append(name)
         elif value not in (None, False, (), [], {}):
             words += [name, str(value)]
     return shlex.join(words)
+
+
+def _metadata_words(told: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in told.items():
+        if isinstance(value, dict):
+            yield from chain.from_iterable(("--tag", f"{tag}={words}") for tag, words in value.items())
+        else:
+            yield from (f"--{key.replace('_', '-')}", str(value))
 
 
 def _sha256_of_bench(header: Mapping[str, Any]) -> str | None:

@@ -37,6 +37,8 @@ class CameTo(Struct, frozen=True):
     results: Any
     verdict: Acceptance | None
     report: Report
+    measured: Any = None
+    """What they were made of, where they were computed: a journal of a million readings is not read once more."""
 
 
 def nothing(points: Sequence[Point]) -> CameTo:
@@ -58,7 +60,7 @@ def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], mea
         raise
     except Exception as error:  # the arithmetic is anybody's
         raise ConfigError(mistake_in(error)) from error
-    return CameTo(results, verdict, _report(procedure, settings, measured, results))
+    return CameTo(results, verdict, _report(procedure, settings, measured, results), measured)
 
 
 def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results: Any) -> Report:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.acceptance import Acceptance
     from vcfbench.errors import BenchError
+    from vcfbench.plans.measured import Measured
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.metadata import Equipment
     from vcfbench.record.schema import Point, Status
@@ -81,6 +83,20 @@ class Run:
     equipment: tuple[Equipment, ...] = ()
     resumed: tuple[str, ...] = ()
     _came_to: Report = field(default=Report(), repr=False)
+    _measured: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def measured(self) -> Measured:
+        """What was measured, as results are made of it; readings are read from the record when asked for."""
+        from vcfbench.plans.measured import Measured  # noqa: PLC0415
+        from vcfbench.record.journal import lines_of  # noqa: PLC0415
+
+        if self._measured is not None:
+            kept: Measured = self._measured
+            return kept
+        if self.directory is None:
+            return Measured(self.points)
+        return Measured(self.points, partial(lines_of, self.directory / "journal.jsonl"))
 
     @property
     def name(self) -> str | None:

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Final
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import shown
+from vcfbench.report.document import Figure
 from vcfbench.runs.reported import full_report, title_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.report.document import Figure, Report
+    from vcfbench.report.document import Report
     from vcfbench.runs.run import Run
 
-__all__ = ["write_document", "write_report"]
+__all__ = ["write_document", "write_figures", "write_report"]
 
 
 def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
@@ -31,6 +32,36 @@ def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
         ConfigError: the suffix is none of these, the record cannot be read, or the file cannot be written.
     """
     return write_document(full_report(run), title_of(run), run.name or run.procedure, Path(path))
+
+
+def write_figures(run: Run, path: Path, number: int | None = None) -> tuple[Path, ...]:
+    """Draw the figures of the report of `run` into files and return those; of several each has its number in its name.
+
+    Args:
+        run: any run.
+        path: its suffix says as what: ``.svg``, ``.png``, ``.pdf``.
+        number: of the figure that is drawn alone, from 1; None for all.
+
+    Raises:
+        ConfigError: there is no such figure, the record cannot be read, or a file cannot be written.
+    """
+    from vcfbench.report.plot import save_figure  # noqa: PLC0415
+
+    figures = [part for part in full_report(run).parts if isinstance(part, Figure)]
+    if not figures:
+        raise ConfigError(f"run {run.name or run.procedure}: its report has no figure")
+    if number is not None and not 1 <= number <= len(figures):
+        raise ConfigError(f"run {run.name or run.procedure}: expected a figure from 1 to {len(figures)}, came {number}")
+    chosen = {1: path} if len(figures) == 1 else {each: _numbered(path, each) for each in range(1, len(figures) + 1)}
+    if number is not None:
+        chosen = {number: path}
+    for each, file in chosen.items():
+        save_figure(figures[each - 1], file)
+    return tuple(chosen.values())
+
+
+def _numbered(path: Path, number: int) -> Path:
+    return path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 def write_document(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
@@ -74,7 +105,7 @@ def _markdown(report: Report, _title: str, _name: str, path: Path) -> tuple[Path
     pictures: list[Path] = []
 
     def place(figure: Figure, number: int) -> str:
-        picture = path.with_name(f"{path.stem}-{number}.svg")
+        picture = _numbered(path.with_suffix(".svg"), number)
         save_figure(figure, picture)
         pictures.append(picture)
         return quote(picture.name)

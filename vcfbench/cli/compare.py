@@ -1,0 +1,47 @@
+"""``vcfbench compare``: runs beside each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vcfbench.cli.answer import print_json
+
+__all__ = ["compare"]
+
+
+def compare(
+    runs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RUN RUN ...]", help="Names of runs, as `vcfbench report` takes them; none: the last 2."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write it with figures: .html, .pdf or .md."),
+    ] = None,
+    directory: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    *,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
+) -> None:
+    """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
+    from vcfbench.record.directory import list_runs  # noqa: PLC0415
+    from vcfbench.report.text import text_of  # noqa: PLC0415
+    from vcfbench.runs.compared import compare_runs  # noqa: PLC0415
+    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
+    from vcfbench.runs.written import write_document  # noqa: PLC0415
+
+    names = runs or [run.run for run in list_runs(directory)[-2:]]
+    comparison = compare_runs(*(load_run(each, directory) for each in names))
+    if output is not None:
+        both = " and ".join(run.name or run.procedure for run in comparison.runs)
+        written = write_document(comparison.report(), "Comparison of runs", both, output)
+    if json:
+        print_json(comparison.as_json())
+    elif output is None:
+        typer.echo(text_of(comparison.report()))
+    else:
+        typer.echo("\n".join(map(str, written)))

@@ -1,0 +1,35 @@
+"""``vcfbench plot``: the figures of a run as pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["plot"]
+
+
+def plot(
+    run: Annotated[
+        str,
+        typer.Argument(metavar="RUN", help="Name of the run, its beginning or end, 'last', or its directory."),
+    ] = "last",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Where they go: .svg, .png or .pdf; of several NAME-1.svg and so on."
+        ),
+    ] = None,
+    figure: Annotated[
+        int | None, typer.Option("--figure", metavar="N", min=1, help="This one alone, as the report counts them.")
+    ] = None,
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+) -> None:
+    """Draw the figures of a run."""
+    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
+    from vcfbench.runs.written import write_figures  # noqa: PLC0415
+
+    recorded = load_run(run, runs)
+    for path in write_figures(recorded, output or Path(f"{recorded.name}.svg"), figure):
+        typer.echo(path)

@@ -1,0 +1,87 @@
+"""The numbers in the results of a run, by name, with their uncertainties as far as the results tell them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.record.plain import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.runs.run import Run
+
+__all__ = ["ResultValue", "values_of"]
+
+_USUAL_FACTOR = 2.0
+"""Coverage factor for 95 % where only the standard uncertainty is told: that of a normal distribution."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResultValue:
+    """One number of a run's results.
+
+    `name` is that of its field, with dots between where fields are nested; `u` the standard uncertainty, None where it
+    is not known; `told_u95` the half width of the 95 % interval where the results say it; `of` says what it is.
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    u: float | None = None
+    told_u95: float | None = None
+    of: str = ""
+
+    @property
+    def u95(self) -> float | None:
+        """Expanded uncertainty for 95 %: as the results say it, else 2 u; None where no uncertainty is known."""
+        if self.told_u95 is not None:
+            return self.told_u95
+        return None if self.u is None else _USUAL_FACTOR * self.u
+
+    @property
+    def coverage_factor(self) -> float | None:
+        """The expanded uncertainty over the standard one; None where there is none."""
+        return self.u95 / self.u if self.u and self.u95 is not None else None
+
+
+def values_of(run: Run) -> dict[str, ResultValue]:
+    """Return the numbers of the results of `run` by name, in their order; lists are left out.
+
+    Where there is a statement of uncertainties (`results.uncertainty`), its values come before the bare ones of the
+    same name: they are combined, those are of the fit alone.
+    """
+    results = {} if run.results is None else plain(run.results)
+    if not isinstance(results, dict):
+        return {}
+    found = {each.name: each for each in _stated(results)}
+    for each in _named(results, ""):
+        found.setdefault(each.name, each)
+    return found
+
+
+def _stated(results: Mapping[str, Any]) -> Iterator[ResultValue]:
+    statement = results.get("uncertainty")
+    values = statement.get("values") if isinstance(statement, dict) else None
+    for each in values if isinstance(values, list) else ():
+        if isinstance(each, dict) and isinstance(each.get("name"), str) and _number(each.get("value")) is not None:
+            told = (_number(each.get("u")), _number(each.get("u95")))
+            yield ResultValue(each["name"], each["value"], str(each.get("unit", "")), *told, str(each.get("of", "")))
+
+
+def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
+    """Yield numbers and quantities, going down into what is nested by names."""
+    for key, value in values.items():
+        name = f"{before}{key}"
+        if (number := _number(value)) is not None:
+            yield ResultValue(name, number)
+        elif isinstance(value, dict) and (number := _number(value.get("value"))) is not None:
+            u95 = next((value[each] for each in ("u95", "expanded_u") if _number(value.get(each)) is not None), None)
+            yield ResultValue(name, number, str(value.get("unit", "")), _number(value.get("u")), u95)
+        elif isinstance(value, dict) and "value" not in value and key != "uncertainty":
+            yield from _named(value, f"{name}.")
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
