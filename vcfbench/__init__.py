@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.asked import DryRun, dry_run
     from vcfbench.runs.compared import RunComparison, compare_runs
     from vcfbench.runs.conduct import run
+    from vcfbench.runs.export import Exported, export_run
     from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
@@ -108,6 +109,7 @@ __all__ = [
     "Device",
     "DryRun",
     "Equipment",
+    "Exported",
     "Figure",
     "FramingError",
     "FunctionGenerator",
@@ -187,6 +189,7 @@ __all__ = [
     "compare_runs",
     "dry_run",
     "energised",
+    "export_run",
     "go_to_rate",
     "list_runs",
     "load_bench",
@@ -359,6 +362,10 @@ _HOMES = {
         "compare_runs",
     ),
     "runs.conduct": ("run",),
+    "runs.export": (
+        "Exported",
+        "export_run",
+    ),
     "runs.recorded": (
         "list_runs",
         "load_run",

@@ -109,6 +109,34 @@ def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
     }
 
 
+@app.command("export")
+def export(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Directory of the run, its name, or 'last'.")],
+    runs: Runs_ = Path("runs"),
+    *,
+    raw: Annotated[bool, typer.Option("--raw", help="Every raw reading instead of the points.")] = False,
+    format_: Annotated[
+        str | None,
+        typer.Option("--format", metavar="csv|parquet|hdf5|xlsx|mat", help="As what; else the suffix of FILE says it."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Where to; else RUN-points or RUN-readings here."),
+    ] = None,
+    json: Json_ = False,
+) -> None:
+    """Write the points of a run, or every raw reading, for other programs."""
+    from dataclasses import asdict  # noqa: PLC0415
+
+    from vcfbench.runs.export import export_run  # noqa: PLC0415
+
+    done = export_run(run, output, format=format_, raw=raw, runs=runs)
+    if json:
+        print_json({**asdict(done), "file": str(done.file)})
+    else:
+        typer.echo(f"{shown(done.file)}: {done.rows} {done.table}, {len(done.columns)} columns")
+
+
 _HEAD = ("run", "procedure", "status", "bench", "seed", "device", "points", "results", "verdict")
 _CSV = (
     *("run", "procedure", "status", "damage", "bench", "seed", "points", "started_utc"),

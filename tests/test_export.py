@@ -1,0 +1,223 @@
+"""Exports are read back by the libraries that people read them with."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+import vcfbench
+from benchmarks.export import record
+from tests import warm
+from vcfbench.errors import ConfigError
+from vcfbench.runs import export_formats
+from vcfbench.runs.export import FORMATS, ExportColumn, ExportTable, export_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+h5py = pytest.importorskip("h5py")
+openpyxl = pytest.importorskip("openpyxl")
+pd = pytest.importorskip("pandas")
+pq = pytest.importorskip("pyarrow.parquet")
+
+QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
+TOLD = {"dut": "G-1", "operator": "A. Person", "note": "=1+1", "tags": {"batch": "7"}, "humidity_percent": 41.0}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return vcfbench.run("turntable", "lab", settings=QUICK, runs=tmp_path_factory.mktemp("export"), metadata=TOLD)
+
+
+def read_back(path: Path, name: str) -> dict[str, Any]:
+    """Return the columns of a file, by the library of its kind."""
+    match path.suffix:
+        case ".csv":
+            return pd.read_csv(path).to_dict("list")
+        case ".parquet":
+            return pd.read_parquet(path).to_dict("list")
+        case ".xlsx":
+            return pd.read_excel(path, sheet_name=name).to_dict("list")
+        case ".mat":
+            table = loadmat(path, simplify_cells=True)[name]
+            return {key: np.atleast_1d(values) for key, values in table.items()}
+    with h5py.File(path) as file:
+        return {key: data[()] for key, data in file[name].items()}
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_reading_comes_back_in_full_precision(kind: str, run: Run, tmp_path: Path) -> None:
+    done = export_run(run, tmp_path / f"out.{kind}", raw=True)
+    told = run.readings
+    assert (done.format, done.table, done.rows) == (kind, "readings", len(told))
+    found = read_back(done.file, "readings")
+    assert set(found) == set(done.columns)
+    last_digit = 1e-15 if kind == "xlsx" else 0.0  # a spreadsheet has 16 digits
+    for name in ("number", "step", "t_s", "voltage_v", "table_rate_deg_s"):
+        expected = [getattr(each, name) for each in told]
+        np.testing.assert_allclose(found[name], expected, rtol=last_digit, atol=0.0, err_msg=name)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_point_comes_back_in_full_precision(kind: str, run: Run, tmp_path: Path) -> None:
+    done = export_run(run, tmp_path / f"out.{kind}")
+    found = read_back(done.file, "points")
+    for name in ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n"):
+        last_digit = 1e-15 if kind == "xlsx" else 0.0
+        expected = [getattr(each, name) for each in run.points]
+        np.testing.assert_allclose(found[name], expected, rtol=last_digit, atol=0.0, err_msg=name)
+
+
+def test_parquet_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> None:
+    schema = pq.read_schema(export_run(run, tmp_path / "out.parquet", raw=True).file)
+    assert schema.field("table_rate_deg_s").metadata[b"unit"] == b"deg/s"
+    assert schema.field("voltage_v").metadata[b"unit"] == b"V"
+    assert schema.field("number").type == "int64"
+    assert schema.metadata[b"dut"] == b"G-1"
+    assert schema.metadata[b"tag.batch"] == b"7"
+    assert json.loads(schema.metadata[b"equipment"])[0]["role"] == "power"
+
+
+def test_hdf5_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> None:
+    with h5py.File(export_run(run, tmp_path / "out.h5", raw=True).file) as file:
+        assert (file["readings/t_s"].attrs["unit"], file["readings/rate_deg_s"].attrs["unit"]) == ("s", "deg/s")
+        assert (file.attrs["operator"], file.attrs["humidity_percent"]) == ("A. Person", 41.0)
+        assert file.attrs["run"] == run.name
+
+
+def test_a_long_text_fits_into_hdf5(tmp_path: Path) -> None:
+    column = ExportColumn("output_v", "V", "mean output", np.array([1.0]))
+    table = ExportTable("points", (column,), {"settings": "s" * 100_000})
+    export_formats.WRITERS["hdf5"](table, tmp_path / "out.h5")
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert file["about/settings"].asstr()[()] == "s" * 100_000
+
+
+def test_a_spreadsheet_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> None:
+    book = openpyxl.load_workbook(export_run(run, tmp_path / "out.xlsx").file)
+    columns = {row[0]: row[1:] for row in book["columns"].iter_rows(values_only=True)}
+    assert columns["output_v"] == ("V", "mean output")
+    about = {row[0].value: row[1] for row in book["about"].iter_rows()}
+    assert (about["dut"].value, about["note"].value, about["note"].data_type) == ("G-1", "=1+1", "s")  # no formula
+
+
+def test_matlab_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> None:
+    found = loadmat(export_run(run, tmp_path / "out.mat").file, simplify_cells=True)
+    assert found["units"]["rate_deg_s"] == "deg/s"
+    assert (found["about"]["dut"], found["about"]["tag_batch"]) == ("G-1", "7")
+
+
+def test_points_as_csv_are_those_of_the_record(run: Run, tmp_path: Path) -> None:
+    assert run.directory is not None
+    done = export_run(run, tmp_path / "out.csv")
+    assert done.file.read_bytes() == (run.directory / "points.csv").read_bytes()
+
+
+def test_v_vc_that_was_measured_is_a_column(tmp_path: Path) -> None:
+    quick = {**QUICK, "virtual_rates_deg_s": [10.0, 20.0], "cycles": 1, "k_vc": "150"}
+    run = vcfbench.run("self-calibration", "lab", settings=quick, runs=tmp_path)
+    found = read_back(export_run(run, tmp_path / "out.parquet", raw=True).file, "readings")
+    measured = [np.nan if each.v_vc_v is None else each.v_vc_v for each in run.readings]
+    np.testing.assert_array_equal(found["v_vc_measured_v"], measured)
+    assert not np.isnan(measured).all()
+    assert "v_vc_measured_v" in export_run(run, tmp_path / "points.csv").columns
+
+
+def test_samples_of_sines_and_of_v_vc_alone_are_readings_too(tmp_path: Path) -> None:
+    directory = record(tmp_path, 2)
+    lines = (directory / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    header = json.loads(lines[0]) | {"began_s": 10.0}
+    sine = {"interval_s": 0.5, "aperture_s": 0.2, "voltages_v": [0.1, 0.2]}
+    lock_in = {"interval_s": 0.5, "output_t_s": 20.0, "output_v": [0.3, 0.4], "v_vc_t_s": 20.25, "v_vc_v": [1.0, 1.1]}
+    v_vc = {"v_vc": [{"t_s": 30.0, "voltage_v": 1.2}], "mean_v": 1.2, "std_v": 0.0}
+    results = {"SineResponse": sine, "ModulatedRecord": {**lock_in, "table_rate_deg_s": 5.0}, "VvcMeasured": v_vc}
+    steps = [
+        {"type": "step", "n": n, "step": {}, "t_s": n, "end_s": n + 0.5, "result_kind": kind, "result": result}
+        for n, (kind, result) in enumerate(results.items(), start=1)
+    ]
+    footer = {**json.loads(lines[-1]), "points": 0}
+    written = "".join(json.dumps(line) + "\n" for line in (header, *steps, footer))
+    (directory / "journal.jsonl").write_text(written, encoding="utf-8")
+    found = read_back(export_run(directory, tmp_path / "out.csv", raw=True).file, "readings")
+    nan = np.nan
+    assert found["number"] == [1, 1, 2, 2, 2, 2, 3]
+    assert found["t_s"] == [11.0, 11.5, 20.0, 20.25, 20.5, 20.75, 30.0]
+    np.testing.assert_array_equal(found["voltage_v"], [0.1, 0.2, 0.3, nan, 0.4, nan, nan])
+    np.testing.assert_array_equal(found["v_vc_measured_v"], [nan, nan, nan, 1.0, nan, 1.1, 1.2])
+    np.testing.assert_array_equal(found["table_rate_deg_s"], [nan, nan, 5.0, 5.0, 5.0, 5.0, nan])
+
+
+def test_a_run_that_was_cut_in_a_window_keeps_its_readings(tmp_path: Path) -> None:
+    directory = record(tmp_path, 2500)
+    journal = directory / "journal.jsonl"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+    found = read_back(export_run(directory, tmp_path / "out.csv", raw=True).file, "readings")
+    assert len(found["t_s"]) == 2000
+    assert np.isnan(found["table_rate_deg_s"]).all()  # it is read back when the window is over
+
+
+def test_nothing_measured_is_a_table_without_rows(tmp_path: Path) -> None:
+    directory = record(tmp_path, 100)
+    journal = directory / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().splitlines(keepends=True)[0])
+    for kind in FORMATS:
+        assert export_run(directory, tmp_path / f"out.{kind}", raw=True).rows == 0
+
+
+def test_a_damaged_record_is_not_exported(tmp_path: Path) -> None:
+    directory = record(tmp_path, 2500)
+    journal = directory / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:2] + lines[3:]))
+    with pytest.raises(ConfigError, match="the record is damaged, nothing is exported: line 3 is chunk 3"):
+        export_run(directory, tmp_path / "out.csv", raw=True)
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_more_rows_than_a_sheet_has_are_refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(export_formats, "_XLSX_ROWS", 9)
+    with pytest.raises(ConfigError, match=r"\d+ rows do not fit on a sheet") as told:
+        export_run(run, tmp_path / "out.xlsx", raw=True)
+    assert "--format parquet, hdf5 or csv" in str(told.value.hint)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("kind", "module"), [("parquet", "pyarrow"), ("hdf5", "h5py"), ("xlsx", "openpyxl")])
+def test_a_format_without_its_extra_says_which_to_install(
+    kind: str, module: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ConfigError, match=f"needs {module}") as told:
+        export_run(run, tmp_path / f"out.{kind}")
+    assert told.value.hint == "pip install 'vcfbench[export]'"
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"format": "ods"}, "format: expected one of csv, parquet, hdf5, xlsx, mat, came 'ods'"),
+        ({"file": "out.txt"}, "which format is not known"),
+        ({}, "which format is not known"),
+        ({"file": "no/such/place.csv"}, "no/such/place.csv: it cannot be written: No such file"),
+    ],
+)
+def test_what_cannot_be_written_is_refused(asked: dict[str, str], words: str, run: Run) -> None:
+    with pytest.raises(ConfigError, match=words):
+        export_run(run, **asked)  # type: ignore[arg-type]
+
+
+def test_the_command_says_what_it_wrote(run: Run, tmp_path: Path) -> None:
+    assert run.directory is not None
+    runs = str(run.directory.parent)
+    done = warm.run(["vcfbench", "runs", "export", "last", "--runs", runs, "--raw", "--format", "csv"], tmp_path)
+    assert done.stdout == f"{run.name}-readings.csv: {len(run.readings)} readings, 7 columns\n"
+    told = warm.run(["vcfbench", "runs", "export", "last", "--runs", runs, "-o", "p.h5", "--json"], tmp_path)
+    answer = json.loads(told.stdout)
+    assert (answer["file"], answer["format"], answer["rows"]) == ("p.h5", "hdf5", len(run.points))
