@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 FLOORS = [
     {"cli", "testing", "__main__"},
-    {"studies"},
+    {"page", "studies"},
     {"runs"},
     {"procedures"},
     {"report"},
@@ -32,7 +32,7 @@ KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
     "pyvisa_vcfbench",
 )
-HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba"}
+HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba", "starlette", "uvicorn"}
 
 
 @cache

@@ -310,6 +310,8 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
         "speed": None,
         "quiet": True,
         "plain": False,
+        "page": False,
+        "port": 0,
         "yes": False,
         "settings": {},
         "metadata": {},

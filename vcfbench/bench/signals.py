@@ -7,6 +7,7 @@ or to switch off, without waiting for any answer, and what is not proved to be s
 
 from __future__ import annotations
 
+import _thread
 import signal
 import threading
 from contextlib import contextmanager
@@ -49,6 +50,7 @@ class StopSignals:
     def __init__(self) -> None:
         self._count = 0
         self._name = ""
+        self._by = ""
         self._at_safe_point = False
         self._delivered = False
         self._unwinding = False
@@ -71,6 +73,21 @@ class StopSignals:
         for number, handler in self._previous.items():
             signal.signal(number, handler)  # type: ignore[arg-type]  # what signal.signal returned
         self._previous.clear()
+
+    def stop(self, by: str) -> None:
+        """Stop the bench from another thread as the first signal that is watched does; `by` says who wants it.
+
+        The main thread is woken by that signal. It changes nothing where none is watched, as in a thread of Python's.
+        """
+        number = next(iter(self._previous), None)
+        if number is None:
+            return
+        self._by = by
+        main = threading.main_thread().ident
+        if hasattr(signal, "pthread_kill") and main is not None:
+            signal.pthread_kill(main, number)
+        else:  # Windows
+            _thread.interrupt_main(number)
 
     def safe_point(self) -> None:
         """Raise Aborted if a signal has come; called where nothing is half done."""
@@ -117,7 +134,7 @@ class StopSignals:
             self._breakable = False  # once: a second one is meant for the bench
             raise BrokenOff
         self._count += 1
-        self._name = signal.Signals(number).name
+        self._name, self._by = self._by or signal.Signals(number).name, ""
         if self._unwinding:
             if self._count >= 3 and not self._closing and not self._leaving:
                 self._leaving = True  # once: a fourth one shall not keep anything from being told to stop

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
@@ -14,11 +16,12 @@ from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
+    from contextlib import AbstractContextManager
 
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.ending import EarlyAndLate
+    from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.progress import NoProgress
     from vcfbench.runs.asked import Asked, Beginning, DryRun
@@ -43,6 +46,8 @@ class RunOptions:
     speed: str | None
     quiet: bool
     plain: bool
+    page: bool
+    port: int
     yes: bool
     settings: Mapping[str, Any]
     metadata: Mapping[str, Any]
@@ -78,8 +83,13 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Early
 def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: EarlyAndLate | None) -> None:
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
 
-    with StopSignals() as signals:  # until all is written: a second Ctrl-C shall not cost the results
-        run = _conducted(asked, preparing, options, signals)
+    with (
+        StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
+        _page(asked, options, signals) as page,
+    ):
+        run = _conducted(asked, preparing, options, signals, page)
+        if page is not None:
+            page.ended(run)
         unwritten = given(lambda: _show(run, options))
         if ending is not None:
             ending.answered()
@@ -92,7 +102,20 @@ def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: 
         raise unwritten
 
 
-def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals) -> Run:
+def _page(asked: Asked, options: RunOptions, signals: StopSignals) -> AbstractContextManager[LivePage | None]:
+    """Return the page of the run, which goes when it is left; None where none was asked for."""
+    if not options.page:
+        return nullcontext()
+    from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
+
+    page = LivePage(asked.runs or options.runs, Path("devices"), options.port, lambda: signals.stop("the page"))
+    typer.echo(f"page: {page.address}", err=True)
+    return page
+
+
+def _conducted(
+    asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
+) -> Run:
     """Return the run, also one that an error ended."""
     from msgspec import structs  # noqa: PLC0415
 
@@ -101,7 +124,8 @@ def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals:
 
     watched = structs.replace(
         asked,
-        display=lambda beginning: _progress(options, beginning),
+        display=lambda beginning: _progress(options, beginning, page),
+        observers=() if page is None else (page,),
         person=at_the_terminal(signals, yes=options.yes),
         options=asdict(options),
         warn=lambda words: typer.echo(f"vcfbench: warning: {words}", err=True),
@@ -115,9 +139,11 @@ def _conducted(asked: Asked, preparing: Preparing, options: RunOptions, signals:
         return run
 
 
-def _progress(options: RunOptions, beginning: Beginning) -> NoProgress:
+def _progress(options: RunOptions, beginning: Beginning, page: LivePage | None) -> NoProgress:
     from vcfbench.report.progress import LineProgress, LiveProgress, NoProgress  # noqa: PLC0415
 
+    if page is not None:
+        page.begin(beginning)
     estimate_s = beginning.planned.bench_seconds
     if options.quiet:
         return NoProgress()

@@ -29,7 +29,7 @@ __all__ = ["app", "main"]
 
 COMMANDS = (
     *("resume", "report", "plot", "compare", "analyze", "device", "talk", "safe", "run", "study"),
-    *("runs", "bench", "sim"),
+    *("runs", "page", "bench", "sim"),
 )
 """Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name."""
 

@@ -9,7 +9,15 @@ import typer
 
 from vcfbench.cli.completion import run_names
 from vcfbench.cli.ending import EarlyAndLate
-from vcfbench.cli.run import Json_, Plain_, Quiet_, Speed_, Yes_  # noqa: TC001  # typer reads them in the signature
+from vcfbench.cli.run import (  # typer reads them in the signature
+    Json_,  # noqa: TC001
+    Page_,  # noqa: TC001
+    Plain_,  # noqa: TC001
+    Port_,  # noqa: TC001
+    Quiet_,  # noqa: TC001
+    Speed_,  # noqa: TC001
+    Yes_,  # noqa: TC001
+)
 from vcfbench.cli.tracing import Trace_, tracing
 
 __all__ = ["resume"]
@@ -37,6 +45,8 @@ def resume(
     json: Json_ = False,
     quiet: Quiet_ = False,
     plain: Plain_ = False,
+    page: Page_ = False,
+    port: Port_ = 0,
     yes: Yes_ = False,
 ) -> None:
     """Take up a run that was stopped, failed or died: nothing is measured twice, and the record is a new one."""
@@ -52,6 +62,8 @@ def resume(
         speed=speed,
         quiet=quiet,
         plain=plain,
+        page=page,
+        port=port,
         yes=yes,
         settings={},
         metadata={},

@@ -105,6 +105,13 @@ Speed_ = Annotated[
 ]
 Quiet_ = Annotated[bool, typer.Option("--quiet", help="No progress.")]
 Plain_ = Annotated[bool, typer.Option("--plain", help="Progress in plain lines on a terminal too, as for logs.")]
+Page_ = Annotated[
+    bool,
+    typer.Option("--page", help="Show the run in a browser on this machine, where it can be stopped too (extra page)."),
+]
+Port_ = Annotated[
+    int, typer.Option("--port", min=0, max=65535, help="Port of the page on this machine; 0 for any that is free.")
+]
 Yes_ = Annotated[bool, typer.Option("--yes", help="Ask nobody: take what only hands can do on a real bench as done.")]
 Set_ = Annotated[
     list[str] | None,
@@ -150,6 +157,8 @@ def _common(
     dry_run: DryRun_ = False,
     quiet: Quiet_ = False,
     plain: Plain_ = False,
+    page: Page_ = False,
+    port: Port_ = 0,
     yes: Yes_ = False,
 ) -> None:
     """Take what every procedure's command takes; each command has this signature, with its own options added."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from typing import IO, TYPE_CHECKING, Any
 
 import msgspec
@@ -30,7 +31,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["Journal", "JournalRecord", "MemoryJournal", "lines_of", "read_header", "read_journal", "read_start"]
+__all__ = [
+    "Journal",
+    "JournalRecord",
+    "MemoryJournal",
+    "being_written",
+    "lines_of",
+    "read_header",
+    "read_journal",
+    "read_start",
+]
 
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
@@ -38,6 +48,29 @@ _LONGEST_LINE = 1 << 24
 
 _sync = os.fsync if sys.platform in {"darwin", "win32"} else os.fdatasync
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    _FAR = 1 << 30
+    """Past the end of any journal: what is locked there cannot be read, and nobody wants to."""
+
+    def _lock(descriptor: int) -> None:
+        os.lseek(descriptor, _FAR, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+
+    def _unlock(descriptor: int) -> None:
+        os.lseek(descriptor, _FAR, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
+else:
+    import fcntl
+
+    def _lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def _unlock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
 
 
 class Journal:
@@ -52,6 +85,8 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._descriptor = os.open(path, _FLAGS, 0o644)
+        with suppress(OSError):  # a file system without locks; nobody is kept from anything by it
+            _lock(self._descriptor)
 
     def header(self, values: Mapping[str, Any]) -> None:
         """Write the first line."""
@@ -178,6 +213,25 @@ def read_journal(path: Path) -> JournalRecord:
         return replace(record, damage=unreadable if (damage := first_damage(lines)) is None else damage)
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{shown(path)}: no record of this program: {error!r}") from error
+
+
+def being_written(path: Path) -> bool:
+    """Tell whether a run goes on that writes this journal; the system drops its lock when the process dies."""
+    try:
+        descriptor = os.open(path, os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        _lock(descriptor)
+    except BlockingIOError:
+        return True
+    except OSError:  # Windows says no more than that it is locked; a file system without locks tells nothing
+        return sys.platform == "win32"
+    else:
+        _unlock(descriptor)
+        return False
+    finally:
+        os.close(descriptor)
 
 
 def read_header(path: Path) -> Mapping[str, Any]:

@@ -1,0 +1,119 @@
+"""`vcfbench run --page` and `vcfbench page` as commands: where they can be looked at, and how they end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.page.server import LivePage
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+pytest.importorskip("uvicorn", reason="pip install 'vcfbench[page]'")
+
+VCFBENCH = [sys.executable, "-m", "vcfbench"]
+
+
+@contextmanager
+def started(folder: Path, *words: str, said_on: str = "stderr") -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start a command that shows a page; yield it and the address that it says."""
+    process = subprocess.Popen(  # noqa: S603
+        [*VCFBENCH, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with process:
+        try:
+            line = getattr(process, said_on).readline()
+            assert line.startswith("page: http://127.0.0.1:"), line
+            yield process, line.split()[1]
+        finally:
+            if process.poll() is None:
+                process.kill()
+
+
+def told(address: str, path: str) -> str:
+    root = address.split("/run/", maxsplit=1)[0].rstrip("/")
+    with urllib.request.urlopen(f"{root}{path}", timeout=20) as answer:  # noqa: S310  # our own
+        return str(answer.read(4000), "utf-8")
+
+
+def stop(address: str, token: str) -> int:
+    request = urllib.request.Request(  # noqa: S310  # our own
+        f"{address.split('#', maxsplit=1)[0]}/stop", method="POST", headers={"X-Vcfbench-Token": token}
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=20) as answer:  # noqa: S310  # our own
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code
+
+
+def test_a_run_that_is_stopped_from_its_page_ends_like_one_that_the_keyboard_stops(tmp_path: Path) -> None:
+    with started(tmp_path, "run", "virtual-coriolis", "--speed", "20", "--page", "--quiet") as (process, address):
+        assert "<title>vcfbench</title>" in told(address, "/run/live")
+        assert '"live":true' in told(address, "/station")
+        while json.loads(told(address, "/run/live/readings?most=2"))["count"] == 0:
+            assert process.poll() is None
+        assert stop(address, "wrong") == 403
+        assert process.poll() is None
+        assert stop(address, address.split("#")[1]) == 200
+        _, words = process.communicate(timeout=60)
+        assert process.returncode == 4
+    assert "stopped by the page" in words
+    assert "the bench was made safe" in words
+    (journal,) = tmp_path.glob("runs/*/journal.jsonl")
+    footer = json.loads(journal.read_text("utf-8").splitlines()[-1])
+    assert footer["status"] == "aborted"
+    assert footer["safe"]
+    assert all(each["safe"] for each in footer["safe"])
+
+
+def test_a_page_that_nobody_looks_at_changes_nothing(tmp_path: Path) -> None:
+    quiet = [*VCFBENCH, "run", "turntable", "--bench", "ideal", "--json", "--quiet"]
+    without = subprocess.run(quiet, cwd=tmp_path, capture_output=True, check=True)  # noqa: S603
+    with_page = subprocess.run([*quiet, "--page"], cwd=tmp_path, capture_output=True, check=True)  # noqa: S603
+    first, second = json.loads(without.stdout), json.loads(with_page.stdout)
+    assert {**first, "run": None} == {**second, "run": None}
+    assert with_page.stderr.startswith(b"page: http://127.0.0.1:")
+
+
+def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        for words in (["run", "turntable", "--page", "--port", port], ["page", "--port", port]):
+            done = subprocess.run([*VCFBENCH, *words], cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+            assert done.returncode == 2
+            assert f"--port {port}: the page cannot be put there" in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to another process")
+def test_the_page_of_a_station_ends_with_ctrl_c(tmp_path: Path) -> None:
+    with started(tmp_path, "page", "--port", "0", said_on="stdout") as (process, address):
+        assert told(address, "/station") == '{"runs":[],"older":0,"devices":[],"live":false}'
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=30) == ("", "")
+        assert process.returncode == 0
+
+
+def test_it_listens_on_this_machine_alone(tmp_path: Path) -> None:
+    page = LivePage(tmp_path, tmp_path, 0, lambda: None)
+    with page:
+        assert page._socket.getsockname()[0] == "127.0.0.1"
+        first = page.address.split("#")[1]
+    with LivePage(tmp_path, tmp_path, 0, lambda: None) as other:
+        assert other.address.split("#")[1] != first
+    assert len(first) >= 16

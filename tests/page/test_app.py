@@ -1,0 +1,228 @@
+"""What the page answers, and what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import vcfbench
+from vcfbench.page.view import View
+
+pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
+httpx = pytest.importorskip("httpx", reason="pip install 'vcfbench[dev]'")
+
+from vcfbench.page import app as page_app  # noqa: E402
+from vcfbench.page.app import EventStream, Shown, application  # noqa: E402
+from vcfbench.page.parts import end_of, parts_of  # noqa: E402
+from vcfbench.page.station import Station  # noqa: E402
+from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.runs.run import Run
+
+HERE = "http://127.0.0.1:8330"
+
+
+class Client:
+    """Asks the application, one question after the other."""
+
+    def __init__(self, shown: Shown) -> None:
+        self._app = application(shown)
+
+    def request(self, method: str, path: str, **options: Any) -> Any:
+        async def ask() -> Any:
+            async with httpx.AsyncClient(transport=httpx.ASGITransport(self._app), base_url=HERE) as client:
+                return await client.request(method, path, **options)
+
+        return asyncio.run(ask())
+
+    def get(self, path: str, **options: Any) -> Any:
+        return self.request("GET", path, **options)
+
+    def post(self, path: str, **options: Any) -> Any:
+        return self.request("POST", path, **options)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
+    folder = tmp_path_factory.mktemp("station")
+    return folder, vcfbench.run("turntable", runs=folder / "runs", metadata={"dut": "G7"})
+
+
+@pytest.fixture
+def shown(made: tuple[Path, Run]) -> Shown:
+    folder, _ = made
+    return Shown(Station(folder / "runs", folder / "devices"))
+
+
+@pytest.fixture
+def client(shown: Shown) -> Client:
+    return Client(shown)
+
+
+def events(client: Client, run: str) -> list[dict[str, Any]]:
+    """Return what a browser is told of a run that is over."""
+    body = client.get(f"/run/{run}/events").text
+    return [json.loads(line.removeprefix("data: ")) for line in body.splitlines() if line.startswith("data: ")]
+
+
+def test_the_station_lists_its_runs(client: Client, made: tuple[Path, Run]) -> None:
+    listed = client.get("/station").json()
+    (row,) = listed["runs"]
+    assert (row["run"], row["status"], row["dut"]) == (made[1].name, "complete", "G7")
+    assert row["values"][0]["name"] == "scale_factor"
+    assert (listed["devices"], listed["older"], listed["live"]) == ([], 0, False)
+
+
+def test_a_recorded_run_is_told_whole_and_at_once(client: Client, made: tuple[Path, Run]) -> None:
+    (last,) = events(client, str(made[1].name))
+    assert len(last["points"]) == 17
+    assert last["end"]["status"] == "complete"
+    assert last["end"]["parts"] == json.loads(json.dumps(parts_of(made[1].report())))
+    assert last["drawn"]["count"] == 180
+
+
+def test_readings_are_thinned_out_and_cut(client: Client, made: tuple[Path, Run]) -> None:
+    answer = client.get(f"/run/{made[1].name}/readings", params={"from": 10, "to": 100, "most": 20}).json()
+    assert len(answer["t_s"]) <= 20
+    assert answer["count"] == 180
+    assert client.get(f"/run/{made[1].name}/readings", params={"from": "x"}).status_code == 400
+
+
+@pytest.mark.parametrize("path", ["/", "/assets/run.js", "/assets/page.css", "/vendor/uplot/uPlot.iife.min.js"])
+def test_every_answer_forbids_what_is_from_elsewhere(client: Client, path: str) -> None:
+    answer = client.get(path)
+    assert answer.status_code == 200
+    assert answer.headers["content-security-policy"].startswith("default-src 'self';")
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert not [name for name in answer.headers if name.startswith("access-control")]
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8330", "127.0.0.1.evil.example", "192.168.0.7"])
+@pytest.mark.parametrize("path", ["/", "/station", "/run/live/events", "/run/live/stop"])
+def test_other_host_names_are_refused(client: Client, host: str, path: str) -> None:
+    """A name that somebody else has made to be this address is no way in."""
+    ask = client.post if path.endswith("stop") else client.get
+    assert ask(path, headers={"Host": host}).status_code == 400
+
+
+@pytest.mark.parametrize(
+    "path", ["/run/none", "/run/none/events", "/run/live/events", "/run/..%2f/events", "/device/x"]
+)
+def test_what_is_not_there_is_not_found(client: Client, path: str) -> None:
+    assert client.get(path).status_code == 404
+
+
+def test_the_assets_are_no_way_to_other_files(client: Client) -> None:
+    for path in ("/assets/../app.py", "/assets/%2e%2e/app.py", "/vendor/..%2fapp.py", "/assets//etc/passwd"):
+        assert client.get(path).status_code == 404
+
+
+class Going:
+    """A run that goes, and how often it was stopped."""
+
+    def __init__(self, shown: Shown) -> None:
+        self.stops = 0
+        shown.live, shown.token, shown.stop = View(about={"run": "it"}), "secret", self.stop
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+def test_who_knows_the_token_stops_the_run(client: Client, shown: Shown) -> None:
+    going = Going(shown)
+    assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"}).status_code == 200
+    assert going.stops == 1
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"X-Vcfbench-Token": ""},
+        {"X-Vcfbench-Token": "secre"},
+        {"X-Vcfbench-Token": "secret1"},
+        {"X-Vcfbench-Token": "secret", "Origin": "http://evil.example"},
+        {"X-Vcfbench-Token": "secret", "Origin": "http://127.0.0.1:9999"},
+        {"X-Vcfbench-Token": "secret", "Origin": "null"},
+    ],
+)
+def test_nobody_else_does(client: Client, shown: Shown, headers: dict[str, str]) -> None:
+    going = Going(shown)
+    assert client.post("/run/live/stop", headers=headers).status_code == 403
+    assert going.stops == 0
+
+
+def test_looking_changes_nothing(client: Client, shown: Shown) -> None:
+    going = Going(shown)
+    for method in ("GET", "HEAD", "PUT", "DELETE", "OPTIONS"):
+        answer = client.request(method, "/run/live/stop", headers={"X-Vcfbench-Token": "secret"})
+        assert answer.status_code in {404, 405}
+    assert going.stops == 0
+
+
+def test_a_run_that_is_over_cannot_be_stopped(client: Client, shown: Shown) -> None:
+    going = Going(shown)
+    assert shown.live is not None
+    shown.live.finished({"status": "complete", "parts": []})
+    assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"}).status_code == 409
+    assert going.stops == 0
+
+
+def test_without_a_token_of_the_run_none_is_right(client: Client, shown: Shown) -> None:
+    assert shown.token == ""
+    assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": ""}).status_code == 403
+
+
+def test_a_browser_that_takes_nothing_is_let_go(shown: Shown, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_app, "_ALIVE_S", 0.05)
+    Going(shown)
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        await asyncio.Event().wait()
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+        if message["type"] == "http.response.body":
+            await asyncio.Event().wait()
+
+    asyncio.run(EventStream(shown, "live")({}, receive, send))
+    assert len(sent) == 2
+    assert shown.browsers == 0
+
+
+def test_too_many_browsers_are_refused(client: Client, shown: Shown) -> None:
+    Going(shown)
+    shown.browsers = 32
+    assert client.get("/run/live/events").status_code == 503
+
+
+def test_a_report_is_told_in_plain_values() -> None:
+    series = Series("output", [0.0, 1.0], [0.1, 0.2])
+    report = Report(
+        [
+            Heading("Results"),
+            Table([Column("rate", "deg/s", ".1f")], [[1.0]], title="t"),
+            Text("<b>words</b>"),
+            Notice("simulated"),
+            Figure("f", Axis("rate", "deg/s"), Axis("output", "V"), [series]),
+        ]
+    )
+    heading, table, text, notice, figure = parts_of(report)
+    assert heading == {"kind": "heading", "text": "Results", "level": 1}
+    assert (table["columns"][0]["head"], table["rows"]) == ("rate / (deg/s)", (("1.0",),))
+    assert text == {"kind": "text", "text": "<b>words</b>"}
+    assert notice == {"kind": "notice", "text": "simulated", "means": "warning"}
+    assert figure["series"][0]["y"] == (0.1, 0.2)
+
+
+def test_what_a_run_came_to(made: tuple[Path, Run]) -> None:
+    end = end_of(made[1])
+    assert (end["status"], end["error"], end["verdict"]) == ("complete", None, None)
+    assert end["record"] == str(made[1].directory)

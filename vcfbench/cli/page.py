@@ -1,0 +1,29 @@
+"""``vcfbench page``: the records and devices of a station in a browser."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vcfbench.cli.ending import Stopped
+
+__all__ = ["page"]
+
+_PORT = 8330
+
+
+def page(
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where the devices are.")] = Path("devices"),
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="Port on this machine; 0 for any that is free.")
+    ] = _PORT,
+) -> None:
+    """Show runs, also those that go on, and devices in a browser on this machine, until Ctrl-C (extra page)."""
+    from vcfbench.page.server import serve_station  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+
+    with suppress(Stopped):  # the way in which it is meant to end
+        serve_station(runs, devices, port, lambda address: typer.echo(f"page: {address}  (Ctrl-C ends it)"))

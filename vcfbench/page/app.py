@@ -1,0 +1,273 @@
+"""The page as an ASGI application: what can be looked at, and the one thing that can be done."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.responses import FileResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from vcfbench.errors import BenchError
+from vcfbench.page.following import JournalFollower
+from vcfbench.page.parts import end_of
+from vcfbench.page.view import Seen
+from vcfbench.record.journal import being_written
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from starlette.requests import Request
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+    from vcfbench.page.station import Station
+    from vcfbench.page.view import View
+
+__all__ = ["LIVE", "Shown", "application"]
+
+LIVE: Final = "live"
+"""The name of the run of this process."""
+
+_HERE = Path(__file__).parent
+_TICK_S: Final = 0.2
+_ALIVE_S: Final = 10.0
+"""So often a browser is told that somebody is there; so long it may take for what it is told."""
+_MOST_BROWSERS: Final = 32
+_MOST_VIEWS: Final = 8
+_MOST_POINTS: Final = 20_000
+
+_HEADERS: Final = {
+    b"content-security-policy": b"default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    b"cache-control": b"no-store",
+    b"cross-origin-resource-policy": b"same-origin",
+    b"referrer-policy": b"no-referrer",
+    b"x-content-type-options": b"nosniff",
+}
+
+
+@dataclass(slots=True)
+class Shown:
+    """What the page shows: a station, and the run of this process, if there is one.
+
+    `live` is that run, `stop` what stops it, `token` what whoever stops must know. `closing` ends what browsers follow.
+    """
+
+    station: Station
+    live: View | None = None
+    stop: Callable[[], None] | None = None
+    token: str = ""
+    closing: bool = False
+    browsers: int = 0
+    followers: dict[str, JournalFollower] = field(default_factory=dict)
+
+    def follower(self, name: str) -> JournalFollower:
+        """Return who reads the journal of the run called `name`; HTTPException where there is none."""
+        known = self.followers.get(name)
+        if known is None:
+            directory = self.station.directory(name)
+            if directory is None:
+                raise HTTPException(404, "there is no such run")
+            while len(self.followers) >= _MOST_VIEWS:
+                self.followers.pop(next(iter(self.followers)))
+            known = self.followers[name] = JournalFollower(directory.journal)
+        return known
+
+    def view(self, name: str) -> View:
+        """Return the run called `name` as far as it is known now."""
+        if name == LIVE:
+            if self.live is None:
+                raise HTTPException(404, "no run goes here")
+            return self.live
+        follower = self.follower(name)
+        try:
+            follower.read_on()
+            view = follower.view
+            if view.end is not None and "parts" not in view.end:
+                view.finished({**view.end, **_came_to(follower.path.parent)})
+            elif view.end is None and not being_written(follower.path) and not follower.read_on() and view.end is None:
+                view.finished({"status": "incomplete", "error": "the record ends here, nobody writes it any more"})
+        except OSError as error:
+            raise HTTPException(404, f"the record cannot be read: {error.strerror}") from error
+        return follower.view
+
+
+def _came_to(directory: Path) -> dict[str, Any]:
+    """Return results and verdict of a recorded run as the page shows them."""
+    from vcfbench.runs.recorded import load_run  # noqa: PLC0415  # needed once a run is over
+
+    try:
+        return end_of(load_run(directory))
+    except BenchError as error:
+        return {"parts": [], "error": str(error)}
+
+
+class EventStream:
+    """Server-sent events: what a run has come to so far, then what comes, to the end of the run.
+
+    Nothing is kept for a browser but how much it has been told: one that is slow is told less often. One that takes
+    nothing any more is let go.
+    """
+
+    def __init__(self, shown: Shown, name: str) -> None:
+        self._shown, self._name = shown, name
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one browser."""
+        del scope
+        self._shown.browsers += 1
+        try:
+            gone = asyncio.ensure_future(_gone(receive))
+            await asyncio.wait({gone, asyncio.ensure_future(self._tell(send))}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            gone.cancel()
+            self._shown.browsers -= 1
+
+    async def _tell(self, send: Send) -> None:
+        headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        seen, silent_s, over = Seen(), 0.0, False
+        while not over:
+            closing = self._shown.closing
+            view = await run_in_threadpool(self._shown.view, self._name)
+            news = await run_in_threadpool(view.news, seen)
+            over = closing or (news is not None and news["end"] is not None and _is_whole(news["end"]))
+            if over and news is not None:
+                news["drawn"] = await run_in_threadpool(view.drawn, None, None, 4000)
+            silent_s += _TICK_S
+            if news is not None or silent_s >= _ALIVE_S or over:
+                silent_s = 0.0
+                event = "last" if over else "news"
+                data = b"event: %b\ndata: %b\n\n" % (event.encode(), msgspec.json.encode(news))
+                async with asyncio.timeout(_ALIVE_S):
+                    await send({"type": "http.response.body", "body": data, "more_body": not over})
+            if not over:
+                await asyncio.sleep(_TICK_S)
+
+
+def _is_whole(end: Any) -> bool:
+    """Tell whether nothing more will be said of a run: it is over, and its results are there if it has some."""
+    return "parts" in end or end.get("status") == "incomplete"
+
+
+async def _gone(receive: Receive) -> None:
+    """Wait until the browser is gone."""
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+class _Guarded:
+    """Adds to every answer what a browser is to refuse: other origins, frames, scripts from elsewhere."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *_HEADERS.items()]
+            await send(message)
+
+        await self._app(scope, receive, guarded)
+
+
+def application(shown: Shown) -> Starlette:
+    """Return the application; it answers to no host name but that of this machine to itself."""
+    routes = _Routes(shown)
+    return Starlette(
+        routes=[
+            Route("/", routes.station_page),
+            Route("/station", routes.station),
+            Route("/device/{serial}", routes.device),
+            Route("/run/{name}", routes.run_page),
+            Route("/run/{name}/events", routes.events),
+            Route("/run/{name}/readings", routes.readings),
+            Route("/run/live/stop", routes.stop, methods=["POST"]),
+            Mount("/assets", StaticFiles(directory=_HERE / "assets")),
+            Mount("/vendor", StaticFiles(directory=_HERE / "vendor")),
+        ],
+        middleware=[
+            Middleware(_Guarded),
+            Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False),
+        ],
+    )
+
+
+class _Routes:
+    def __init__(self, shown: Shown) -> None:
+        self._shown = shown
+
+    async def station_page(self, request: Request) -> Response:
+        del request
+        return FileResponse(_HERE / "assets" / "station.html")
+
+    async def station(self, request: Request) -> Response:
+        del request
+        listed = await run_in_threadpool(self._shown.station.listed)
+        return _json({**listed, "live": self._shown.live is not None})
+
+    async def device(self, request: Request) -> Response:
+        try:
+            return _json(await run_in_threadpool(self._shown.station.history, request.path_params["serial"]))
+        except BenchError as error:
+            raise HTTPException(404, str(error)) from error
+
+    async def run_page(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name != LIVE:
+            await run_in_threadpool(self._shown.follower, name)
+        return FileResponse(_HERE / "assets" / "run.html")
+
+    async def events(self, request: Request) -> Any:
+        if self._shown.browsers >= _MOST_BROWSERS:
+            raise HTTPException(503, f"{_MOST_BROWSERS} browsers look at this already")
+        name = request.path_params["name"]
+        await run_in_threadpool(self._shown.view, name)
+        return EventStream(self._shown, name)
+
+    async def readings(self, request: Request) -> Response:
+        view = await run_in_threadpool(self._shown.view, request.path_params["name"])
+        first_s, last_s = _number(request, "from"), _number(request, "to")
+        most = min(max(int(_number(request, "most") or 2000), 2), _MOST_POINTS)
+        return _json(await run_in_threadpool(view.drawn, first_s, last_s, most))
+
+    async def stop(self, request: Request) -> Response:
+        shown = self._shown
+        if not _same_origin(request) or not _knows(request.headers.get("x-vcfbench-token"), shown.token):
+            raise HTTPException(403, "this address cannot stop the run: open the one that the terminal shows")
+        if shown.stop is None or shown.live is None or shown.live.end is not None:
+            raise HTTPException(409, "no run goes here any more")
+        shown.stop()
+        return _json({"stopping": True})
+
+
+def _same_origin(request: Request) -> bool:
+    """Tell whether the page that asks, if a page does, is this one."""
+    origin = request.headers.get("origin")
+    return origin is None or urlsplit(origin).netloc == request.headers.get("host")
+
+
+def _knows(told: str | None, token: str) -> bool:
+    return bool(token) and hmac.compare_digest((told or "").encode(), token.encode())
+
+
+def _number(request: Request, name: str) -> float | None:
+    told = request.query_params.get(name)
+    try:
+        return None if told is None else float(told)
+    except ValueError as error:
+        raise HTTPException(400, f"{name}: expected a number, came {told!r}") from error
+
+
+def _json(value: Any) -> Response:
+    return Response(msgspec.json.encode(value), media_type="application/json")

@@ -1,0 +1,155 @@
+"""Who fills a view: the events of a run in this process, or the journal of one in another as it grows."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from msgspec import Struct
+
+from vcfbench.files import shown
+from vcfbench.page.view import View
+from vcfbench.plans.decode import result_of, step_of
+from vcfbench.plans.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
+from vcfbench.plans.steps import Note
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from vcfbench.plans.executor import Event
+    from vcfbench.runs.asked import Beginning
+
+__all__ = ["JournalFollower", "RunFollower"]
+
+_AT_ONCE = 1 << 22
+"""Bytes of a journal that are read at once: a long one must not hold up who looks at another."""
+
+
+class RunFollower:
+    """Tells a view what happens in a run: an observer of it."""
+
+    def __init__(self, view: View, beginning: Beginning) -> None:
+        self._view = view
+        description = beginning.description
+        view.planned_s = beginning.planned.bench_seconds
+        view.headings = [each.step.describe() for each in beginning.planned.steps if isinstance(each.step, Note)]
+        view.about = {
+            "run": beginning.procedure.name if beginning.directory is None else beginning.directory.name,
+            "procedure": beginning.procedure.name,
+            "title": beginning.procedure.title,
+            "bench": description.name,
+            "simulated": description.simulated,
+            "limits": _limits(msgspec.to_builtins(description.limits)),
+        }
+        view.points += beginning.points
+        view.version += 1
+
+    def handle(self, event: Event) -> None:
+        """Pass on what happens."""
+        match event:
+            case ReadingTaken():
+                self._view.read(event.t_s, event.reading.voltage_v)
+            case StepStarted():
+                self._view.begin(event.number, event.t_s, event.step)
+            case StepFinished():
+                self._view.finish(event.number, event.t_s, event.step, event.result, event.asked_again)
+            case StepFailed():
+                self._view.fail(event.number, event.t_s, event.step, str(event.error))
+
+
+class _Reading(Struct, frozen=True, gc=False):
+    t_s: float
+    voltage_v: float
+
+
+class _Chunk(Struct, frozen=True):
+    readings: list[_Reading]
+
+
+_CHUNK = msgspec.json.Decoder(_Chunk)
+_LINE = msgspec.json.Decoder(dict[str, Any])
+
+
+class JournalFollower:
+    """Tells a view what stands in a journal, and what is added to it."""
+
+    def __init__(self, path: Path) -> None:
+        self.view = View()
+        self.path = path
+        self._offset = 0
+        self._began_s = 0.0
+        self._lock = Lock()
+
+    def read_on(self) -> bool:
+        """Take in what was added since, a few megabytes at most; tell whether there is more."""
+        with self._lock, self.path.open("rb") as file:
+            file.seek(self._offset)
+            data = file.read(_AT_ONCE)
+            end = data.rfind(b"\n") + 1
+            if not end and len(data) == _AT_ONCE:  # one line that is longer still
+                data += file.readline()
+                end = len(data) if data.endswith(b"\n") else 0
+            for line in data[:end].splitlines():
+                with suppress(msgspec.DecodeError, KeyError, TypeError, ValueError):  # runs show says what is wrong
+                    self._take(line)
+            self._offset += end
+            return bool(end) and len(data) >= _AT_ONCE
+
+    def _take(self, line: bytes) -> None:
+        if line.startswith(b'{"type":"readings"'):
+            self._read(_CHUNK.decode(line).readings)
+            return
+        values = _LINE.decode(line)
+        match values.get("type"):
+            case "header":
+                self._begin(values)
+            case "step":
+                self._read(msgspec.convert(_readings(values), list[_Reading]))
+                step, result = step_of(values), result_of(values)
+                self.view.finish(values["n"], values["end_s"], step, result, values.get("asked_again", ()))
+            case "error":
+                self.view.fail(values["n"], values["t_s"], step_of(values), str(values["error"]))
+            case "footer":
+                error = (values.get("error") or {}).get("what")
+                self.view.finished({"status": values["status"], "error": error})
+
+    def _read(self, readings: list[_Reading]) -> None:
+        for each in readings:
+            self.view.read(each.t_s - self._began_s, each.voltage_v)
+
+    def _begin(self, header: Mapping[str, Any]) -> None:
+        self._began_s = float(header.get("began_s") or 0.0)
+        bench = header.get("bench") or {}
+        self.view.about = {
+            "run": header.get("run") or shown(self.path.parent),
+            "procedure": header.get("procedure"),
+            "title": header.get("title") or "",
+            "bench": bench.get("name"),
+            "simulated": header.get("simulated"),
+            "limits": _limits(bench.get("limits") or {}),
+            "began_utc": header.get("utc"),
+        }
+        self.view.version += 1
+
+
+def _readings(line: Mapping[str, Any]) -> list[Any]:
+    result = line.get("result")
+    found = result.get("readings") if isinstance(result, dict) else None
+    return found if isinstance(found, list) else []
+
+
+def _limits(limits: Mapping[str, Any]) -> list[list[str]]:
+    """Return what must not be exceeded, in words and numbers with their unit."""
+    units = {"deg_s": "deg/s", "deg_s2": "deg/s^2", "v": "V", "a": "A", "c": "degC", "min": "K/min"}
+    told = []
+    for key, value in limits.items():
+        if isinstance(value, int | float):
+            words, unit = key, ""
+            for ending, symbol in units.items():
+                if key.endswith(f"_{ending}"):
+                    words, unit = key.removesuffix(f"_{ending}").removesuffix("_k"), f" {symbol}"
+            told.append([words.replace("_", " ").replace("v vc", "V_Vc"), f"{value:g}{unit}"])
+    return told

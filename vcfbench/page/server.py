@@ -1,0 +1,153 @@
+"""The page's server: uvicorn on this machine alone, in a thread beside the run, or in the foreground."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from threading import Thread
+from typing import TYPE_CHECKING, Final, Self
+
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.extras import need
+from vcfbench.page.following import RunFollower
+from vcfbench.page.parts import end_of
+from vcfbench.page.station import Station
+from vcfbench.page.view import View
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from types import TracebackType
+    from typing import Any
+
+    from vcfbench.page.app import Shown
+    from vcfbench.plans.executor import Event
+    from vcfbench.runs.asked import Beginning
+    from vcfbench.runs.run import Run
+
+__all__ = ["LOOPBACK", "LivePage", "serve_station"]
+
+LOOPBACK: Final = "127.0.0.1"
+_WHAT: Final = "the page in a browser"
+_PARTING_S: Final = 1.5
+"""How long browsers have for the last of a run: the command does not wait for them any longer."""
+_STARTING_S: Final = 10.0
+
+
+def _shown(runs: Path, devices: Path) -> Shown:
+    need("starlette", "page", _WHAT)
+    from vcfbench.page.app import Shown  # noqa: PLC0415  # starlette comes with it
+
+    return Shown(Station(runs, devices))
+
+
+def _bound(port: int) -> socket.socket:
+    """Return a socket on `port` of this machine, 0 for any that is free; ConfigError where it is taken."""
+    listening = socket.socket()
+    try:
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows, where the other one would share it
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        else:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((LOOPBACK, port))
+        listening.listen()  # who comes before the server is there waits for it
+    except OSError as error:
+        listening.close()
+        raise ConfigError(
+            f"--port {port}: the page cannot be put there: {error.strerror}", hint="choose another, or 0 for any"
+        ) from error
+    return listening
+
+
+def _server(shown: Shown) -> Any:
+    uvicorn = need("uvicorn", "page", _WHAT)
+    from vcfbench.page.app import application  # noqa: PLC0415  # starlette comes with it
+
+    config = uvicorn.Config(
+        application(shown),
+        log_config=None,
+        log_level="critical",
+        access_log=False,
+        lifespan="off",
+        ws="none",
+        timeout_graceful_shutdown=1,
+    )
+    return uvicorn.Server(config)
+
+
+class LivePage:
+    """The page of the run of this process, in a thread of its own that nothing of the run waits for.
+
+    `stop` is called when somebody who knows the token stops the run.
+
+    Raises:
+        ConfigError: the port is taken, or what the page needs is not installed.
+    """
+
+    def __init__(self, runs: Path, devices: Path, port: int, stop: Callable[[], None]) -> None:
+        self.view = View()
+        self._shown = _shown(runs, devices)
+        self._shown.live, self._shown.stop, self._shown.token = self.view, stop, secrets.token_urlsafe(12)
+        self._server = _server(self._shown)
+        self._socket = _bound(port)
+        self._beginning: Beginning | None = None
+        self._follower: RunFollower | None = None
+        self._thread = Thread(target=self._serve, name="page", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """Where to look and stop: the token comes last, where no browser sends it."""
+        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/run/live#{self._shown.token}"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Tell the browsers that the run is over, and go."""
+        if self.view.end is None:
+            self.view.finished({"status": "aborted", "error": str(error or "the command ended")})
+        self._shown.closing = True
+        self._server.should_exit = True
+        self._thread.join(_PARTING_S)
+
+    def begin(self, beginning: Beginning) -> None:
+        """Take in what is about to begin."""
+        self._beginning = beginning
+
+    def handle(self, event: Event) -> None:
+        """Pass on what happens in the run."""
+        if self._follower is None and self._beginning is not None:
+            self._follower = RunFollower(self.view, self._beginning)
+        if self._follower is not None:
+            self._follower.handle(event)
+
+    def ended(self, run: Run) -> None:
+        """Tell what the run came to."""
+        self.view.finished(end_of(run))
+
+    def _serve(self) -> None:
+        self._server.run(sockets=[self._socket])
+
+
+def serve_station(runs: Path, devices: Path, port: int, said: Callable[[str], None]) -> None:
+    """Serve the page of a station until the keyboard stops it; `said` is told its address.
+
+    Raises:
+        ConfigError: the port is taken, or what the page needs is not installed.
+        BenchError: the server ended by itself.
+    """
+    shown = _shown(runs, devices)
+    server, listening = _server(shown), _bound(port)
+    said(f"http://{LOOPBACK}:{listening.getsockname()[1]}/")
+    thread = Thread(target=lambda: server.run(sockets=[listening]), name="page", daemon=True)
+    thread.start()
+    try:
+        while thread.is_alive():
+            thread.join(_STARTING_S)
+    finally:
+        shown.closing = server.should_exit = True
+        thread.join(_PARTING_S)
+    raise BenchError("the server of the page ended by itself")

@@ -1,0 +1,180 @@
+"""What is known of one run: filled in by who follows it, read by the page, each in a thread of its own."""
+
+from __future__ import annotations
+
+from array import array
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.analysis.running_fit import line_so_far
+from vcfbench.plans.step import Effect
+from vcfbench.plans.steps import NotChecked, Note
+from vcfbench.report.bench_state import BenchState
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.plans.decode import Recorded
+    from vcfbench.plans.step import Step, StepResult
+    from vcfbench.record.schema import Point
+
+__all__ = ["Seen", "View"]
+
+
+@dataclass(slots=True)
+class Seen:
+    """How much of a view one browser has been told."""
+
+    version: int = -1
+    introduced: bool = False
+    steps: int = 0
+    points: int = 0
+    log: int = 0
+
+
+@dataclass(slots=True)
+class View:
+    """One run. Lists only ever grow, so that whoever reads needs no lock: what is there stays as it is.
+
+    `about` says which run it is; `planned_s` is the estimate of its bench time, None where none is known; `headings`
+    are those of the plan. `version` rises with everything that is told. `t_s` is the bench time, `began_s` that at
+    which the first step began that was seen. `end` is what it came to, None while it goes.
+    """
+
+    about: Mapping[str, Any] = field(default_factory=dict)
+    planned_s: float | None = None
+    headings: Sequence[str] = ()
+    version: int = 0
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    points: list[Point] = field(default_factory=list)
+    log: list[dict[str, Any]] = field(default_factory=list)
+    doing: dict[str, Any] | None = None
+    state: BenchState = field(default_factory=BenchState)
+    t_s: float = 0.0
+    began_s: float | None = None
+    end: Mapping[str, Any] | None = None
+    _reading_t_s: array[float] = field(default_factory=lambda: array("d"))
+    _reading_v: array[float] = field(default_factory=lambda: array("d"))
+
+    def begin(self, number: int, t_s: float, step: Step | Recorded) -> None:
+        """Take in that a step begins."""
+        self.t_s = t_s
+        self.began_s = t_s if self.began_s is None else self.began_s
+        self.state = self.state.begun(step)
+        duration_s = getattr(step, "duration_s", 0.0)
+        self.doing = {"n": number, "t_s": t_s, "what": step.describe(), "duration_s": duration_s}
+        self.version += 1
+
+    def read(self, t_s: float, voltage_v: float) -> None:
+        """Take in one reading of the multimeter, at bench time `t_s` of the run."""
+        self._reading_v.append(voltage_v)
+        self._reading_t_s.append(t_s)
+        self.t_s = max(self.t_s, t_s)
+        self.version += 1
+
+    def finish(
+        self, number: int, t_s: float, step: Step | Recorded, result: StepResult | Recorded, again: Sequence[str] = ()
+    ) -> None:
+        """Take in that a step is done, with its result and the answers in it that were asked for again."""
+        self.t_s, self.doing = t_s, None
+        self.state = self.state.after(step, result)
+        kind = "heading" if isinstance(step, Note) else "done"
+        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "told": result.describe(), "kind": kind})
+        for said in again:
+            self.say(t_s, f"asked again: {said}", "warning")
+        if isinstance(step, NotChecked):
+            self.say(t_s, step.describe(), "warning")
+        point = getattr(result, "recorded_point", None)
+        if point is not None:
+            self.points.append(point)
+        elif getattr(step, "effect", None) in {Effect.MEASURES, Effect.CHECKS} and (told := result.describe()):
+            self.say(t_s, f"{step.describe()}: {told}", "result")
+        self.version += 1
+
+    def fail(self, number: int, t_s: float, step: Step | Recorded, error: str) -> None:
+        """Take in that a step failed."""
+        self.t_s, self.doing = t_s, None
+        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "told": error, "kind": "failed"})
+        self.say(t_s, error, "error")
+
+    def say(self, t_s: float, words: str, kind: str) -> None:
+        """Write a line of the log."""
+        self.log.append({"t_s": t_s, "what": words, "kind": kind})
+        self.version += 1
+
+    def finished(self, end: Mapping[str, Any]) -> None:
+        """Take in that the run is over, and what it came to."""
+        self.doing, self.end = None, end
+        self.version += 1
+
+    @property
+    def readings(self) -> int:
+        """How many readings there are."""
+        return len(self._reading_t_s)
+
+    def drawn(self, first_s: float | None, last_s: float | None, most: int) -> dict[str, Any]:
+        """Return the readings from `first_s` to `last_s` (bench time, s; None: all), at most about `most` to draw."""
+        import numpy as np  # noqa: PLC0415
+
+        from vcfbench.page.buckets import drawn  # noqa: PLC0415
+
+        count = self.readings
+        t_s, value = np.array(self._reading_t_s[:count]), np.array(self._reading_v[:count])
+        low = 0 if first_s is None else int(np.searchsorted(t_s, first_s))
+        high = count if last_s is None else int(np.searchsorted(t_s, last_s, side="right"))
+        shown_t_s, shown_v = drawn(t_s[low:high], value[low:high], most)
+        return {
+            "t_s": shown_t_s.round(4).tolist(),
+            "v": shown_v.tolist(),
+            "count": count,
+            "shown": high - low,
+            "all": high - low <= most,
+        }
+
+    def news(self, seen: Seen) -> dict[str, Any] | None:
+        """Return what came since `seen`, which is brought up to date; None when nothing did."""
+        version = self.version
+        if version == seen.version:
+            return None
+        first = seen.version < 0
+        steps, points, log = len(self.steps), len(self.points), len(self.log)
+        news: dict[str, Any] = {
+            "t_s": self.t_s,
+            "began_s": self.began_s or 0.0,
+            "doing": self.doing,
+            "bench": {"table": self.state.table(), "rails": self.state.supplied(), "v_vc": self.state.driven()},
+            "readings": self.readings,
+            "last_v": self._reading_v[-1] if self.readings else None,
+            "steps": self.steps[seen.steps : steps],
+            "log": self.log[seen.log : log],
+            "end": self.end,
+        }
+        if self.about and not seen.introduced:
+            news |= {"about": self.about, "planned_s": self.planned_s, "headings": list(self.headings)}
+            seen.introduced = True
+        if first or points > seen.points:
+            news |= {"points": [each.as_json() for each in self.points[:points]], "lines": self._lines(points)}
+        seen.version, seen.steps, seen.points, seen.log = version, steps, points, log
+        return news
+
+    def _lines(self, count: int) -> list[dict[str, Any]]:
+        """Return the line through the points of each step that has one, with the residual of every point, V."""
+        of_step: dict[int, list[int]] = defaultdict(list)
+        for number, point in enumerate(self.points[:count]):
+            of_step[point.step].append(number)
+        lines = []
+        for step, numbers in of_step.items():
+            points = [self.points[number] for number in numbers]
+            line = line_so_far([each.rate_deg_s for each in points], [each.output_v for each in points])
+            if line is not None:
+                lines.append(
+                    {
+                        "step": step,
+                        "scale_factor": line.scale_factor,
+                        "bias": line.bias,
+                        "points": numbers,
+                        "residuals_v": line.residuals_v.tolist(),
+                    }
+                )
+        return lines
