@@ -36,6 +36,12 @@ _GROUP = "vcfbench.models"
 HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 """The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
 
+
+def bare_model(answered: str) -> str:
+    """Return the model of ``*IDN?`` in capitals, without the word MODEL that Keithley puts before it."""
+    return answered.strip().upper().removeprefix("MODEL ")
+
+
 _Row = TypeVar("_Row", "Model", "TableLanguage")
 
 
@@ -77,7 +83,7 @@ class Model(Struct, frozen=True):
 
     def recognises(self, maker: str, model: str) -> bool:
         """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
-        return maker.upper().startswith(self.makers) and model.upper().startswith(self.name.upper())
+        return maker.upper().startswith(self.makers) and bare_model(model).startswith(self.name.upper())
 
     def speaking_as(self, name: str) -> Model:
         """Return the row of the model `name`, which speaks the same words under its own name."""
@@ -197,6 +203,28 @@ MODELS: Final[tuple[Model, ...]] = (
         wires=frozenset({"tcp", "vxi11", "hislip"}),
         specifications="vcfbench.specifications:KEYSIGHT_34465A",
         answers={"*IDN?": "Keysight Technologies,34465A,MY1,A.02.17-02.40-02.17-00.52-03-01"},
+    ),
+    Model(
+        "2000",
+        ("multimeter",),
+        driver="vcfbench.drivers.keithley:Keithley2000",
+        twin="vcfbench.sim.instruments.keithley:Keithley2000",
+        console="vcfbench.bench.guard.meter:meter_rules",
+        makers=("KEITHLEY",),
+        rs232=True,
+        specifications="vcfbench.specifications:KEITHLEY_2000",
+        answers={"*IDN?": "KEITHLEY INSTRUMENTS INC.,MODEL 2000,1308393,A20  /A02"},
+    ),
+    Model(
+        "DMM6500",
+        ("multimeter",),
+        driver="vcfbench.drivers.keithley:KeithleyDMM6500",
+        twin="vcfbench.sim.instruments.keithley:KeithleyDMM6500",
+        console="vcfbench.bench.guard.meter:meter_rules",
+        makers=("KEITHLEY",),
+        wires=frozenset({"tcp", "vxi11"}),
+        specifications="vcfbench.specifications:KEITHLEY_DMM6500",
+        answers={"*IDN?": "KEITHLEY INSTRUMENTS,MODEL DMM6500,04592448,1.7.12b", "*LANG?": "SCPI"},
     ),
     Model(
         "DSO7104B",

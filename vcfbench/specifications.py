@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = [
     "AGILENT_33220A",
     "HP_34401A",
+    "KEITHLEY_2000",
+    "KEITHLEY_DMM6500",
     "KEYSIGHT_33500B",
     "KEYSIGHT_34461A",
     "KEYSIGHT_34465A",
@@ -204,6 +206,33 @@ KEYSIGHT_34465A: Final = VoltmeterSpecification(
     accuracy_source="as generally quoted, unverified; the other ranges and ages were not at hand",
     resolution_source="users' drivers (QCoDeS), which follow the guide's table; the three fastest with option DIG",
     limit_sigmas=_TRUEVOLT_SIGMAS,
+)
+
+_KEITHLEY_DIGITS: Final = MappingProxyType({0.01: 1e-4, 0.1: 1e-5, 1.0: 1e-6, 10.0: 1e-6})
+
+KEITHLEY_2000: Final = VoltmeterSpecification(
+    model="2000",
+    accuracy=MappingProxyType(
+        {
+            0.1: _ages(day=(0.0030, 0.0030), quarter=(0.0040, 0.0035), year=(0.0050, 0.0035)),
+            1.0: _ages(day=(0.0015, 0.0006), quarter=(0.0025, 0.0007), year=(0.0030, 0.0007)),
+            10.0: _ages(day=(0.0015, 0.0004), quarter=(0.0020, 0.0005), year=(0.0030, 0.0005)),
+            100.0: _ages(day=(0.0015, 0.0006), quarter=(0.0030, 0.0006), year=(0.0045, 0.0006)),
+            1000.0: _ages(day=(0.0020, 0.0006), quarter=(0.0035, 0.0006), year=(0.0045, 0.0006)),
+        }
+    ),
+    resolution=_KEITHLEY_DIGITS,
+    accuracy_source="data sheet of the 2016 (Rev. D), a 2000 with more functions; of the 2000's own this table was "
+    "not at hand",
+    resolution_source="digits by power-line cycles in the same sheet: 6 1/2 at 10 and 1, 5 1/2 at 0.1, 4 1/2 at 0.01",
+)
+
+KEITHLEY_DMM6500: Final = VoltmeterSpecification(
+    model="DMM6500",
+    accuracy=MappingProxyType({10.0: _ages(year=(0.0025, 0.0005))}),
+    resolution=MappingProxyType({0.01: 1e-5, 0.1: 1e-5, 1.0: 1e-6, 10.0: 1e-6}),
+    accuracy_source="Calibration and Adjustment Manual DMM6500-905-01 p. 2-4; other ranges and ages were not at hand",
+    resolution_source="digits by power-line cycles in its data sheet p. 9 (resistance): 6 1/2 at 1, 5 1/2 at 0.1, 0.01",
 )
 
 AGILENT_33220A: Final = LevelSpecification(

@@ -94,7 +94,9 @@ def sampler(bench: vcfbench.Bench) -> SamplesVoltage:
     return meter
 
 
-@pytest.mark.parametrize(("model", "most"), [("34401A", 512), ("34461A", 10_000), ("34465A", 50_000)])
+@pytest.mark.parametrize(
+    ("model", "most"), [("34401A", 512), ("34461A", 10_000), ("34465A", 50_000), ("2000", 1024), ("DMM6500", 100_000)]
+)
 def test_readings_of_one_integration_time_each_leave_no_gap(model: str, most: int) -> None:
     """That many integration times it takes, and the meter's arming."""
     with vcfbench.open_bench(paper_with(model), needs=["multimeter"]) as bench:

@@ -10,7 +10,7 @@ from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
 from vcfbench.errors import BenchError, ConnectFailed, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
-from vcfbench.models import HP_MAKERS
+from vcfbench.models import HP_MAKERS, bare_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -126,7 +126,7 @@ class ScpiInstrument:
 
     def _verify(self, identity: Identity) -> None:
         expected_serial = self._serial_number or identity.serial
-        right_model = identity.model.upper() == self.model and identity.maker.upper().startswith(self.makers)
+        right_model = bare_model(identity.model) == self.model and identity.maker.upper().startswith(self.makers)
         if right_model and identity.serial == expected_serial:
             return
         wanted = self.model if self._serial_number is None else f"{self.model} with serial number {self._serial_number}"

@@ -1,4 +1,7 @@
-"""What may be said to the multimeter (34401A, guide 34401-90004 p. 105-147; 34461A and 34465A, Truevolt guide)."""
+"""What may be said to the multimeter (34401A, guide 34401-90004 p. 105-147; 34461A and 34465A, Truevolt guide).
+
+Keithley 2000 and DMM6500 choose functions by the same words.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ so do capacitance and temperature with a resistive sensor (34461A, 34465A)."""
 
 _CHOOSING = ("MEASure...", "CONFigure...")
 _OTHER_LANGUAGES = ("L2", "L3")
+"""Of the 34401A; a DMM6500 has ``*LANG``."""
 _RECALLING = ("*RCL", "MMEMory:LOAD...", "MEMory:STATe:RECall...")
 """Stored states of the newer models may hold a resistance measurement."""
 
@@ -42,7 +46,7 @@ class MeterRules:
                 raise Beyond(f"{part.path} could send a test current into the PCB: {function} is no quiet function")
             if is_one_of(part, _RECALLING):
                 raise Unreadable(f"{part.path} brings back a state that nobody here knows")
-            if part.path in _OTHER_LANGUAGES:
+            if part.path in _OTHER_LANGUAGES or (part.path == "*LANG" and not part.query):
                 raise Unreadable(f"{part.path} makes the meter speak another language")
 
 

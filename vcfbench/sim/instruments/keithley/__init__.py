@@ -1,0 +1,8 @@
+"""The simulated Keithley 2000 and DMM6500 multimeters."""
+
+from __future__ import annotations
+
+from vcfbench.sim.instruments.keithley.dmm6500 import Errors6500, KeithleyDMM6500
+from vcfbench.sim.instruments.keithley.k2000 import Errors2000, Keithley2000
+
+__all__ = ["Errors2000", "Errors6500", "Keithley2000", "KeithleyDMM6500"]
