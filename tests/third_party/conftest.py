@@ -136,6 +136,20 @@ def served_34465a(tmp_path: Path) -> Iterator[Served]:
     yield from _serving("--bench", str(bench))
 
 
+@pytest.fixture
+def served_successors() -> Iterator[Served]:
+    """A bench of nothing but successors, on the wires that they have."""
+    yield from _serving("--bench", str(HERE.parent / "successors" / "bench.toml"))
+
+
+@pytest.fixture
+def served_dmm6500(tmp_path: Path) -> Iterator[Served]:
+    """The same with a DMM6500 as its multimeter."""
+    bench, text = tmp_path / "bench.toml", (HERE.parent / "successors" / "bench.toml").read_text(encoding="utf-8")
+    bench.write_text(text.replace('"2000"', '"DMM6500"', 1), encoding="utf-8")
+    yield from _serving("--bench", str(bench))
+
+
 def _serving(*options: str) -> Iterator[Served]:
     words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--speed", "max", "--json", *options]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603

@@ -34,6 +34,22 @@ def test_pymeasure(role: str, driver: str, at_least: int, pymeasure: Path, serve
     check(seen, f"pymeasure.{driver}", at_least)
 
 
+@pytest.mark.parametrize(
+    ("role", "driver", "at_least"),
+    [("rate_source", "Agilent33500", 96), ("power", "KeysightE36312A", 21), ("multimeter", "Keithley2000", 29)],
+)
+def test_pymeasure_on_successors(
+    role: str, driver: str, at_least: int, pymeasure: Path, served_successors: Served
+) -> None:
+    seen = methods(pymeasure, "pymeasure_successors.py", driver, served_successors.resource(role, "tcp"))
+    check(seen, f"pymeasure.{driver}", at_least)
+
+
+def test_pymeasure_on_a_dmm6500(pymeasure: Path, served_dmm6500: Served) -> None:
+    resource = served_dmm6500.resource("multimeter", "tcp")
+    check(methods(pymeasure, "pymeasure_successors.py", "KeithleyDMM6500", resource), "pymeasure.KeithleyDMM6500", 22)
+
+
 def test_qcodes(qcodes: Path, served: Served) -> None:
     seen = methods(qcodes, "qcodes_methods.py", "Agilent34401A", served.resource("multimeter", "tcp"))
     check(seen, "qcodes.Agilent34401A", 12)

@@ -11,6 +11,7 @@ relative values are settings, taken off no reading.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench import specifications
@@ -135,6 +136,10 @@ def _set_azero(meter: Keithley2000, state: object) -> None:
         meter.set_autozero(name, on=bool(state))
 
 
+def _count(count: float) -> str:
+    return "+9.9E37" if math.isinf(count) else str(int(count))
+
+
 def _set_count(key: str) -> Any:
     def write(meter: Keithley2000, count: float) -> None:
         setattr(meter.triggering, key, float(count) if key == "trigger_count" else int(count))
@@ -197,7 +202,7 @@ _TABLE = CommandTable(
         (_COUNTS,),
         do=_set_count("trigger_count"),
         query=lambda meter: meter.triggering.trigger_count,
-        reply=_NR3,
+        reply=_count,
     ),
     Command(
         "SAMPle:COUNt",
