@@ -38,8 +38,11 @@ HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 
 
 def bare_model(answered: str) -> str:
-    """Return the model of ``*IDN?`` in capitals, without the word MODEL that Keithley puts before it."""
-    return answered.strip().upper().removeprefix("MODEL ")
+    """Return the model of ``*IDN?`` in capitals, as it is sold and as bench files call it.
+
+    Keithley puts the word MODEL before it, and Keysight writes DSO-X 3024A for DSOX3024A.
+    """
+    return answered.strip().upper().removeprefix("MODEL ").replace("-X ", "X")
 
 
 _Row = TypeVar("_Row", "Model", "TableLanguage")
@@ -130,6 +133,21 @@ def _trueform(name: str) -> Model:
         wires=frozenset({"tcp", "vxi11", "hislip"}),
         specifications="vcfbench.specifications:KEYSIGHT_33500B",
         answers={"*IDN?": f"{maker} Technologies,{name},MY52701054,3.05-1.19-2.00-52-00", "OUTP1?": "0"},
+    )
+
+
+def _x_series(name: str) -> Model:
+    """Return the row of an InfiniiVision 3000 X or 4000 X."""
+    kind = f"Keysight{name[:3].title()}{name[3:]}"  # DSOX3024A: KeysightDsoX3024A
+    return Model(
+        name,
+        ("oscilloscope",),
+        driver=f"vcfbench.drivers.infiniivision:{kind}",
+        twin=f"vcfbench.sim.instruments.infiniivision:{kind}",
+        console="vcfbench.bench.guard.rules:no_rules",
+        makers=("AGILENT", "KEYSIGHT"),
+        wires=frozenset({"tcp", "vxi11"}),
+        answers={"*IDN?": f"KEYSIGHT TECHNOLOGIES,{name[:3]}-X {name[4:]},MY1,07.30.2019051434", ":OPER:COND?": "+0"},
     )
 
 
@@ -236,6 +254,7 @@ MODELS: Final[tuple[Model, ...]] = (
         wires=frozenset({"tcp", "vxi11"}),
         answers={"*IDN?": "AGILENT TECHNOLOGIES,DSO7104B,MY1,06.00.0003", ":OPER:COND?": "+0"},
     ),
+    *map(_x_series, ("DSOX3024A", "MSOX3104T", "DSOX4104A")),
     Model(
         "ATS-545",
         ("chamber",),

@@ -48,6 +48,7 @@ from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
 from vcfbench.sim.instruments.e36312a import E36312A
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.infiniivision import KeysightDsoX3024A, XSeriesErrors
 from vcfbench.sim.instruments.keithley import Keithley2000, KeithleyDMM6500
 from vcfbench.sim.instruments.trueform import Keysight33622A, TrueformErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 
 EXPECTATIONS = Path(__file__).parent / "expectations"
 MODELS = ("e3631a", "hp34401a", "agilent33220a", "dso7104b", "keysight34461a", "keysight34465a")
-SUCCESSORS = ("keysight33622a", "e36312a", "keithley2000", "dmm6500")
+SUCCESSORS = ("keysight33622a", "e36312a", "keithley2000", "dmm6500", "dsox3024a")
 """Models that share parser and error queue with one of those: what is their own is walked."""
 
 _NR3 = re.compile(r"[+-]?\d+(\.\d+)?E[+-]\d{2,3}")
@@ -130,6 +131,9 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
     "dmm6500": lambda world, _interface: KeithleyDMM6500(world, errors=MeterErrors.none()),
     "agilent33220a": lambda world, _interface: Agilent33220A(world, GeneratorErrors.none()),
     "keysight33622a": lambda world, _interface: Keysight33622A(world, TrueformErrors.none()),
+    "dsox3024a": lambda world, _interface: KeysightDsoX3024A(
+        world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, XSeriesErrors.none()
+    ),
     "dso7104b": lambda world, _interface: Dso7104B(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, ScopeErrors.none()
     ),

@@ -43,10 +43,12 @@ def test_suite_on_a_pty(  # noqa: PLR0917  # fixtures
     check(seen, suite, at_least)
 
 
-def test_suite_of_the_small_oscilloscope(
-    pymeasure: Path, pymeasure_source: Path, served: Served, tmp_path: Path
+@pytest.mark.parametrize(("bench", "listed"), [("served", ""), ("served_successors", " on a DSOX3024A")])
+def test_suite_of_the_small_oscilloscope(  # noqa: PLR0917  # fixtures
+    bench: str, listed: str, pymeasure: Path, pymeasure_source: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     """The DSOX1102G suite has its address in its text and skips itself: both lines are replaced in a copy."""
+    served: Served = request.getfixturevalue(bench)
     suite = "keysight/test_keysightDSOX1102G_with_device.py"
     text = (pymeasure_source / "tests" / "instruments" / suite).read_text(encoding="utf-8")
     address = served.resource("oscilloscope", "vxi11")
@@ -57,4 +59,4 @@ def test_suite_of_the_small_oscilloscope(
     (tmp_path / "conftest.py").write_text(
         (pymeasure_source / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8"
     )
-    check(outcomes(pymeasure, tmp_path, str(copy), address, tmp_path / "report.xml"), suite, 141)
+    check(outcomes(pymeasure, tmp_path, str(copy), address, tmp_path / "report.xml"), f"{suite}{listed}", 141)

@@ -80,6 +80,7 @@ class Dso7104B(ScpiInstrument):
 
     model: ClassVar[str] = "DSO7104B"
     reading_form: ClassVar[replies.NumberForm] = replies.nr3(exponent_digits=(2, 3))  # both were seen on siblings
+    least_scale_v: ClassVar[float] = 2e-3
     first_answer_s: ClassVar[float] = 15.0  # older units were seen to take 10 s for the first answer on LAN
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -90,7 +91,7 @@ class Dso7104B(ScpiInstrument):
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
         source = self._source(channel)
         most = 5e3  # 5 V/div at a 1000:1 probe
-        require_within(self, f"scale of channel {channel}", scale_v_per_div, (2e-3, most), "V/div")
+        require_within(self, f"scale of channel {channel}", scale_v_per_div, (self.least_scale_v, most), "V/div")
         self._session.write(
             f":{source}:DISP 1",
             f":{source}:COUP DC",

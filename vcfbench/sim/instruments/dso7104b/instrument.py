@@ -24,6 +24,7 @@ import numpy as np
 from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Found, Pace, Record, ScopeErrors, acquisition
 from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
 from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen
+from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, Kind
 from vcfbench.sim.instruments.dso7104b.measurements import Thresholds, Trace
 from vcfbench.sim.instruments.dso7104b.measuring import MEASURE_COMMANDS, Installed
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
@@ -93,6 +94,8 @@ class Dso7104B(ScpiInstrument):
     """
 
     errors_class: ClassVar = ScopeErrors
+    kind: ClassVar[Kind] = KIND_7000B
+    table: ClassVar[CommandTable] = TABLE
 
     def __init__(
         self,
@@ -100,14 +103,14 @@ class Dso7104B(ScpiInstrument):
         channels: Mapping[int, str],
         errors: ScopeErrors,
         interface: str = "usb",
-        model: str = "DSO7104B",
+        model: str | None = None,
     ) -> None:
-        self._model = model
+        self._model = model or self.kind.name
         self._world = world
         self._nodes = dict(channels)
         self._errors = errors
         self.exponent_digits = errors.exponent_digits
-        self.nr3: Callable[[float], str] = real(8, errors.exponent_digits)
+        self.nr3: Callable[[float], str] = real(self.kind.decimals, errors.exponent_digits)
         self.state: dict[str, Any] = default_setup()
         self.inputs = Terminations(world, self._nodes, self._trip)
         self._stored: dict[int, dict[str, Any]] = {}
@@ -133,7 +136,7 @@ class Dso7104B(ScpiInstrument):
         self._traces: dict[tuple[int, str], Trace] = {}
         self.engine = ScpiEngine(
             self,
-            TABLE,
+            self.table,
             world.clock,
             dialect=Dialect(queue_depth=30, out_of_range=_clip_plainly, input_limit=1 << 24),
             interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
@@ -145,7 +148,7 @@ class Dso7104B(ScpiInstrument):
 
     def identity(self) -> str:
         """Return the reply of a real unit, but for the model that it stands for."""
-        return f"AGILENT TECHNOLOGIES,{self._model},MY49520121,06.00.0003"
+        return self.kind.identity.format(self._model)
 
     def reset(self) -> None:
         """Take the default setup, running."""
@@ -359,13 +362,13 @@ class Dso7104B(ScpiInstrument):
         )
 
     def memory(self) -> int:
-        """Return the points in memory: 4 GSa/s and 8 Mpts with one channel a pair (1, 2 and 3, 4), else half.
+        """Return the points in memory; with both channels of a pair (1, 2 and 3, 4) there are fewer.
 
         Segments share it.
         """
         shown = {channel for channel in CHANNELS if self.state[f"CHAN{channel}:DISP"]}
         half = {1, 2} <= shown or {3, 4} <= shown
-        most, rate = (4_000_000, 2e9) if half else (8_000_000, 4e9)
+        most, rate = self.kind.memory[half], self.kind.rate_hz[half]
         if self.state["ACQ:MODE"] == "SEGM":
             most //= self.state["SEGM:COUN"]
         return int(max(100, min(most, self.state["TIM:RANG"] * rate)))

@@ -26,7 +26,7 @@ class _Label(Text, frozen=True):
 def _set_range(model: Dso7104B, channel: int, volts: float) -> None:
     """Set the full screen: 16 mV to 40 V times the probe; the offset follows its limit."""
     probe = model.state[f"CHAN{channel}:PROB"]
-    model.state[f"CHAN{channel}:RANG"] = clipped(model, volts, 0.016 * probe, 40.0 * probe)
+    model.state[f"CHAN{channel}:RANG"] = clipped(model, volts, model.kind.least_range_v * probe, 40.0 * probe)
     reach = _offset_reach(model, channel)
     offset = model.state[f"CHAN{channel}:OFFS"]
     model.state[f"CHAN{channel}:OFFS"] = min(max(offset, -reach), reach)

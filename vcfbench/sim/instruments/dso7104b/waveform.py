@@ -23,16 +23,11 @@ __all__ = ["WAVEFORM_COMMANDS"]
 _LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
 _FORMATS = {"BYTE": 0, "WORD": 1, "ASC": 4}
 _TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
-_SCREEN_POINTS = 1000
-_RECORD_LENGTHS = (
-    *(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000),
-    *(1_000_000, 2_000_000, 4_000_000, 8_000_000),
-)
 
 
-def _listed(wanted: float) -> int:
+def _listed(model: Dso7104B, wanted: float) -> int:
     """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 4000000, 8000000 that is not above `wanted`."""
-    return max(each for each in _RECORD_LENGTHS if each <= max(100, wanted))
+    return max(each for each in model.kind.record_lengths if each <= max(100, wanted))
 
 
 def _points(model: Dso7104B) -> int:
@@ -43,18 +38,19 @@ def _points(model: Dso7104B) -> int:
     # 1000 points, minima and maxima are those of the screen (siblings' guides)
     shallow = state["ACQ:TYPE"] in {"AVER", "PEAK"} or state["WAV:SOUR"] == "FUNC"
     if state["WAV:MODE"] == "NORM" or model.running or shallow:
-        return _listed(min(wanted, _SCREEN_POINTS))
-    return min(_listed(wanted), model.memory())
+        return _listed(model, min(wanted, model.kind.screen_points))
+    return min(_listed(model, wanted), model.memory())
 
 
 def _set_points(model: Dso7104B, points: float) -> None:
     """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
-    words = {-1.0: ("NORM", _SCREEN_POINTS), -2.0: ("MAX", 8_000_000), -3.0: ("RAW", 8_000_000)}
+    screen, deepest = model.kind.screen_points, model.kind.record_lengths[-1]
+    words = {-1.0: ("NORM", screen), -2.0: ("MAX", deepest), -3.0: ("RAW", deepest)}
     if points in words:
         model.state["WAV:MODE"], model.state["WAV:POIN"] = words[points]
         return
-    most = _SCREEN_POINTS if model.state["WAV:MODE"] == "NORM" else 8_000_000
-    model.state["WAV:POIN"] = _listed(clipped(model, points, 100, most))
+    most = screen if model.state["WAV:MODE"] == "NORM" else deepest
+    model.state["WAV:POIN"] = _listed(model, clipped(model, points, 100, most))
 
 
 # --- scaling
