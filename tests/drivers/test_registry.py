@@ -74,7 +74,7 @@ def test_what_speaks_the_same_words_is_known_by_its_own_name() -> None:
 def test_models_it_does_not_know_are_named_with_those_it_does() -> None:
     with pytest.raises(
         ConfigError,
-        match=r"no driver for '34410A'; there are 33220A, 33509B, .*34401A, .*34461A, 34465A, .*E3631A,",
+        match=r"no driver for '34410A'; there are 2000, 33220A, 33509B, .*34401A, .*34461A, 34465A, .*E3631A,",
     ):
         open_instrument("multimeter", "34410A", "GPIB0::1::INSTR", library="@py", clock=WallClock(), settings={})
 
