@@ -154,14 +154,15 @@ def _at(role: str) -> str:
     [
         (
             '"34401A"',
-            '"2000"',
-            "lab.toml: multimeter.model: expected '34401A' or '34461A' or '34465A' or 'M1', or one that speaks the",
+            '"2010"',
+            "lab.toml: multimeter.model: expected '34401A' or '34461A' or '34465A' or '2000' or 'DMM6500' or 'M1', "
+            "or one that speaks the",
         ),
         ('"33220A"', '"M1"', "rate_source.model: expected '33220A' or '33509B'"),
         (
             '"34401A"',
             '"X"\nlike = "33220A"',
-            "multimeter.like: expected '34401A' or '34461A' or '34465A' or 'M1', came '33220A'",
+            "multimeter.like: expected '34401A' or '34461A' or '34465A' or '2000' or 'DMM6500' or 'M1', came '33220A'",
         ),
         ('"34401A"', '"M2"', "the model 'M2' (no_such_module:MODEL) cannot be loaded: No module named"),
         ('"34401A"', '"M3"', "what is registered for 'M3' (acme_of_a_test:TWIN) is no row of vcfbench.models"),
