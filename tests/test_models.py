@@ -155,8 +155,7 @@ def _at(role: str) -> str:
         (
             '"34401A"',
             '"2010"',
-            "lab.toml: multimeter.model: expected '34401A' or '34461A' or '34465A' or '2000' or 'DMM6500' or 'M1', "
-            "or one that speaks the",
+            "lab.toml: multimeter.model: expected '34401A' or '34461A' or '34465A' or '2000' or 'DMM6500' or 'M1', or",
         ),
         ('"33220A"', '"M1"', "rate_source.model: expected '33220A' or '33509B'"),
         (
