@@ -13,9 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.cells import few
 from tests.testing.test_plugin import run
 from vcfbench.bench.file import load_bench
 from vcfbench.sim.faults import read_faults
+from vcfbench.studies.asked import read_study
+from vcfbench.studies.one_run import Work, perform
 
 ROOT = Path(__file__).parents[1]
 LAB = ROOT / "examples" / "lab-tests"
@@ -91,3 +94,20 @@ def test_the_labs_files_are_what_they_say() -> None:
     assert not station.simulated
     for script in (LAB / "faults").glob("*.toml"):
         assert read_faults(script)
+
+
+STUDIES = ROOT / "examples" / "studies"
+
+
+def test_every_study_has_a_test() -> None:
+    assert {file.stem for file in STUDIES.glob("*.toml")} == {"readings", "generator", "split", "match-points"}
+
+
+@pytest.mark.parametrize("name", few(["readings", "generator", "split", "match-points"], "readings", "generator"))
+def test_the_studies_can_be_done(name: str) -> None:
+    """Every case of them is checked, and the last one run for one seed."""
+    study = read_study(STUDIES / f"{name}.toml")
+    cases = list(study.check())
+    row = perform(Work(study.of(cases[-1].number), study.seeds[0]))
+    assert row.status == "complete", row.message
+    assert any(name.endswith(".z") for name in row.metrics)

@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import convert, to_builtins
 from msgspec.structs import replace
 
 from vcfbench import models
@@ -30,6 +31,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.description import BenchDescription
+
+
+@pytest.mark.parametrize("row", [*MODELS, *LANGUAGES], ids=lambda row: row.name)
+def test_the_errors_of_every_twin_can_be_told_one_by_one(row: Model | TableLanguage) -> None:
+    kind = resolve(row.twin).errors_class
+    none = kind.none()
+    assert convert(to_builtins(none), kind) == none
 
 
 class Meter(Hp34401A):

@@ -12,9 +12,13 @@ from vcfbench.bench.simulated import SimulatedBench, instrument_errors, physical
 from vcfbench.bench.visa_resolver import resolve
 from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
 
 PAPER = embedded_text("paper")
 
@@ -107,6 +111,48 @@ def test_errors_are_none_drawn_or_told() -> None:
     assert drawn["rate_source"].dac_bits == 12
     assert drawn["multimeter"] != other["multimeter"]
     assert drawn["multimeter"] == instrument_errors(description, 1)["multimeter"]
+
+
+def part_drawn(role: str, errors: str) -> BenchDescription:
+    """Return the paper bench with the errors of one role as the bench file may have them."""
+    text = PAPER.partition("[simulation.errors.rate_source]")[0]
+    return parse_bench(f"{text}[simulation.errors]\n{role} = {errors}\n", "paper")
+
+
+def test_errors_are_drawn_as_large_as_told() -> None:
+    whole = instrument_errors(part_drawn("rate_source", '"drawn"'), 3)["rate_source"]
+    part = instrument_errors(part_drawn("rate_source", "{ drawn = 0.25, dac_bits = 12 }"), 3)["rate_source"]
+    assert (part.dac_bits, part.setting_digits) == (12, whole.setting_digits)
+    assert part.frequency_error == pytest.approx(0.25 * whole.frequency_error, rel=1e-12)
+    for mine, published in zip(part.ranges, whole.ranges, strict=True):
+        assert mine.upper_v == published.upper_v
+        assert mine.gain_error == pytest.approx(0.25 * published.gain_error, rel=1e-12)
+        assert mine.offset_error_v == pytest.approx(0.25 * published.offset_error_v, rel=1e-12)
+
+
+@pytest.mark.parametrize("role", ["power", "rate_source", "multimeter", "oscilloscope", "rate_table"])
+def test_no_part_of_what_is_drawn_is_ideal_and_all_of_it_as_published(role: str) -> None:
+    none, all_of_it, ideal, published = (
+        instrument_errors(part_drawn(role, errors), 3)[role]
+        for errors in ("{ drawn = 0.0 }", "{ drawn = 1.0 }", '"none"', '"drawn"')
+    )
+    assert none == ideal
+    assert all_of_it == published
+
+
+@pytest.mark.parametrize("share", ["-0.1", "11.0", '"much"', "true"])
+def test_a_share_that_cannot_be_is_refused(share: str) -> None:
+    with pytest.raises(
+        ConfigError, match=r"paper: simulation\.errors\.multimeter\.drawn: expected a number from 0 to 10"
+    ):
+        part_drawn("multimeter", f"{{ drawn = {share} }}")
+
+
+def test_a_generator_that_is_known_better_than_by_its_data_sheet() -> None:
+    text = PAPER.replace("[uncertainty]", "[uncertainty]\ngenerator_error = 0.005\ngenerator_offset_v = 1e-3")
+    known, sheet = (settings_of(VIRTUAL_CORIOLIS, parse_bench(each, "paper")).station.sources for each in (text, PAPER))
+    assert (known.generator_gain, known.generator_offset_v) == (0.005, 1e-3)
+    assert (sheet.generator_gain, sheet.generator_offset_v) == (0.02, 4e-3)
 
 
 def test_single_parameters_are_overridden_and_nothing_else() -> None:

@@ -30,6 +30,8 @@ __all__ = [
     "Kelvins",
     "Latitude",
     "LeastRail",
+    "LevelError",
+    "LevelOffset",
     "MeterAge",
     "Misalignment",
     "NegativeRail",
@@ -163,6 +165,10 @@ MeterAge = Annotated[float, Meta(ge=0.0, le=3650.0)]
 """days: ten years; data sheets promise nothing beyond one or two."""
 TableRateError = Annotated[float, Meta(ge=0.0, le=0.1)]
 """Relative: no table for gyroscopes is worse than a tenth."""
+LevelError = Annotated[float, Meta(ge=0.0, le=0.1)]
+"""Relative: no generator is worse than a tenth of its level."""
+LevelOffset = Annotated[float, Meta(ge=0.0, le=1.0)]
+"""V: beyond a volt it is no offset any more."""
 BiasInstability = Annotated[float, Meta(ge=0.0, le=1e5)]
 """deg/h: from none to that of the worst gyroscopes."""
 Horizon = Annotated[float, Meta(ge=1.0, le=8_760.0)]

@@ -21,6 +21,9 @@ __all__ = ["invalid_values"]
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
+_MOST_DRAWN = 10.0
+"""Times the published accuracy: more is no such instrument any more."""
+
 LIMITS_OF: Mapping[str, tuple[LimitKey, ...]] = MappingProxyType(
     {
         "rate_table": ("max_rate_deg_s", "max_acceleration_deg_s2"),
@@ -145,7 +148,11 @@ def _simulation(description: BenchDescription) -> Iterator[InvalidValue]:
     yield from single or _contradictions(description)
     for role, twin in twins(description).items():
         if isinstance(errors[role], dict):
-            yield from invalid_overrides(twin.errors_class.none(), errors[role], f"simulation.errors.{role}")
+            named = {name: value for name, value in errors[role].items() if name != "drawn"}
+            yield from invalid_overrides(twin.errors_class.none(), named, f"simulation.errors.{role}")
+            share = errors[role].get("drawn", 0.0)
+            if type(share) not in (int, float) or not 0.0 <= share <= _MOST_DRAWN:
+                yield InvalidValue(f"simulation.errors.{role}.drawn", f"a number from 0 to {_MOST_DRAWN:g}", share)
 
 
 def _contradictions(description: BenchDescription) -> Iterator[InvalidValue]:

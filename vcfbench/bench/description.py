@@ -22,6 +22,8 @@ from vcfbench.bench.bounds import (
     Horizon,
     Kelvins,
     Latitude,
+    LevelError,
+    LevelOffset,
     MeterAge,
     Misalignment,
     Pause,
@@ -195,6 +197,9 @@ class Knowledge(Part, frozen=True, kw_only=True):
     was, `table_rate_error` the largest relative error of the table's rate, `bias_instability_deg_h` the gyroscope's
     coefficient B of a zero record, and `horizon_h` the time over which a bias is a statement.
 
+    `generator_error` and `generator_offset_v` are the largest errors of a level of V_Vc, relative and in volts of the
+    open generator, where it is known better than by its data sheet.
+
     `temperature_k` is how far the gyroscope's temperature may be from that for which values are stated, `warm_up_k` how
     far it is from it at power-on, `warm_up_time_s` the time constant; `scale_factor_ppm_k` and `bias_deg_h_k` what a
     kelvin does. `misalignment_deg` is the largest angle between the gyroscope's axis and the table's.
@@ -203,6 +208,8 @@ class Knowledge(Part, frozen=True, kw_only=True):
     meter_age_days: MeterAge = 365.0
     v_vc_meter_age_days: MeterAge = 365.0
     table_rate_error: TableRateError | None = None
+    generator_error: LevelError | None = None
+    generator_offset_v: LevelOffset | None = None
     bias_instability_deg_h: BiasInstability | None = None
     horizon_h: Horizon = 24.0
     temperature_k: Kelvins | None = None
@@ -217,7 +224,7 @@ class SimulationErrors(Part, frozen=True, kw_only=True):
     """The imperfections of each simulated instrument.
 
     Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed) or a table of individual errors
-    by name, the others none.
+    by name, the others none; with ``drawn = 0.25`` in the table they are drawn, a quarter as large.
     """
 
     power: Errors = "drawn"

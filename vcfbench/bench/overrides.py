@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -14,7 +15,7 @@ from vcfbench.record.plain import field_names
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["invalid_overrides", "overridden"]
+__all__ = ["invalid_overrides", "overridden", "part_way"]
 
 T = TypeVar("T")
 
@@ -34,6 +35,21 @@ def overridden(base: T, changes: Mapping[str, Any]) -> T:
     merged = _merged(msgspec.to_builtins(base), changes)
     with _CONVERTING:
         return msgspec.convert(merged, type(base))
+
+
+def part_way(ideal: T, other: T, share: float) -> T:
+    """Return `other` with every real number in it `share` times as far from that of `ideal`; the rest is as it is."""
+    with _CONVERTING:
+        return msgspec.convert(_between(msgspec.to_builtins(ideal), msgspec.to_builtins(other), share), type(other))
+
+
+def _between(ideal: Any, other: Any, share: float) -> Any:
+    if isinstance(ideal, dict) and isinstance(other, dict):
+        return {name: _between(ideal.get(name), value, share) for name, value in other.items()}
+    if isinstance(ideal, list | tuple) and isinstance(other, list | tuple) and len(ideal) == len(other):
+        return [_between(*pair, share) for pair in zip(ideal, other, strict=True)]
+    numbers = isinstance(ideal, float) and isinstance(other, float) and math.isfinite(ideal) and math.isfinite(other)
+    return ideal + share * (other - ideal) if numbers else other
 
 
 def invalid_overrides(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[InvalidValue]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.bench.overrides import overridden
+from vcfbench.bench.overrides import overridden, part_way
 from vcfbench.errors import ConfigError
 from vcfbench.models import ROLES, find_language, find_model, languages, resolve
 
@@ -318,7 +318,9 @@ def _header(asked: str) -> str:
 
 def _errors(kind: Any, asked: str | dict[str, Any], random: Generator) -> Any:
     if isinstance(asked, dict):
-        return overridden(kind.none(), asked)
+        single = {name: value for name, value in asked.items() if name != "drawn"}
+        share = asked.get("drawn", 0.0)
+        return overridden(part_way(kind.none(), kind.drawn(random), share) if share else kind.none(), single)
     return kind.drawn(random) if asked == "drawn" else kind.none()
 
 

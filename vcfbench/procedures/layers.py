@@ -258,9 +258,10 @@ def _generator_sources(description: BenchDescription) -> Sources:
     sheet: LevelSpecification | None = None if description.rate_source is None else _sheet_of(description.rate_source)
     if sheet is None:
         return Sources()
+    known = description.uncertainty
     return Sources(
-        generator_gain=sheet.setting,
-        generator_offset_v=sheet.offset_v,
+        generator_gain=sheet.setting if known.generator_error is None else known.generator_error,
+        generator_offset_v=sheet.offset_v if known.generator_offset_v is None else known.generator_offset_v,
         generator_ranges_v=sheet.ranges_v,
         generator_bits=sheet.bits,
     )

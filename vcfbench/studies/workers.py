@@ -33,8 +33,9 @@ LOST: Final = "lost"
 """Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
 
 _TRIES: Final = 3
-_MOST_BREAKS: Final = 12
-"""Processes that die one after another without any run done: three runs that kill theirs may come together."""
+_FIRST_BREAKS: Final = 12
+_MOST_BREAKS: Final = 60
+"""Processes that may die one after another without any run done: before the first one, and later."""
 
 _THREADS: Final = "OPENBLAS_NUM_THREADS"
 
@@ -57,17 +58,17 @@ def in_processes(works: Iterable[Work], workers: int) -> Iterator[Row]:
     """
     queue: deque[Work] = deque(works)
     suspects: deque[Work] = deque()
-    breaks = 0
+    breaks, most = 0, _FIRST_BREAKS
     tries: Counter[tuple[int, int]] = Counter()
     while queue or suspects:
         alone = bool(suspects)
         with _pool(1 if alone else workers) as pool:
             lost: list[Work] = []
             for row in _done(pool, suspects if alone else queue, 1 if alone else 2 * workers, lost):
-                breaks = 0
+                breaks, most = 0, _MOST_BREAKS
                 yield row
         breaks += bool(lost)
-        if breaks > _MOST_BREAKS:
+        if breaks > most:
             raise BenchError(
                 "the processes of the study die before they have done a run",
                 hint="a script needs `if __name__ == '__main__':` around the call; where memory is short, --workers 1",

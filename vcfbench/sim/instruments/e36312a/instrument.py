@@ -12,6 +12,7 @@ Not simulated: pairs in series and parallel, delays, lists, data log, remote sen
 
 from __future__ import annotations
 
+from collections.abc import Mapping  # noqa: TC003  # msgspec reads the annotation of the errors
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -24,8 +25,6 @@ from vcfbench.sim.instruments.e36312a.commands import TABLE
 from vcfbench.sim.scpi import GPIB, LAN, USB, Dialect
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from vcfbench.sim.instruments.e3631a.instrument import Settings
     from vcfbench.sim.instruments.e3631a.kinds import OutputKind
     from vcfbench.sim.scpi import CommandTable, Interface

@@ -6,6 +6,7 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 186).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping  # noqa: TC003  # msgspec reads the annotation
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
@@ -15,8 +16,6 @@ from msgspec.structs import replace
 from vcfbench.sim.instruments.e3631a.kinds import N25V, P6V, P25V, OutputKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import numpy as np
 
 __all__ = ["Accuracy", "OutputErrors", "SupplyErrors"]
