@@ -79,7 +79,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
     from vcfbench.runs.summary import RunSummary, run_summaries
-    from vcfbench.runs.written import write_report
+    from vcfbench.runs.written import write_certificate, write_report
     from vcfbench.studies.conduct import study
     from vcfbench.studies.result import StudyResult, load_study
 
@@ -209,6 +209,7 @@ __all__ = [
     "take",
     "text_of",
     "v_vc_on",
+    "write_certificate",
     "write_report",
 ]
 
@@ -379,7 +380,10 @@ _HOMES = {
         "RunSummary",
         "run_summaries",
     ),
-    "runs.written": ("write_report",),
+    "runs.written": (
+        "write_certificate",
+        "write_report",
+    ),
     "studies.conduct": ("study",),
     "studies.result": (
         "StudyResult",

@@ -182,10 +182,14 @@ class Site(Part, frozen=True, kw_only=True):
 
 
 class Laboratory(Part, frozen=True, kw_only=True):
-    """Whose bench it is, for records and reports; `operator` runs it where nobody else is named."""
+    """Whose bench it is, for records and reports; `operator` runs it where nobody else is named.
+
+    `country` is two capital letters (ISO 3166-1), for certificates.
+    """
 
     name: Text | None = None
     address: Text | None = None
+    country: Annotated[str, Meta(pattern="^[A-Z]{2}$")] | None = None
     email: Text | None = None
     operator: Text | None = None
 

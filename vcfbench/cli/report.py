@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.errors import ConfigError
+
 __all__ = ["report"]
 
 
@@ -20,11 +22,31 @@ def report(
         typer.Option("-o", "--output", metavar="FILE", help="Where it goes: .html, .pdf or .md.  [default: RUN.html]"),
     ] = None,
     runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    words: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="With --dcc: what no measurement tells; repeatable."),
+    ] = None,
+    *,
+    dcc: Annotated[
+        bool, typer.Option("--dcc", help="A Digital Calibration Certificate (XML, DCC 3.3.0), not signed.")
+    ] = False,
 ) -> None:
     """Write the report of a run: device, conditions, equipment, results, figures, verdict, provenance."""
     from vcfbench.runs.recorded import load_run  # noqa: PLC0415
-    from vcfbench.runs.written import write_report  # noqa: PLC0415
+    from vcfbench.runs.written import write_certificate, write_report  # noqa: PLC0415
 
+    if words and not dcc:
+        raise ConfigError("--set: what a certificate says goes with --dcc")
     recorded = load_run(run, runs)
+    if dcc:
+        typer.echo(write_certificate(recorded, output or Path(f"{recorded.name}.xml"), dict(map(_pair, words or ()))))
+        return
     for path in write_report(recorded, output or Path(f"{recorded.name}.html")):
         typer.echo(path)
+
+
+def _pair(told: str) -> tuple[str, str]:
+    key, sign, value = told.partition("=")
+    if not sign or not key:
+        raise ConfigError(f"--set: expected KEY=VALUE, came {told!r}")
+    return key, value

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Part
     from vcfbench.runs.run import Run
 
-__all__ = ["command_of", "full_report", "title_of"]
+__all__ = ["command_of", "full_report", "method_of", "title_of"]
 
 _LONG: Final = 100
 """A window of so many readings is drawn reading by reading."""
@@ -47,7 +47,7 @@ def full_report(run: Run) -> Report:
             *_identification(run, header),
             *_conditions(run, header),
             *_equipment(run),
-            *_method(run, header),
+            *_method(run),
             *_results(run),
             *_remarks(run),
             *_settings(header),
@@ -151,10 +151,16 @@ def _instrument(each: Equipment) -> tuple[str | None, ...]:
     )
 
 
-def _method(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
+def _method(run: Run) -> Iterator[Part]:
     yield Heading("Method", 2)
+    yield Text(method_of(run))
+
+
+def method_of(run: Run) -> str:
+    """Return in words what was done, as the record says, else the procedure that is known here, else the title."""
+    header = run.header
     told = header.get("method") or _method_known(run.procedure) or header.get("title")
-    yield Text(str(told or f"The procedure {run.procedure}, of which the record says no more."))
+    return str(told or f"The procedure {run.procedure}, of which the record says no more.")
 
 
 def _method_known(name: str) -> str:

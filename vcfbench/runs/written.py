@@ -12,12 +12,12 @@ from vcfbench.report.document import Figure
 from vcfbench.runs.reported import full_report, title_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from vcfbench.report.document import Report
     from vcfbench.runs.run import Run
 
-__all__ = ["write_document", "write_figures", "write_report"]
+__all__ = ["write_certificate", "write_document", "write_figures", "write_report"]
 
 
 def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
@@ -32,6 +32,31 @@ def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
         ConfigError: the suffix is none of these, the record cannot be read, or the file cannot be written.
     """
     return write_document(full_report(run), title_of(run), run.name or run.procedure, Path(path))
+
+
+def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | None = None) -> Path:
+    """Write `run` as a Digital Calibration Certificate (DCC, XML), not signed, and return the file.
+
+    Args:
+        run: one that is complete, with results that have uncertainties.
+        path: where it goes, ``.xml``.
+        words: what no measurement tells, by the fields of `CertificateWords`: ``{"customer": "ACME Ltd", ...}``; what
+            the run's tags, its record or the bench file tell may be left out.
+
+    Raises:
+        ConfigError: something is missing (all of it in one), the run can have no certificate, or the file cannot be
+            written.
+    """
+    from vcfbench.runs.certificate import certificate_words  # noqa: PLC0415
+    from vcfbench.runs.dcc import dcc_of  # noqa: PLC0415
+
+    path = Path(path)
+    written = dcc_of(run, certificate_words(run, words))
+    try:
+        path.write_bytes(written)
+    except OSError as error:
+        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
+    return path
 
 
 def write_figures(run: Run, path: Path, number: int | None = None) -> tuple[Path, ...]:
