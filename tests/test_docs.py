@@ -40,8 +40,8 @@ DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
 KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "yaml", "text", ""}
 TUTORIALS = ROOT / "docs" / "tutorials"
-LESSONS = {each.name for each in TUTORIALS.iterdir()}
-LONG = {"procedures.md", "serving.md", "simulated-instruments.md", "testing.md", *LESSONS}
+SITE = {each.name for folder in ("tutorials", "howto") for each in (ROOT / "docs" / folder).iterdir()}
+LONG = {"procedures.md", "serving.md", "simulated-instruments.md", "testing.md", *SITE}
 """Documents whose commands take some seconds each; all others are run every time."""
 
 BLOCK = re.compile(
