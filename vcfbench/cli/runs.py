@@ -25,6 +25,15 @@ __all__ = ["app"]
 app = typer.Typer(no_args_is_help=True, help="List and show records.")
 
 Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")]
+Index_ = Annotated[
+    str | None,
+    typer.Option(
+        "--index",
+        metavar="URL",
+        envvar="VCFBENCH_INDEX",
+        help="Database of the index, as in postgresql://user@host/database; else a file beside the records.",
+    ),
+]
 Json_ = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 
 
@@ -46,6 +55,10 @@ def list_(
         list[str] | None,
         typer.Option("--tag", metavar="KEY=VALUE", help="Only those that have this tag; repeatable, all must fit."),
     ] = None,
+    index: Index_ = None,
+    everywhere: Annotated[
+        bool, typer.Option("--everywhere", help="Also those that other stations have put into the index.")
+    ] = False,
     json: Json_ = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, a row a run.")] = False,
 ) -> None:
@@ -56,7 +69,7 @@ def list_(
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
     asked = {"dut": dut, "since": since, "status": status, "procedure": procedure}
-    known = run_summaries(runs, **asked, tags=tags_of(tag or ()))
+    known = run_summaries(runs, **asked, tags=tags_of(tag or ()), index=index, everywhere=everywhere)
     for each in known:
         if each.problem is not None:
             typer.echo(f"vcfbench: {each.problem}", err=True)
@@ -107,6 +120,34 @@ def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
         "seed": record.header.get("seed"),
         "points": len(record.points),
     }
+
+
+@app.command("index")
+def index(
+    runs: Runs_ = Path("runs"),
+    index_: Index_ = None,
+    *,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every record again, not only what changed.")] = False,
+    json: Json_ = False,
+) -> None:
+    """Make or bring up to date the index of the records; lists then ask it."""
+    from msgspec import to_builtins  # noqa: PLC0415
+
+    from vcfbench.runs.index import RunIndex  # noqa: PLC0415
+
+    if index_ is None and not runs.is_dir():
+        raise ConfigError(f"{shown(runs)}: there are no records to make an index of")
+    made = RunIndex(runs, index_)
+    try:
+        done = made.refresh(rebuild=rebuild)
+    finally:
+        made.close()
+    if json:
+        print_json({"index": made.name, **to_builtins(done)})
+        return
+    if done.made_again is not None:
+        typer.echo(f"vcfbench: {made.name} was made again: {done.made_again}", err=True)
+    typer.echo(f"{made.name}: {done.records} records, {done.read} read, {done.gone} gone")
 
 
 @app.command("export")

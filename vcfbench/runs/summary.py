@@ -152,6 +152,8 @@ def run_summaries(
     status: str | None = None,
     procedure: str | None = None,
     tags: Mapping[str, str] | None = None,
+    index: str | None = None,
+    everywhere: bool = False,
 ) -> tuple[RunSummary, ...]:
     """Return what a list says of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
 
@@ -164,11 +166,22 @@ def run_summaries(
         status: only those that ended so.
         procedure: only those of this procedure.
         tags: only those that have all of them.
+        index: URL of the database of an index that is asked, and brought up to date before; without it that beside
+            the records, where one was made there (``vcfbench runs index``), or the records themselves.
+        everywhere: also those that other stations have put into the index at `index`.
 
     Raises:
-        ConfigError: there is no such status, or the date is none.
+        ConfigError: there is no such status, the date is none, or the index at `index` cannot be used.
     """
     chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
+    if everywhere and index is None:
+        raise ConfigError("everywhere: expected an index that other stations share, came none", hint="--index URL")
+    if index is not None or (Path(runs) / "index.sqlite").is_file():
+        from vcfbench.runs.index import indexed  # noqa: PLC0415  # loads SQLAlchemy
+
+        found = indexed(Path(runs), chosen, index, everywhere=everywhere)
+        if found is not None:
+            return found
     return ordered(each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
 
 
