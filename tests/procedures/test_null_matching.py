@@ -203,6 +203,8 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
     assert noisy is not None
     for name, values in drawn.items():
         assert noisy.value(name).u == pytest.approx(np.std(values), rel=0.25), name
+    bounds = [each for each in noisy.not_in_u if each.startswith("virtual.nonlinearity: the curve took")]
+    assert len(bounds) == (1 if by is KvcBy.CURVE else 0)
 
 
 def test_a_match_next_to_the_end_of_a_range_has_the_errors_of_the_range_that_it_was_taken_on() -> None:

@@ -531,6 +531,8 @@ class _Curved:
     """Of sources that others have too: what one unit puts into each residual, ppm."""
     own: Mapping[str, Floats]
     """Of what each level has of its own: (n, m), ppm by each level's standard uncertainty."""
+    only_bound: str = ""
+    """Why there is no value, whatever is found; empty where there may be one."""
 
     @classmethod
     def of(cls, name: str, line: Line) -> _Curved:
@@ -553,7 +555,12 @@ class _Curved:
         u_pair = [known.u_mean_v(volts, per_reading) for volts in matching.taken_v]
         every_v = np.concatenate([matching.taken_v, level_v])
         through = self._with(known, every_v, np.hstack([by_pair, by_level]), u_pair)
-        return replace(through, weights=self.weights + moved @ matching.noise_weights)
+        set_by_curve = matching.curve is not None and known.reading_v is None
+        return replace(
+            through,
+            weights=self.weights + moved @ matching.noise_weights,
+            only_bound=_RANGES_ARE_LEFT if set_by_curve else "",
+        )
 
     def _with(self, known: _KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()) -> _Curved:
         own = np.array([known.range_of(each) for each in volts])
@@ -598,18 +605,19 @@ def _with_nonlinearity(
     values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
     for number, each in enumerate(worst, len(stated.values)):
         value = each.moved(_stated(every.results[number], every, "ppm", _LARGEST))
-        if value.value > each.by_errors_ppm(value):
+        why = each.only_bound or ("" if value.value > each.by_errors_ppm(value) else "errors alone may make as much")
+        if why:
+            said.append(f"{value.name}: {why}; it is below {value.value + value.u95:.2g} ppm (95 %)")
+        else:
             values.append(value)
             kept.append(number)
-        else:
-            bound = value.value + value.u95
-            said.append(f"{value.name}: errors alone may make as much; it is below {bound:.2g} ppm (95 %)")
     correlation = every.correlation[np.ix_(kept, kept)].tolist()
     for row, old in zip(correlation, stated.correlation, strict=False):
         row[: len(old)] = old
     return replace(stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), not_in_u=tuple(said))
 
 
+_RANGES_ARE_LEFT = "the curve took the modulator out, what is left is the generator's ranges"
 _LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
 
 
@@ -626,6 +634,7 @@ class _Worst:
     """Where the largest may be."""
     by_trials: Largest | None
     """None where it is one alone."""
+    only_bound: str
 
     @classmethod
     def of(cls, curved: _Curved, sources: Mapping[str, Source], noise: WindowNoise) -> _Worst:
@@ -651,6 +660,7 @@ class _Worst:
             effects | {source.name: 1.0 for source in own},
             tuple(curved.residuals.rate_deg_s[places].tolist()),
             spread.largest() if places.size > 1 else None,
+            curved.only_bound,
         )
 
     def value(self, q: Mapping[str, Any]) -> Any:
