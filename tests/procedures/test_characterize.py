@@ -316,10 +316,7 @@ def test_a_run_that_was_broken_off_goes_on_and_a_warm_up_in_two_pieces_is_none(t
 @pytest.mark.exhaustive
 def test_the_whole_of_it_is_one_data_sheet(tmp_path: Path) -> None:
     """About 17 s on a quiet machine; each value with an uncertainty lies where the simulated bench has it."""
-    limits = "min_temperature_c = -40\nmax_temperature_c = 85\nmax_ramp_k_min = 60\n"
-    chamber = '[chamber]\nmodel = "ATS-545"\nresource = "GPIB0::18::INSTR"\n'
-    bench = parse_bench(embedded_text("lab").replace("[limits]\n", f"{chamber}\n[limits]\n{limits}"), "all")
-    run = vcfbench.run("characterize", bench, seed=8, runs=tmp_path)
+    run = vcfbench.run("characterize", "lab", seed=8, runs=tmp_path)
     assert [each.name for each in run.results.parts] == [each.name for each in PARTS]
     assert all(each.no_result is None for each in run.results.parts)
     assert run.results.not_measured == ()

@@ -10,7 +10,6 @@ import pytest
 
 import vcfbench
 from vcfbench.bench.description import Limits
-from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Placed, Station
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.plans.dry_run import walk
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
 PAPER = paper_bench()
 REFERENCE_C = 25.0
 LOOP_C = (10.0, 30.0, 50.0, 30.0, 10.0)
-CHAMBER = '[chamber]\nmodel = "ATS-545"\nresource = "GPIB0::18::INSTR"\n'
-LIMITS = "min_temperature_c = -40\nmax_temperature_c = 85\nmax_ramp_k_min = 60\n"
 SETTINGS: dict[str, Any] = {
     "temperatures_c": LOOP_C,
     "reference_c": REFERENCE_C,
@@ -52,8 +49,7 @@ SETTINGS: dict[str, Any] = {
 
 
 def bench() -> BenchDescription:
-    text = embedded_text("lab").replace("[limits]\n", f"{CHAMBER}\n[limits]\n{LIMITS}")
-    return parse_bench(text, "chamber")
+    return vcfbench.load_bench("lab")
 
 
 @pytest.fixture(scope="module")

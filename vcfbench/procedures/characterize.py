@@ -92,6 +92,12 @@ PARTS = (
     Part("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
     Part("resonance", {}, _said("ring-down and sweep, at rest")),
     Part("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
+    Part(
+        "vibration",
+        {},
+        lambda own: f"{len(own.vibration_hz)} virtual vibrations of {own.vibration_amplitude_v:g} V, at rest",
+        roles=("vibration_source",),
+    ),
     Part("zero", {"duration_s": 600.0}, lambda own: f"at rest, {own.duration_s:g} s"),
     Part(
         "temperature",
@@ -122,6 +128,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     bandwidth: PartSettings = field(default_factory=dict)
     resonance: PartSettings = field(default_factory=dict)
     phase: PartSettings = field(default_factory=dict)
+    vibration: PartSettings = field(default_factory=dict)
     zero: PartSettings = field(default_factory=dict)
     temperature: PartSettings = field(default_factory=dict)
 
