@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import vcfbench
-from tests.test_truth import study
 from vcfbench.plans.steps import AcquireWithVvc, ConfigureVvcMeter
 from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
 from vcfbench.record.schema import Point
 from vcfbench.report.document import Table
+from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:
     from vcfbench.runs.run import Run
@@ -27,9 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run[Any]:
 def test_values_are_those_of_the_v_vc_that_was_measured(run: Run[Any]) -> None:
     measured = [point for point in run.points if point.v_vc_measured_v is not None]
     assert {point.step for point in measured} == {2, 4}
-    levels = [point.v_vc_measured_v for point in measured if point.step == 4]
-    rates = [point.rate_deg_s for point in run.points if point.step == 3]
-    truth = study().truths(rates, levels, (10.0,))
+    truth = truth_of(run, vcfbench.load_bench("lab"))
     for each in run.results.uncertainty.values:
         assert abs(each.value - truth[each.name]) <= 4.0 * each.u, each.name
     assert run.results.k_vc.value == pytest.approx(run.results.uncertainty.value("k_vc").value, rel=1e-12)
