@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests import warm
 from vcfbench.page.server import LivePage
 
 if TYPE_CHECKING:
@@ -80,12 +81,31 @@ def test_a_run_that_is_stopped_from_its_page_ends_like_one_that_the_keyboard_sto
 
 
 def test_a_page_that_nobody_looks_at_changes_nothing(tmp_path: Path) -> None:
-    quiet = [*VCFBENCH, "run", "turntable", "--bench", "ideal", "--json", "--quiet"]
-    without = subprocess.run(quiet, cwd=tmp_path, capture_output=True, check=True)  # noqa: S603
-    with_page = subprocess.run([*quiet, "--page"], cwd=tmp_path, capture_output=True, check=True)  # noqa: S603
+    quiet = ["vcfbench", "run", "turntable", "--bench", "ideal", "--json", "--quiet"]
+    without, with_page = warm.run(quiet, tmp_path), warm.run([*quiet, "--page"], tmp_path)
     first, second = json.loads(without.stdout), json.loads(with_page.stdout)
     assert {**first, "run": None} == {**second, "run": None}
-    assert with_page.stderr.startswith(b"page: http://127.0.0.1:")
+    assert with_page.stderr.startswith("page: http://127.0.0.1:")
+
+
+def test_browsers_that_take_nothing_hold_up_nobody(tmp_path: Path) -> None:
+    """Closed laptops, and readers that stand still: the run goes on, and the command ends."""
+    with started(tmp_path, "run", "turntable", "--bench", "ideal", "--speed", "100", "--page", "--quiet") as (
+        process,
+        address,
+    ):
+        port = int(address.split(":")[2].split("/")[0])
+        still = [socket.create_connection(("127.0.0.1", port)) for _ in range(8)]
+        for number, each in enumerate(still):
+            each.sendall(f"GET /run/live/events HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+            if number % 2:
+                each.close()
+        process.communicate(timeout=60)
+        for each in still:
+            each.close()
+        assert process.returncode == 0
+    (journal,) = tmp_path.glob("runs/*/journal.jsonl")
+    assert "observers_lost" not in json.loads(journal.read_text("utf-8").splitlines()[-1])
 
 
 def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path: Path) -> None:
@@ -94,7 +114,7 @@ def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path: Path) -> 
         taken.listen()
         port = str(taken.getsockname()[1])
         for words in (["run", "turntable", "--page", "--port", port], ["page", "--port", port]):
-            done = subprocess.run([*VCFBENCH, *words], cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+            done = warm.run(["vcfbench", *words], tmp_path)
             assert done.returncode == 2
             assert f"--port {port}: the page cannot be put there" in done.stderr
     assert not (tmp_path / "runs").exists()

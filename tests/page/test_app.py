@@ -18,6 +18,7 @@ from vcfbench.page import app as page_app  # noqa: E402
 from vcfbench.page.app import EventStream, Shown, application  # noqa: E402
 from vcfbench.page.parts import end_of, parts_of  # noqa: E402
 from vcfbench.page.station import Station  # noqa: E402
+from vcfbench.page.station import _result as result_row  # noqa: E402
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
 
 if TYPE_CHECKING:
@@ -85,6 +86,35 @@ def test_a_recorded_run_is_told_whole_and_at_once(client: Client, made: tuple[Pa
     assert last["end"]["status"] == "complete"
     assert last["end"]["parts"] == json.loads(json.dumps(parts_of(made[1].report())))
     assert last["drawn"]["count"] == 180
+
+
+def test_a_recorded_run_has_its_whole_report(client: Client, made: tuple[Path, Run]) -> None:
+    answer = client.get(f"/run/{made[1].name}/report")
+    assert answer.status_code == 200
+    assert "<svg" in answer.text
+    assert "script" not in answer.headers["content-security-policy"]
+    assert answer.headers["content-security-policy"].startswith("default-src 'none';")
+    assert client.get("/run/live/report").status_code == 404
+
+
+K_VC = {"value": 150.0, "expanded_u": 0.5, "unit": "(deg/s)/V"}
+ONE = {"name": "a", "value": 1.0, "u95": 0.1, "unit": "V"}
+
+
+@pytest.mark.parametrize(
+    ("answer", "listed"),
+    [
+        ({}, []),
+        ({"results": {"uncertainty": {"values": [ONE]}}}, ["a 1 0.1 V"]),
+        ({"results": {"k_vc": K_VC, "n": 3, "curve": {}}}, ["k_vc 150 0.5 (deg/s)/V"]),
+        ({"results": "none", "acceptance": []}, []),
+    ],
+)
+def test_what_the_list_shows_of_results(answer: dict[str, Any], listed: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(answer), "utf-8")
+    values = result_row(path)["values"]
+    assert [f"{each['name']} {each['value']:g} {each['u95']:g} {each['unit']}" for each in values] == listed
 
 
 def test_readings_are_thinned_out_and_cut(client: Client, made: tuple[Path, Run]) -> None:

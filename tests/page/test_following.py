@@ -150,7 +150,7 @@ def test_a_journal_is_being_written_until_it_is_closed(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     assert not being_written(path)
     journal = Journal(path)
-    assert being_written(path)
     journal.header({"run": "r"})
+    assert being_written(path)
     journal.close()
     assert not being_written(path)

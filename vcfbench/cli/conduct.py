@@ -128,7 +128,7 @@ def _conducted(
         observers=() if page is None else (page,),
         person=at_the_terminal(signals, yes=options.yes),
         options=asdict(options),
-        warn=lambda words: typer.echo(f"vcfbench: warning: {words}", err=True),
+        warn=lambda words: _warn(words, page),
     )
     try:
         return conducted(watched, signals, preparing)
@@ -137,6 +137,12 @@ def _conducted(
             raise
         run: Run = error.run
         return run
+
+
+def _warn(words: str, page: LivePage | None) -> None:
+    typer.echo(f"vcfbench: warning: {words}", err=True)
+    if page is not None:
+        page.view.say(0.0, words, "warning")
 
 
 def _progress(options: RunOptions, beginning: Beginning, page: LivePage | None) -> NoProgress:

@@ -6,6 +6,7 @@ import asyncio
 import hmac
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -46,6 +47,12 @@ _ALIVE_S: Final = 10.0
 _MOST_BROWSERS: Final = 32
 _MOST_VIEWS: Final = 8
 _MOST_POINTS: Final = 20_000
+
+_DRAWING: Final = Lock()
+"""Matplotlib draws one figure at a time."""
+
+_OF_REPORTS: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
+"""A report has its style and figures in it, and no script."""
 
 _HEADERS: Final = {
     b"content-security-policy": b"default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -112,6 +119,17 @@ def _came_to(directory: Path) -> dict[str, Any]:
         return {"parts": [], "error": str(error)}
 
 
+def _report(directory: Path) -> str:
+    """Return the whole report of a recorded run as one HTML file."""
+    from vcfbench.report.page import page_of  # noqa: PLC0415  # matplotlib comes with it
+    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
+    from vcfbench.runs.reported import full_report, title_of  # noqa: PLC0415
+
+    with _DRAWING:
+        run = load_run(directory)
+        return page_of(full_report(run), title_of(run), directory.name)
+
+
 class EventStream:
     """Server-sent events: what a run has come to so far, then what comes, to the end of the run.
 
@@ -175,7 +193,9 @@ class _Guarded:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *_HEADERS.items()]
+                own = {name for name, _ in message.get("headers", ())}
+                added = [each for each in _HEADERS.items() if each[0] not in own]
+                message["headers"] = [*message.get("headers", ()), *added]
             await send(message)
 
         await self._app(scope, receive, guarded)
@@ -192,6 +212,7 @@ def application(shown: Shown) -> Starlette:
             Route("/run/{name}", routes.run_page),
             Route("/run/{name}/events", routes.events),
             Route("/run/{name}/readings", routes.readings),
+            Route("/run/{name}/report", routes.report),
             Route("/run/live/stop", routes.stop, methods=["POST"]),
             Mount("/assets", StaticFiles(directory=_HERE / "assets")),
             Mount("/vendor", StaticFiles(directory=_HERE / "vendor")),
@@ -240,6 +261,16 @@ class _Routes:
         first_s, last_s = _number(request, "from"), _number(request, "to")
         most = min(max(int(_number(request, "most") or 2000), 2), _MOST_POINTS)
         return _json(await run_in_threadpool(view.drawn, first_s, last_s, most))
+
+    async def report(self, request: Request) -> Response:
+        directory = self._shown.station.directory(request.path_params["name"])
+        if directory is None:
+            raise HTTPException(404, "there is no such run")
+        try:
+            text = await run_in_threadpool(_report, directory.path)
+        except BenchError as error:
+            raise HTTPException(404, str(error)) from error
+        return Response(text, media_type="text/html", headers={"content-security-policy": _OF_REPORTS})
 
     async def stop(self, request: Request) -> Response:
         shown = self._shown

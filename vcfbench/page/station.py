@@ -9,7 +9,7 @@ import msgspec
 
 from vcfbench.errors import BenchError
 from vcfbench.record.devices import Certificate, DeviceStore
-from vcfbench.record.directory import list_runs
+from vcfbench.record.directory import RunDirectory
 from vcfbench.record.journal import being_written, read_header
 from vcfbench.record.outline import outline_of
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.record.devices import Entry
-    from vcfbench.record.directory import RunDirectory
 
 __all__ = ["Station"]
 
@@ -36,17 +35,27 @@ class Station:
 
     def listed(self) -> dict[str, Any]:
         """Return the latest runs, newest first, and the devices."""
-        directories = list_runs(self._runs)
-        latest = directories[: -_MOST_RUNS - 1 : -1]
+        names = self._names()
+        rows = [self._row(RunDirectory(self._runs / name)) for name in names[:_MOST_RUNS]]
         return {
-            "runs": [self._row(each) for each in latest],
-            "older": len(directories) - len(latest),
+            "runs": sorted(rows, key=lambda row: str(row.get("began_utc") or row["run"]), reverse=True),
+            "older": max(0, len(names) - _MOST_RUNS),
             "devices": self._device_rows(),
         }
 
     def directory(self, name: str) -> RunDirectory | None:
         """Return the run of that very name; None where there is none."""
-        return next((each for each in list_runs(self._runs) if each.run == name), None)
+        if name not in self._names():
+            return None
+        directory = RunDirectory(self._runs / name)
+        return directory if directory.journal.is_file() else None
+
+    def _names(self) -> list[str]:
+        """Return the names of the runs, the latest first: they begin with the time."""
+        try:
+            return sorted((each.name for each in self._runs.iterdir() if each.is_dir()), reverse=True)
+        except OSError:  # nothing was recorded yet
+            return []
 
     def history(self, serial: str) -> list[dict[str, Any]]:
         """Return the entries of a device, oldest first; a BenchError where they cannot be read."""
@@ -110,10 +119,25 @@ def _result(path: Path) -> dict[str, Any]:
             answer = msgspec.json.decode(file.read(_LONGEST_RESULT), type=dict[str, Any])
     except (OSError, msgspec.DecodeError):
         return {}
+    return {"verdict": _of(answer, "acceptance", "verdict"), "values": _values(answer)[:_KEY_VALUES]}
+
+
+def _values(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the values that a run states with their expanded uncertainty, in one list or one by one."""
     stated = _of(answer, "results", "uncertainty", "values")
-    values = [each for each in stated if isinstance(each, dict)] if isinstance(stated, list) else []
-    shown = [{key: each.get(key) for key in ("name", "value", "u95", "unit")} for each in values[:_KEY_VALUES]]
-    return {"verdict": _of(answer, "acceptance", "verdict"), "values": shown}
+    if isinstance(stated, list):
+        listed = [(each.get("name"), each, each.get("u95")) for each in stated if isinstance(each, dict)]
+    else:
+        results = _of(answer, "results")
+        found = results.items() if isinstance(results, dict) else ()
+        listed = [(name, each, each.get("expanded_u")) for name, each in found if _is_stated(each)]
+    return [
+        {"name": name, "value": each.get("value"), "u95": u95, "unit": each.get("unit")} for name, each, u95 in listed
+    ]
+
+
+def _is_stated(value: Any) -> bool:
+    return isinstance(value, dict) and isinstance(value.get("value"), float) and "unit" in value
 
 
 def _entry(entry: Entry) -> dict[str, Any]:

@@ -222,6 +222,8 @@ def being_written(path: Path) -> bool:
     except OSError:
         return False
     try:
+        if os.fstat(descriptor).st_size == 0:  # it may be about to be locked, and nobody is to come in between
+            return False
         _lock(descriptor)
     except BlockingIOError:
         return True

@@ -5,6 +5,7 @@ const base = location.pathname.replace(/\/$/, "");
 const token = location.hash.slice(1);
 const isLive = base.endsWith("/live");
 const MOST = 3000;
+const FOLDED_FROM = 24;
 
 const run = { about: {}, planned_s: null, headings: [], steps: [], points: [], lines: [], log: [], t_s: 0, end: null, doing: null, told_ms: 0, count: 0 };
 let zoomed = null;
@@ -237,14 +238,14 @@ function drawEnd() {
   byId("stop").hidden = true;
   byId("status").textContent = end.status;
   byId("status").className = `pill ${end.status}`;
-  byId("doing").textContent = "the run is over";
-  byId("reading").textContent = "\u00a0";
+  document.querySelector(".tiles").hidden = true;
   const record = end.record ? ` Record: ${end.record}` : "";
   const words = end.error ? `The run is over (${end.status}): ${end.error}` : `The run is over: ${end.status}.`;
   byId("over").textContent = words + record;
   byId("over").className = `banner ${end.status === "complete" && end.verdict !== "fail" ? "good" : "bad"}`;
   byId("over").hidden = false;
   if (!end.parts) return;
+  if (!isLive) { byId("report").href = `${base}/report`; byId("report").hidden = false; }
   byId("results").hidden = !end.parts.length;
   byId("verdict").replaceChildren();
   if (end.verdict) byId("verdict").append(made("span", `verdict: ${end.verdict}`, `pill ${end.verdict}`));
@@ -255,7 +256,10 @@ function drawEnd() {
     if (part.kind === "notice") return made("p", part.text, `banner ${part.means === "pass" ? "good" : part.means === "fail" ? "bad" : ""}`);
     const holder = made("div", null, "scroll");
     holder.append(tableOf(part));
-    return holder;
+    if (part.rows.length <= FOLDED_FROM) return holder;
+    const folded = made("details");
+    folded.append(made("summary", `${part.title || "Table"}: ${part.rows.length} rows`), holder);
+    return folded;
   }));
 }
 
