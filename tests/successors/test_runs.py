@@ -6,9 +6,11 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from typer.testing import CliRunner
 
 from tests.cli.test_run_served import SHORT, answer, serving
 from tests.successors import BENCH
+from vcfbench.cli.main import app
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +22,13 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("successors") / "bench.toml"
     path.write_text(BENCH.read_text(encoding="utf-8").replace("\n[procedure.drive]", SHORT), encoding="utf-8")
     return path
+
+
+def test_discovery_writes_every_one_of_them_into_a_bench_file() -> None:
+    done = CliRunner().invoke(app, ["bench", "discover", "--library", f"{BENCH}?speed=max@vcfbench"])
+    assert done.exit_code == 0, done.output
+    found = [line for line in done.stdout.splitlines() if line.startswith("model = ")]
+    assert sorted(found) == [f'model = "{model}"' for model in ("2000", "33522B", "DSOX3024A", "E36312A")]
 
 
 @pytest.mark.parametrize("procedure", ["turntable", "virtual-coriolis"])

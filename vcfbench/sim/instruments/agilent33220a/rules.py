@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Rules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
 
-_NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user"}
+_NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user", "SIN": "sine", "SQU": "square", "TRI": "triangle"}
 _MODE_WORDS = {"SWE": "sweep", "BURS": "burst"}
 _UNMODULATED = {"PULS", "NOIS", "DC"}
 _NOT_ABLE = {"SWE": "not able to sweep this function", "BURS": "not able to burst this function"}
@@ -29,7 +29,6 @@ _ABOVE_HZ = 100e3
 _TIMED_BURST_HZ = 2.001e-3
 """Lowest frequency of bursts of the internal timer: one cycle and the rest go into its longest period."""
 _BURST_REST_S = 200e-9
-LONGEST_PERIOD_S = 500.0
 _EDGE_SHARE = 0.625
 
 
@@ -81,7 +80,7 @@ class Rules:
         if not low <= settings["freq"] <= high:
             settings["freq"] = min(max(settings["freq"], low), high)
             word = "reduced" if function != "PULS" else "changed"
-            self._conflict(f"frequency {word} for {_NAMES[function]} function")
+            self._conflict(f"frequency {word} for {_NAMES.get(function, function)} function")
         if left_dc:
             self._levels.move_offset("offset changed on exit from dc function")
         if settings["mode"] and not self._allows(settings["mode"]):
@@ -188,10 +187,10 @@ class Rules:
         """Keep a burst, and its delay, within the period of the internal timer."""
         settings = self._settings
         needed = settings["cycles"] / settings["freq"] + _BURST_REST_S
-        if needed > LONGEST_PERIOD_S:
-            settings["cycles"] = max(1.0, math.floor((LONGEST_PERIOD_S - _BURST_REST_S) * settings["freq"]))
+        if needed > self._kind.longest_burst_s:
+            settings["cycles"] = max(1.0, math.floor((self._kind.longest_burst_s - _BURST_REST_S) * settings["freq"]))
             self._conflict("burst count reduced to fit entire burst")
-            needed = min(settings["cycles"] / settings["freq"] + _BURST_REST_S, LONGEST_PERIOD_S)
+            needed = min(settings["cycles"] / settings["freq"] + _BURST_REST_S, self._kind.longest_burst_s)
         if settings["burst_period"] < needed * (1 - 1e-12):
             settings["burst_period"] = needed
             self._conflict("burst period increased to fit entire burst")

@@ -54,6 +54,7 @@ class Kind(Struct, frozen=True):
         least_width_s: least width, high and low, of pulses of a period up to so many seconds.
         narrow_duty_hz: above it square waves have a duty cycle of 40 to 60 %; infinity where they need not.
         burst_hz: frequencies of counted bursts; only infinite ones go beyond.
+        longest_burst_s: longest period of the internal timer of bursts.
     """
 
     frequency_hz: Mapping[str, tuple[float, float]]
@@ -62,6 +63,7 @@ class Kind(Struct, frozen=True):
     least_width_s: Mapping[float, float]
     narrow_duty_hz: float
     burst_hz: tuple[float, float]
+    longest_burst_s: float
 
 
 KIND_33220A = Kind(
@@ -81,6 +83,7 @@ KIND_33220A = Kind(
     least_width_s=MappingProxyType({10.0: 20e-9, 100.0: 200e-9, 1000.0: 2e-6, math.inf: 20e-6}),  # unverified
     narrow_duty_hz=10e6,
     burst_hz=(2e-3, 6e6),
+    longest_burst_s=500.0,
 )
 
 RESET: Settings = {

@@ -23,9 +23,10 @@ from vcfbench.sim.instruments.agilent33220a import (
     sweep_commands,
     system_commands,
 )
-from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, nr3, setting
+from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, nr3, setting
 from vcfbench.sim.instruments.agilent33220a.settings import conflict
 from vcfbench.sim.instruments.trueform.arbitrary import bare_name, path
+from vcfbench.sim.instruments.trueform.kinds import LONGEST_BURST_S
 from vcfbench.sim.scpi import (
     COMMON_COMMANDS,
     Boolean,
@@ -53,14 +54,14 @@ __all__ = ["TABLE"]
 _FIFTEEN = real(15)
 _THIRTEEN = ("[SOURce:]VOLTage", "[SOURce:]VOLTage:OFFSet", "[SOURce:]PHASe[:ADJust]", "[SOURce:]BURSt:PHASe")
 _HEADERS = {
-    "[SOURce:]PULSe:PERiod": "[SOURce:]FUNCtion:PULSe:PERiod",
     "[SOURce:]FUNCtion:PULSe:TRANsition": "[SOURce:]FUNCtion:PULSe:TRANsition[:BOTH]",
     "MARKer:FREQuency": "[SOURce:]MARKer:FREQuency",
     "DATA:ATTRibute": "[SOURce:]DATA:ATTRibute",
 }
 _LEFT_OUT = (
     *("MARKer[:STATe]", "*LRN", "SYSTem:KLOCk", "SYSTem:COMMunicate:RLSTate", "OUTPut:LOAD", "APPLy:USER"),
-    *("APPLy:DC", "[SOURce:]FUNCtion[:SHAPe]", "[SOURce:]FUNCtion:SQUare:DCYCle"),
+    *("APPLy:DC", "[SOURce:]FUNCtion[:SHAPe]", "[SOURce:]FUNCtion:SQUare:DCYCle", "[SOURce:]PULSe:PERiod"),
+    *("[SOURce:]BURSt:INTernal:PERiod", "[SOURce:]BURSt:NCYCles"),
 )
 """What the series does not have, or has in another way."""
 
@@ -161,6 +162,11 @@ def _square_duty_limits(model: _Model) -> Limits:
     return Limits(least, 100.0 - least, 50.0)
 
 
+def _period_limits(model: _Model) -> Limits:
+    low, high = model.kind.frequency_hz["PULS"]
+    return Limits(1.0 / high, 1.0 / low, 1e-3)
+
+
 # --- limits and load ------------------------------------------------------------------------------------------------
 
 
@@ -232,6 +238,8 @@ def _set_rate(model: _Model, hz: float) -> None:
     model.settle()
 
 
+_BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
+
 OWN = (
     Command(
         "[SOURce:]FUNCtion[:SHAPe]",
@@ -248,6 +256,21 @@ OWN = (
         takes_s=SWITCH_S,
     ),
     setting("[SOURce:]FUNCtion:SQUare:DCYCle", "duty", Number(unit="PCT", limits=_square_duty_limits), _nr3),
+    Command(
+        "[SOURce:]FUNCtion:PULSe:PERiod",
+        (Number(unit="S", limits=_period_limits),),
+        do=lambda model, seconds: model.set_frequency(1.0 / seconds),
+        query=lambda model: 1.0 / model.state["freq"],
+        reply=_nr3,
+        takes_s=TUNE_S,
+    ),
+    replace(_BURST_COUNT, parameters=(replace(_BURST_COUNT.parameters[0], limits=Limits(1, 1e8)),), reply=_nr3),
+    setting(
+        "[SOURce:]BURSt:INTernal:PERiod",
+        "burst_period",
+        Number(unit="S", limits=Limits(1e-6, LONGEST_BURST_S), name="burst period"),
+        _nr3,
+    ),
     Command(
         "OUTPut:LOAD",
         (Number(unit="OHM", limits=Limits(1.0, 10000.0, 50.0), words={"INFinity": math.inf}),),

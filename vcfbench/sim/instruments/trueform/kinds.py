@@ -13,7 +13,10 @@ from msgspec import Struct
 
 from vcfbench.sim.instruments.agilent33220a.settings import Kind
 
-__all__ = ["SERIES_33500B", "SERIES_33600A", "Series", "kind"]
+__all__ = ["LONGEST_BURST_S", "SERIES_33500B", "SERIES_33600A", "Series", "kind"]
+
+LONGEST_BURST_S = 8000.0
+"""Longest period of bursts of the internal timer (PyMeasure's tests of a real 33500B)."""
 
 
 class Series(Struct, frozen=True):
@@ -82,4 +85,5 @@ def kind(series: Series, highest_hz: float) -> Kind:
         least_width_s=MappingProxyType({math.inf: series.width_s}),
         narrow_duty_hz=math.inf,
         burst_hz=(1e-6, highest_hz),
+        longest_burst_s=LONGEST_BURST_S,
     )
