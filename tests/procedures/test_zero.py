@@ -181,6 +181,25 @@ def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
     assert found.dof is None or found.dof > 2.0
 
 
+def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
+    """Ten readings a second, whose neighbours share what passes at the mode split: B is that of the slow noise."""
+    n, interval_s, b = 2**16, 0.1, 2.0
+    rng, frequency = np.random.default_rng(4), np.fft.rfftfreq(2**16, 0.1)[1:]
+    density = 50.0 + b**2 / math.pi / frequency  # one-sided: N = 5
+    density += 4000.0 / (1.0 + ((frequency - 4.8) / 0.1) ** 2)
+    drawn = rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size)
+    record = np.fft.irfft(np.concatenate([[0.0], drawn * np.sqrt(density * n / interval_s) / 2.0]), n)
+    found = zero_results(record, interval_s * np.arange(n), Sampling.without_gaps(interval_s), UNIT, "dead-time")
+    coefficient = found.coefficient("bias instability")
+    assert found.fitted_from_s > interval_s
+    assert coefficient.value is not None
+    assert coefficient.u is not None
+    assert abs(coefficient.value / 3600.0 - b) < 2.5 * coefficient.u / 3600.0 < 1.25 * b
+    assert found.bias is not None
+    assert found.bias.u > 0.5 * b  # the flicker floor
+    assert "fitted from" in vcfbench.text_of(zero_report(found, bandwidth_told=True))
+
+
 def test_a_record_without_noise_has_no_coefficients() -> None:
     times_s = np.arange(400.0)
     found = zero_results(np.full(400, 0.25), times_s, Sampling(1.0, 0.2), ScaleFactor(0.0125, None, "t"), "corrected")

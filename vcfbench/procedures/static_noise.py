@@ -45,6 +45,8 @@ _WINDOWS = 60
 _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
 _STANDS_OUT = {Term.BIAS_INSTABILITY: 1.0, Term.RATE_RANDOM_WALK: 3.0, Term.RATE_RAMP: 3.0}
 """Terms that grow with time count for mean and trend from so many standard uncertainties of their squares on."""
+_FIRST, _BEYOND, _LEAST_FITTED = 3, 5.0, 8
+"""A fit holds where none of so many shortest averages misses it by so many standard deviations; of so many points."""
 _UNITS = {
     Term.QUANTISATION: (3600.0, "arcsec"),
     Term.ANGLE_RANDOM_WALK: (_DEG_RTH, "deg/sqrt(h)"),
@@ -150,6 +152,9 @@ class ZeroResult:
     bias_deg_s: float
     noise_bandwidth_hz: Estimate | None = None
     """Of one reading, where it was measured: without gaps. What a record with dead time can be corrected by."""
+    fitted_from_s: float = 0.0
+    """The shortest averaging time in the fit: where readings follow each other fast, what passes at the mode split
+    swings from one to the next, and shorter ones follow no power of the time."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits."""
@@ -184,10 +189,13 @@ def zero_results(
     curve = allan_deviation(
         rates, sampling.interval_s, averaging_factors(rates.size, _PER_OCTAVE), confidence=_CONFIDENCE
     )
-    fit = _fit(curve, rates.size, fitted, gapless=sampling.gapless)
+    follows = _follows(curve, rates.size, fitted, gapless=sampling.gapless)
+    fit = _fit(follows, rates.size, fitted, gapless=sampling.gapless)
     curve = curve if fit is None else _with_honest_bounds(curve, rates.size, fitted, fit)
-    walk = _walk_as_it_stands(curve, rates.size)
-    bias, trend = _mean_and_trend(rates, fitted, None if fit is None else _terms_shown(curve, rates.size, fitted, fit))
+    walk = _walk_as_it_stands(follows, rates.size, sampling.interval_s)
+    bias, trend = _mean_and_trend(
+        rates, fitted, None if fit is None else _terms_shown(follows, rates.size, fitted, fit)
+    )
     return ZeroResult(
         mode=mode,
         samples=rates.size,
@@ -206,6 +214,7 @@ def zero_results(
         bias_v=float(volts.mean()),
         bias_deg_s=float(rates.mean()),
         noise_bandwidth_hz=None if fit is None or raw is None else _noise_bandwidth(raw[0] / scale.value, raw[1], fit),
+        fitted_from_s=follows[0].tau_s,
     )
 
 
@@ -232,6 +241,25 @@ def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gaple
     if any(point.deviation <= 0.0 for point in curve):
         return None
     return fit_noise(curve, samples, sampling, (Term.QUANTISATION, *_USUAL) if gapless else _USUAL)
+
+
+def _follows(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> Sequence[AllanPoint]:
+    """Return the curve from the averaging time on from which it is what the terms can make.
+
+    Short averages of many readings are known so well that one that no term describes would bend all others.
+    """
+    for start in range(len(curve) - _LEAST_FITTED):
+        rest = curve[start:]
+        fit = _fit(rest, samples, sampling, gapless=gapless)
+        if fit is None or not any(_misses(point, sampling, fit) for point in rest[:_FIRST]):
+            return rest
+    return curve
+
+
+def _misses(point: AllanPoint, sampling: Sampling, fit: NoiseFit) -> bool:
+    """Tell whether a point lies beyond `_BEYOND` of its standard deviations from the fit."""
+    told = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
+    return abs(point.deviation**2 - told) > _BEYOND * told * math.sqrt(2.0 / point.edf)
 
 
 def _terms_shown(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit) -> NoiseFit:
@@ -266,11 +294,10 @@ def _with_honest_bounds(
     return points
 
 
-def _walk_as_it_stands(curve: Sequence[AllanPoint], samples: int) -> float:
+def _walk_as_it_stands(curve: Sequence[AllanPoint], samples: int, interval_s: float) -> float:
     """Return N of the record taken for gapless, deg/sqrt(s): fitted where it can be, else read off at the shortest."""
-    interval_s = curve[0].tau_s
     fit = _fit(curve, samples, Sampling.without_gaps(interval_s), gapless=False)
-    return curve[0].deviation * math.sqrt(interval_s) if fit is None else fit.coefficients.angle_random_walk
+    return curve[0].deviation * math.sqrt(curve[0].tau_s) if fit is None else fit.coefficients.angle_random_walk
 
 
 def _dead_share(times_s: NDArray[np.float64], means: int, sampling: Sampling) -> float:
@@ -392,7 +419,7 @@ def _taken(results: ZeroResult, *, bandwidth_told: bool) -> str:
         if (found := results.noise_bandwidth_hz) is not None:
             band = f"{found.value:.2f} Hz, u {found.u:.2f}"
             lines.append(f"noise bandwidth of one reading {band}: noise_bandwidth_hz of records with dead time")
-        return "\n".join(lines)
+        return "\n".join([*lines, *_left_out(results)])
     lines.append(
         f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
         f"{results.white_noise_seen:.3g} times too large, {results.angle_random_walk_as_read:.3g} deg/sqrt(h) as it "
@@ -406,7 +433,14 @@ def _taken(results: ZeroResult, *, bandwidth_told: bool) -> str:
             "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
             "with mode=gapless"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_left_out(results)])
+
+
+def _left_out(results: ZeroResult) -> list[str]:
+    if results.fitted_from_s <= results.allan_deg_h[0].tau_s:
+        return []
+    from_s = f"fitted from {results.fitted_from_s:g} s on: what passes at the mode split swings from reading to reading"
+    return [f"{from_s}, and shorter averages follow no power of the time"]
 
 
 def _noise_table(results: ZeroResult) -> Table | Text:
