@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from datetime import date, timedelta
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -13,7 +14,8 @@ from tests import warm
 from vcfbench.bench.equipment import equipment_on, overdue_words
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.clock import utc_now
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.runs.ambient import with_ambient
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,6 +91,51 @@ def test_resume_keeps_what_the_run_was_told(run: Run, place: Path) -> None:
     resumed = vcfbench.resume(cut, recalibrated)
     assert resumed.metadata == run.metadata
     assert not any(each.overdue for each in resumed.equipment)  # the bench is that of today
+
+
+CHAMBER = """
+[chamber]
+model = "ATS-545"
+resource = "GPIB0::18::INSTR"
+[limits]
+min_temperature_c = -40
+max_temperature_c = 85
+max_ramp_k_min = 60
+"""
+
+
+def test_the_chamber_tells_the_temperature_of_the_room(tmp_path: Path) -> None:
+    path = bench_file(tmp_path, METER)
+    path.write_text(path.read_text(encoding="utf-8").replace("[limits]\n", CHAMBER.lstrip()), encoding="utf-8")
+    asked = {"ambient_from": "chamber", "humidity_percent": 41.0}
+    run = vcfbench.run("turntable", path, settings=QUICK, runs=tmp_path, metadata=asked)
+    room_c = run.metadata.ambient_temperature_c
+    assert room_c is not None
+    assert abs(room_c - 20.0) < 1.0  # that of the simulated room
+    assert (run.metadata.ambient_from, run.header["metadata"]["ambient_temperature_c"]) == ("chamber", room_c)
+
+
+def test_a_bench_without_a_chamber_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+    done = warm.run(["vcfbench", "run", "turntable", "--ambient-temperature-c", "chamber"], tmp_path)
+    assert (done.returncode, "ambient_from: the chamber shall tell" in done.stderr) == (2, True)
+    assert list(tmp_path.iterdir()) == []
+    done = warm.run(["vcfbench", "run", "turntable", "--dry-run", "--ambient-temperature-c", "warm"], tmp_path)
+    assert "--ambient-temperature-c warm: expected degC, as in 23.1, or chamber" in done.stderr
+
+
+class Blowing:
+    name, resource = "chamber", "GPIB0::18::INSTR"
+
+    def flow_enabled(self) -> bool:
+        return True
+
+
+def test_air_that_flows_is_not_that_of_the_room() -> None:
+    bench: Any = SimpleNamespace(chamber=Blowing())
+    with pytest.raises(MeasurementError, match="air flows, its temperature is not that of the room"):
+        with_ambient(vcfbench.RunMetadata(ambient_from="chamber"), bench)
+    by_hand = vcfbench.RunMetadata(ambient_from="chamber", ambient_temperature_c=22.0)  # as in the record of a resumed
+    assert with_ambient(by_hand, bench) is by_hand
 
 
 def test_two_devices_are_refused(place: Path) -> None:

@@ -67,6 +67,7 @@ def test_tags_cannot_be_changed() -> None:
         ({"ambient_temperature_c": float("nan")}, "ambient_temperature_c: expected a number"),
         ({"humidity_percent": True}, "humidity_percent: expected a number from 0 to 100, came True"),
         ({"humidity_percent": 101}, "humidity_percent: expected a number from 0 to 100, came 101"),
+        ({"ambient_from": "window"}, "ambient_from: expected 'chamber', came 'window'"),
         ({"opperator": "A"}, r"metadata: opperator: expected a known key \('operator'\?\), came an unknown key"),
     ],
 )

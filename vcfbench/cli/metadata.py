@@ -16,10 +16,25 @@ METADATA_OPTIONS = ("dut", "operator", "note", "tag", "ambient_temperature_c", "
 
 
 def told_of_run(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options that were given, by the names that a record has; ConfigError as of :func:`tags_of`."""
-    given = {name: value for name, value in options.items() if value is not None and name != "tag"}
+    """Return the options that were given, by the names that a record has; ConfigError where one cannot be used."""
+    given = {name: value for name, value in options.items() if value is not None and name not in _OWN_FORM}
     tags = tags_of(options["tag"] or ())
-    return {**given, "tags": tags} if tags else given
+    return {**given, **_ambient(options["ambient_temperature_c"]), **({"tags": tags} if tags else {})}
+
+
+_OWN_FORM = ("tag", "ambient_temperature_c")
+
+
+def _ambient(told: str | None) -> dict[str, Any]:
+    """Return the temperature of the room, or who shall tell it."""
+    if told is None:
+        return {}
+    if told == "chamber":
+        return {"ambient_from": told}
+    try:
+        return {"ambient_temperature_c": float(told)}
+    except ValueError:
+        raise ConfigError(f"--ambient-temperature-c {told}: expected degC, as in 23.1, or chamber") from None
 
 
 def tags_of(given: Iterable[str]) -> dict[str, str]:

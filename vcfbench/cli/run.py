@@ -129,8 +129,12 @@ Tag_ = Annotated[
     typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists; repeatable."),
 ]
 Ambient_ = Annotated[
-    float | None,
-    typer.Option("--ambient-temperature-c", metavar="DEGC", help="Temperature of the room, for the record."),
+    str | None,
+    typer.Option(
+        "--ambient-temperature-c",
+        metavar="DEGC|chamber",
+        help="Temperature of the room, for the record; chamber: its sensor tells, before air flows.",
+    ),
 ]
 Humidity_ = Annotated[
     float | None,

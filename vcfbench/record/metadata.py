@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import date  # noqa: TC003 - msgspec reads it
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Identity  # noqa: TC001 - msgspec reads it
@@ -30,7 +30,8 @@ class RunMetadata:
     """Which device a run was of, who did it, under what conditions, and what else is to be remembered of it.
 
     `dut` is the serial number of the device under test. `operator` is who ran it, `note` any words, `tags` words by
-    key. `ambient_temperature_c` (degC) and `humidity_percent` (relative) are those of the room. All may be missing.
+    key. `ambient_temperature_c` (degC) and `humidity_percent` (relative) are those of the room; `ambient_from` is the
+    role that told the temperature, or shall tell it at the begin of the run. All may be missing.
 
     Raises:
         ConfigError: a value cannot be what it is to be; its name comes first.
@@ -42,6 +43,7 @@ class RunMetadata:
     tags: Mapping[str, str] = field(default_factory=dict)
     ambient_temperature_c: float | None = None
     humidity_percent: float | None = None
+    ambient_from: Literal["chamber"] | None = None
 
     def __post_init__(self) -> None:
         """See that each value can be one, and let no tag be changed from now on."""
@@ -53,6 +55,8 @@ class RunMetadata:
             _text("note", self.note, _NOTE)
         _number("ambient_temperature_c", self.ambient_temperature_c, -100.0, 100.0)
         _number("humidity_percent", self.humidity_percent, 0.0, 100.0)
+        if self.ambient_from not in {None, "chamber"}:
+            raise ConfigError(f"ambient_from: expected 'chamber', came {_short(self.ambient_from)}")
         object.__setattr__(self, "tags", ReadOnly(_tags(self.tags)))
 
     def as_json(self) -> dict[str, Any]:

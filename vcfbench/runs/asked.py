@@ -209,6 +209,7 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     from vcfbench.bench.station import checked_pace  # noqa: PLC0415
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
     from vcfbench.procedures.layers import settings_of, with_settings  # noqa: PLC0415
+    from vcfbench.runs.ambient import require_ambient  # noqa: PLC0415
     from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
     checked.name = getattr(asked.procedure, "name", str(asked.procedure))
@@ -219,6 +220,7 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     checked.seed = _seed(description, asked.seed)
     checked_pace(description, asked.speed)
     require_needs(chosen, description)
+    require_ambient(asked.metadata, description)
     with blamed_on(chosen):
         settings = settings_of(chosen, description, _with_device(asked, chosen), _source(asked.bench))
     checked.metadata = _completed(asked.metadata, settings, description)

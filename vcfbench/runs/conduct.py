@@ -14,6 +14,7 @@ from msgspec import Struct, field
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
+from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
 
@@ -304,6 +305,7 @@ class _Record(Struct):
         self.safe_reports = bench.safe_reports  # filled when the bench is left
         self.identities = dict(bench.identities)
         prepared.require_bench(bench)
+        course.checked.metadata = with_ambient(course.checked.metadata, bench)
         began_s = bench.clock.now() if prepared.began_s is None else prepared.began_s
         journal = self._open_journal(bench.identities, began_s)
         executor = Executor(bench, journal, watchers, operator_of(course.asked, bench), began_s)

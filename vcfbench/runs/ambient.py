@@ -1,0 +1,41 @@
+"""The temperature of the room by an instrument of the bench: the chamber's sensor, as long as no air flows past it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import ConfigError, MeasurementError
+
+if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.record.metadata import RunMetadata
+
+__all__ = ["require_ambient", "with_ambient"]
+
+
+def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:
+    """See that the bench has what shall tell the temperature of the room; ConfigError when it has not."""
+    if metadata.ambient_from is not None and getattr(description, metadata.ambient_from) is None:
+        raise ConfigError(
+            f"ambient_from: the {metadata.ambient_from} shall tell the temperature of the room, and bench "
+            f"{description.name} has none",
+            hint="--ambient-temperature-c takes degC as well",
+        )
+
+
+def with_ambient(metadata: RunMetadata, bench: Bench) -> RunMetadata:
+    """Return what is told of the run, with the temperature of the room where an instrument shall tell it.
+
+    Raises:
+        MeasurementError: air flows, so that its temperature is not that of the room.
+    """
+    if metadata.ambient_from is None or metadata.ambient_temperature_c is not None:
+        return metadata
+    chamber = bench.chamber
+    if chamber.flow_enabled():
+        raise MeasurementError(
+            "air flows, its temperature is not that of the room", instrument=chamber.name, resource=chamber.resource
+        )
+    return replace(metadata, ambient_temperature_c=chamber.air_temperature_c())
