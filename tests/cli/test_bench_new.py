@@ -105,6 +105,22 @@ def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
     assert (tmp_path / "asked.toml").exists()
 
 
+def test_what_is_off_today_is_named_all_the_same(tmp_path: Path) -> None:
+    told = {"rate_table.resource": "off COM3", "rate_table.dialect": "zaber", "rate_table.steps_per_deg": "1777.8"}
+    done = new("--yes", *(word for key, value in told.items() for word in ("--set", f"{key}={value}")))
+    assert done.exit_code == 0, done.stderr
+    table = load_bench(tmp_path / "station.toml").rate_table
+    assert table is not None
+    assert (table.dialect, table.resource, table.steps_per_deg) == ("zaber", "COM3", 1777.8)
+
+
+def test_what_does_not_answer_is_said(tmp_path: Path) -> None:
+    done = new("--yes", "--set", "rate_table.resource=socket://127.0.0.1:1", "--timeout", "0.2")
+    assert done.exit_code == 2
+    assert "socket://127.0.0.1:1: cannot be opened" in done.stderr
+    assert not (tmp_path / "station.toml").exists()
+
+
 def test_a_smaller_table_has_smaller_rates(tmp_path: Path) -> None:
     with serve_simulated() as lab:
         done = CliRunner().invoke(

@@ -75,23 +75,11 @@ def _given(answers: list[str]) -> dict[str, str]:
 
 
 def _write(path: Path, draft: Draft) -> None:
-    """Write the file, all of it or nothing, and only where none is."""
+    """Check the file as a whole and write it."""
     from vcfbench.bench.file import parse_bench  # noqa: PLC0415
+    from vcfbench.cli.interview import written_anew  # noqa: PLC0415
     from vcfbench.clock import utc_now  # noqa: PLC0415
 
     text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
     parse_bench(text, str(path))
-    try:
-        out = path.open("x", encoding="utf-8", newline="\n")
-    except FileExistsError:
-        raise ConfigError(f"{path}: it is there by now, and is not written over") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        with out:
-            out.write(text)
-    except BaseException as error:
-        path.unlink(missing_ok=True)  # it is ours, and not whole
-        if isinstance(error, OSError):
-            raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
-        raise
+    written_anew(path, text)

@@ -15,7 +15,7 @@ from vcfbench.errors import BenchError, ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Interview", "day", "number", "pair", "say", "yes_or_no"]
+__all__ = ["Interview", "day", "number", "pair", "say", "written_anew", "yes_or_no"]
 
 _T = TypeVar("_T")
 
@@ -121,3 +121,25 @@ def yes_or_no(answer: str) -> bool:
     if answer.lower() not in words:
         raise ConfigError(f"expected yes or no, came {answer!r}")
     return words[answer.lower()]
+
+
+def written_anew(path: Path, text: str) -> None:
+    """Write a file, all of it or nothing, and only where none is.
+
+    Raises:
+        ConfigError: one is there by now, or it cannot be written.
+    """
+    try:
+        out = path.open("x", encoding="utf-8", newline="\n")
+    except FileExistsError:
+        raise ConfigError(f"{path}: it is there by now, and is not written over") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        with out:
+            out.write(text)
+    except BaseException as error:
+        path.unlink(missing_ok=True)  # it is ours, and not whole
+        if isinstance(error, OSError):
+            raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
+        raise

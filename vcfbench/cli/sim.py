@@ -9,18 +9,21 @@ import typer
 
 from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.sim_new import new
 
 if TYPE_CHECKING:
     from vcfbench.bench.inventory import Row
 
 __all__ = ["app"]
 
-app = typer.Typer(no_args_is_help=True, help="Look into the simulated bench, serve it, control it.")
+app = typer.Typer(
+    no_args_is_help=True, help="Look into the simulated bench, give it your own gyroscope, serve and control it."
+)
 
 
 @app.callback()
 def group() -> None:
-    """Look into the simulated bench, serve it, control it."""
+    """Look into the simulated bench, give it your own gyroscope, serve and control it."""
 
 
 @app.command("show")
@@ -61,4 +64,5 @@ def _shown(value: Any) -> str:
     return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
+app.command("new")(new)
 serve.register(app)

@@ -80,9 +80,9 @@ class BandwidthSettings(ProcedureSettings, frozen=True, kw_only=True):
     )
     split_guess_hz: Annotated[Hertz, Meta(description="mode split that a dry run answers with")] = 24.8
     in_phase_split_hz: Annotated[
-        float, Meta(ge=10.0, le=2000.0, description="drive less in-phase sense frequency, roughly")
+        float, Meta(ge=10.0, le=10_000.0, description="drive less in-phase sense frequency, roughly")
     ] = 147.0
-    low_pass_hz: Annotated[float, Meta(ge=10.0, le=1e5, description="filter behind the demodulator")] = 100.0
+    low_pass_hz: Annotated[float, Meta(ge=0.1, le=1e5, description="filter behind the demodulator")] = 100.0
     low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
 
 

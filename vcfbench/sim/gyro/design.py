@@ -29,7 +29,17 @@ from vcfbench.sim.parameters import (
     VirtualPath,
 )
 
-__all__ = ["EARTH_RATE_DEG_S", "Targets", "design", "ideal_bench", "paper_bench"]
+__all__ = [
+    "EARTH_RATE_DEG_S",
+    "IDEAL_TARGETS",
+    "PAPER_TARGETS",
+    "PERFECT",
+    "Targets",
+    "design",
+    "ideal_bench",
+    "imperfect",
+    "paper_bench",
+]
 
 EARTH_RATE_DEG_S = 15.041067 / 3600.0
 
@@ -237,7 +247,7 @@ def ideal_bench() -> BenchParameters:
     return design(PERFECT, IDEAL_TARGETS)
 
 
-def _imperfect() -> BenchParameters:
+def imperfect() -> BenchParameters:
     """Return the specimen of the set `paper` before its gains are computed; every imperfection here was chosen."""
     return replace(
         PERFECT,
@@ -288,4 +298,4 @@ def paper_bench() -> BenchParameters:
     Its imperfections were chosen so that the calibration of Wang et al. (2018) comes out: the turntable column's K and
     bias, 51.7 mV when the switch closes at 0 V.
     """
-    return design(_imperfect(), PAPER_TARGETS)
+    return design(imperfect(), PAPER_TARGETS)

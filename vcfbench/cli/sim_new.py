@@ -1,0 +1,129 @@
+"""``vcfbench sim new``: a simulated bench with a gyroscope of one's own, from the figures of a data sheet."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["new"]
+
+
+class Imperfections(StrEnum):
+    """How good gyroscope, PCB and instruments are."""
+
+    NONE = "none"
+    PAPER = "paper"
+
+
+_FIGURES = {
+    "scale_factor_v_per_deg_s": ("scale_factor", "Scale factor, mV/(deg/s), signed", "-12.542052"),
+    "range_deg_s": ("range", "Range, deg/s, either way", "200"),
+    "bias_deg_s": ("bias", "Bias, deg/s", "0"),
+    "drive_hz": ("drive_frequency", "Drive frequency, Hz", "3488.9"),
+    "q_drive": ("q_drive", "Quality factor of the drive mode", "1395"),
+    "split_hz": ("split", "Mode split, drive less sense frequency, Hz", "24.8"),
+    "q_sense": ("q_sense", "Quality factor of the sense mode", "1224"),
+    "angle_random_walk_deg_sqrt_h": ("noise", "Angle random walk, deg/sqrt(h); 0: none", "0"),
+    "bias_instability_deg_h": ("bias_instability", "Bias instability (Allan minimum), deg/h; 0: none", "0"),
+    "bandwidth_hz": ("bandwidth", "Bandwidth (-3 dB), Hz, at most half the split; Enter: filter at four splits", ""),
+    "k_vc_deg_s_per_v": ("k_vc", "K_Vc, (deg/s)/V: rate that one volt of V_Vc stands for", ""),
+}
+"""Keys of a data sheet: the option, what is asked, and what is proposed."""
+_MILLI = 1e-3
+_PAPERS = {"angle_random_walk_deg_sqrt_h": "0.21", "bias_instability_deg_h": "3.7"}
+"""What is proposed instead where the imperfections are the paper's."""
+
+
+def _option(key: str) -> Any:
+    option, words, proposed = _FIGURES[key]
+    shown = f" [default: {proposed}]" if proposed else ""
+    return typer.Option(f"--{option.replace('_', '-')}", metavar="X", help=f"{words.partition(';')[0]}.{shown}")
+
+
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the bench file goes; never written over.")],
+    scale_factor: Annotated[float | None, _option("scale_factor_v_per_deg_s")] = None,
+    range_: Annotated[float | None, _option("range_deg_s")] = None,
+    bias: Annotated[float | None, _option("bias_deg_s")] = None,
+    *,
+    drive_frequency: Annotated[float | None, _option("drive_hz")] = None,
+    q_drive: Annotated[float | None, _option("q_drive")] = None,
+    split: Annotated[float | None, _option("split_hz")] = None,
+    q_sense: Annotated[float | None, _option("q_sense")] = None,
+    noise: Annotated[float | None, _option("angle_random_walk_deg_sqrt_h")] = None,
+    bias_instability: Annotated[float | None, _option("bias_instability_deg_h")] = None,
+    bandwidth: Annotated[float | None, _option("bandwidth_hz")] = None,
+    k_vc: Annotated[float | None, _option("k_vc_deg_s_per_v")] = None,
+    imperfections: Annotated[
+        Imperfections, typer.Option("--imperfections", help="Everything perfect but the noise, or as in the paper.")
+    ] = Imperfections.NONE,
+    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="Of the bench; else that of FILE.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing at a terminal: take what is proposed.")] = False,
+) -> None:
+    """Write a simulated bench with a gyroscope of your own: what its data sheet says is what runs on it find.
+
+    At a terminal, figures that are not given are asked for.
+    """
+    given = {
+        "scale_factor": scale_factor,
+        "range": range_,
+        "bias": bias,
+        "drive_frequency": drive_frequency,
+        "q_drive": q_drive,
+        "split": split,
+        "q_sense": q_sense,
+        "noise": noise,
+        "bias_instability": bias_instability,
+        "bandwidth": bandwidth,
+        "k_vc": k_vc,
+    }
+    from vcfbench.bench.own_gyro import data_sheet, own_gyro_bench  # noqa: PLC0415
+    from vcfbench.cli.interview import Interview, written_anew  # noqa: PLC0415
+
+    told = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
+    interview = Interview(told, silent=yes or not sys.stdin.isatty())
+    path = interview.free_file(file)
+    real = imperfections is Imperfections.PAPER
+    figures = _figures(interview, _PAPERS if real else {})
+    text = own_gyro_bench(data_sheet(**figures), name or path.stem, imperfections=imperfections is Imperfections.PAPER)
+    written_anew(path, text)
+    typer.echo(f"{path} is written; next: vcfbench run turntable --bench {path}")
+
+
+def _figures(interview: Any, instead: Mapping[str, str]) -> dict[str, float]:
+    """Ask for each figure; each is held against those before it."""
+    from vcfbench.bench.own_gyro import data_sheet  # noqa: PLC0415
+    from vcfbench.cli.interview import number  # noqa: PLC0415
+
+    figures: dict[str, float] = {}
+    for key, (option, words, usual) in _FIGURES.items():
+        proposed = f"{0.75 * figures['range_deg_s']:g}" if key == "k_vc_deg_s_per_v" else instead.get(key, usual)
+
+        def take(answer: str, key: str = key) -> None:
+            if not answer:
+                return
+            value = float(number(answer)) * (_MILLI if key == "scale_factor_v_per_deg_s" else 1.0)
+            _held(data_sheet, {**figures, key: value})
+            figures[key] = value
+
+        interview.ask(option, words, proposed, take)
+    return figures
+
+
+def _held(sheet: Any, figures: dict[str, float]) -> None:
+    """Hold figures against each other; the range before it was asked for is none."""
+    if "range_deg_s" not in figures:
+        figures = {**figures, "range_deg_s": 1.0}
+    try:
+        sheet(**figures)
+    except ConfigError as error:
+        raise ConfigError(error.what) from None
