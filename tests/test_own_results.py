@@ -107,7 +107,7 @@ def test_a_record_is_read_without_the_code_that_made_it(own: Run) -> None:
         again.results["count"] = 4
     assert pickle.loads(pickle.dumps(again)) == again  # noqa: S301  # ours
     shown = vcfbench.text_of(again.report())
-    assert "results, as they were stored" in shown
+    assert shown.startswith(vcfbench.text_of(own.report()))
     assert "\nsamples  " in shown
 
 

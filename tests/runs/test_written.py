@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,8 +17,6 @@ from vcfbench.report.text import text_of
 from vcfbench.runs.reported import command_of, full_report
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from vcfbench import Run
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
@@ -138,6 +138,14 @@ def test_a_pdf_has_the_name_of_the_run_and_the_number_on_every_page(quick: Run, 
     assert "SIMULATED" in pages[0]
 
 
+def test_a_pdf_without_its_library_says_what_to_install(
+    quick: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    with pytest.raises(ConfigError, match=r"a report as PDF needs weasyprint.*pip install 'vcfbench\[pdf\]'"):
+        vcfbench.write_report(quick, tmp_path / "run.pdf")
+
+
 def test_what_cannot_be_written_is_refused(quick: Run, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"expected a name that ends in \.html, \.pdf, \.md"):
         vcfbench.write_report(quick, tmp_path / "run.doc")
@@ -166,3 +174,20 @@ def test_an_incomplete_record_gives_a_report_that_says_so(quick: Run, tmp_path: 
 def test_a_run_that_was_not_recorded_has_a_report() -> None:
     run = vcfbench.Run("own", vcfbench.Status.COMPLETE)
     assert "not recorded" in text_of(full_report(run))
+
+
+def test_the_figures_of_a_procedure_of_ones_own_are_kept_with_its_run(tmp_path: Path) -> None:
+    settings = {"rates_deg_s": (0.0, 50.0, 100.0), "samples": 3}
+    run = vcfbench.run(
+        Path(__file__).parents[2] / "examples" / "own-procedure" / "hysteresis.py", settings=settings, runs=tmp_path
+    )
+    assert run.directory is not None
+    again = vcfbench.load_run(run.directory)
+    assert "is not known here" in str(again.no_results)
+    assert again.report().parts[: len(run.report().parts)] == run.report().parts
+    figures = [part for part in full_report(again).parts if isinstance(part, Figure)]
+    assert (
+        [each.title for each in figures]
+        == [each.title for each in run.report().parts if isinstance(each, Figure)]
+        != []
+    )

@@ -166,10 +166,11 @@ def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
     edges = edges[(edges >= low) & (edges <= high + 1)]
     begins, widths = edges[:-1], np.diff(edges)
     short, long = widths <= _SHORT, widths > _SHORT
-    singly = [np.arange(b, b + w) for b, w in zip(begins[short], widths[short], strict=True)]
+    counts = widths[short].astype(np.intp)
+    singly = np.repeat(begins[short], counts) + np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     nodes, shares = _rule()
     middle = begins[long] + (widths[long] - 1.0) / 2.0
     spread = (middle[:, None] + widths[long][:, None] / 2.0 * nodes).ravel()
     weights = (widths[long][:, None] / 2.0 * shares).ravel()
-    lags = np.concatenate([*singly, spread])
+    lags = np.concatenate([singly, spread])
     return lags, np.concatenate([np.ones(lags.size - spread.size), weights])

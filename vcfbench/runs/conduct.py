@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
@@ -454,8 +454,20 @@ class _Record(Struct):
         for key in ("run", "equipment"):  # they go by the time of day; the same seed shall give the same bytes
             del answer[key]
         answer["physical_minimum_s"] = done.physical_minimum_s
+        answer |= self._report_kept()
         write_result(done.directory / "result.json", answer)
         write_text(done.directory / "points.csv", points_csv(done.points))
+
+    def _report_kept(self) -> dict[str, Any]:
+        """Return the report of a procedure that does not come along: its code may not be there when it is asked for."""
+        from vcfbench.procedures.catalogue import BUILT_IN  # noqa: PLC0415
+        from vcfbench.report.kept import plain_report  # noqa: PLC0415
+
+        if self.course.came_to is None or self.prepared.procedure.name in BUILT_IN:
+            return {}
+        with suppress(ConfigError):  # a number in it is not finite: the results are kept all the same
+            return {"report": plain_report(self.course.came_to.report)}
+        return {}
 
 
 def _words_of(identity: Identity) -> str:

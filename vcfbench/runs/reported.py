@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["command_of", "full_report", "method_of", "title_of"]
 
-_LONG: Final = 100
+_LONG: Final = 50
 """A window of so many readings is drawn reading by reading."""
 
 

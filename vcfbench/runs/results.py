@@ -15,6 +15,7 @@ from vcfbench.record.outline import Mark  # noqa: TC001  # msgspec reads the ann
 from vcfbench.record.plain import plain, read_only
 from vcfbench.report.document import Report, Text
 from vcfbench.report.generic import generic_report, points_table, results_table
+from vcfbench.report.kept import report_from
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -89,7 +90,11 @@ def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
     ]:
         raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
     results = read_only(answer.get("results") or {})
-    parts = [points_table(points), *results_table(results, "results, as they were stored")]
+    kept = answer.get("report")
+    if isinstance(kept, list):
+        parts = report_from(kept).parts
+    else:
+        parts = (points_table(points), *results_table(results, "results, as they were stored"))
     settings = results_table(record.header.get("settings"), "settings", "setting")
     return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
 

@@ -1,0 +1,55 @@
+"""Reports as plain values and back: what a record keeps of a report whose procedure may not be there later."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+from vcfbench.record.plain import plain
+from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.report.document import Part
+
+__all__ = ["plain_report", "report_from"]
+
+
+def plain_report(report: Report) -> list[dict[str, Any]]:
+    """Return the parts of `report` as JSON has them: the fields of each, and which it is.
+
+    Raises:
+        ConfigError: a number in it is not finite.
+    """
+    return [{"part": type(part).__name__.lower(), **plain(part, "report")} for part in report.parts]
+
+
+def report_from(parts: Sequence[Mapping[str, Any]]) -> Report:
+    """Return the report that :func:`plain_report` wrote.
+
+    Raises:
+        ConfigError: it did not.
+    """
+    try:
+        return Report([_part(dict(part)) for part in parts])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"the report that is kept is none of this program: {error!r}") from error
+
+
+def _part(told: dict[str, Any]) -> Part:
+    match told.pop("part"):
+        case "heading":
+            return Heading(**told)
+        case "text":
+            return Text(**told)
+        case "notice":
+            return Notice(**told)
+        case "table":
+            rows = [[Cell(**each) if isinstance(each, dict) else each for each in row] for row in told["rows"]]
+            return Table([Column(**each) for each in told["columns"]], rows, told["title"])
+        case "figure":
+            axes = Axis(**told["x"]), Axis(**told["y"])
+            return Figure(told["title"], *axes, [Series(**each) for each in told["series"]], told["caption"])
+        case other:
+            raise ValueError(f"there is no part {other!r}")
