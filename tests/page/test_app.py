@@ -18,7 +18,8 @@ from vcfbench.page import app as page_app  # noqa: E402
 from vcfbench.page.app import EventStream, Shown, application  # noqa: E402
 from vcfbench.page.parts import end_of, parts_of  # noqa: E402
 from vcfbench.page.station import Station  # noqa: E402
-from vcfbench.page.station import _result as result_row  # noqa: E402
+from vcfbench.record.directory import create_run  # noqa: E402
+from vcfbench.record.journal import Journal  # noqa: E402
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
 
 if TYPE_CHECKING:
@@ -97,24 +98,25 @@ def test_a_recorded_run_has_its_whole_report(client: Client, made: tuple[Path, R
     assert client.get("/run/live/report").status_code == 404
 
 
-K_VC = {"value": 150.0, "expanded_u": 0.5, "unit": "(deg/s)/V"}
-ONE = {"name": "a", "value": 1.0, "u95": 0.1, "unit": "V"}
+def test_a_record_that_cannot_be_read_says_why(tmp_path: Path) -> None:
+    folder = tmp_path / "20260101T000000Z-turntable-000000"
+    folder.mkdir()
+    (folder / "journal.jsonl").write_text('{"type":"header","format":99}\n', "utf-8")
+    (row,) = Station(tmp_path, tmp_path).listed()["runs"]
+    assert (row["run"], row["status"]) == (folder.name, "unreadable")
+    assert "format 99" in row["problem"]
 
 
-@pytest.mark.parametrize(
-    ("answer", "listed"),
-    [
-        ({}, []),
-        ({"results": {"uncertainty": {"values": [ONE]}}}, ["a 1 0.1 V"]),
-        ({"results": {"k_vc": K_VC, "n": 3, "curve": {}}}, ["k_vc 150 0.5 (deg/s)/V"]),
-        ({"results": "none", "acceptance": []}, []),
-    ],
-)
-def test_what_the_list_shows_of_results(answer: dict[str, Any], listed: list[str], tmp_path: Path) -> None:
-    path = tmp_path / "result.json"
-    path.write_text(json.dumps(answer), "utf-8")
-    values = result_row(path)["values"]
-    assert [f"{each['name']} {each['value']:g} {each['u95']:g} {each['unit']}" for each in values] == listed
+def test_a_run_that_goes_on_is_listed_as_running(tmp_path: Path) -> None:
+    directory = create_run(tmp_path, "turntable")
+    station = Station(tmp_path, tmp_path)
+    assert station.listed()["runs"] == []
+    journal = Journal(directory.journal)
+    journal.header({"run": directory.run, "procedure": "turntable", "bench": {"name": "b"}, "metadata": {"dut": "G7"}})
+    (row,) = station.listed()["runs"]
+    assert (row["status"], row["procedure"], row["bench"], row["dut"]) == ("running", "turntable", "b", "G7")
+    journal.close()
+    assert station.listed()["runs"][0]["status"] == "incomplete"
 
 
 def test_readings_are_thinned_out_and_cut(client: Client, made: tuple[Path, Run]) -> None:

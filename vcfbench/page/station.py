@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
-
-import msgspec
 
 from vcfbench.errors import BenchError
 from vcfbench.record.devices import Certificate, DeviceStore
 from vcfbench.record.directory import RunDirectory
 from vcfbench.record.journal import being_written, read_header
-from vcfbench.record.outline import outline_of
+from vcfbench.runs.summary import summary_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from vcfbench.record.devices import Entry
@@ -23,7 +21,6 @@ __all__ = ["Station"]
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3
-_LONGEST_RESULT: Final = 1 << 24
 
 
 class Station:
@@ -36,7 +33,8 @@ class Station:
     def listed(self) -> dict[str, Any]:
         """Return the latest runs, newest first, and the devices."""
         names = self._names()
-        rows = [self._row(RunDirectory(self._runs / name)) for name in names[:_MOST_RUNS]]
+        found = (self._row(RunDirectory(self._runs / name)) for name in names[:_MOST_RUNS])
+        rows = [row for row in found if row is not None]
         return {
             "runs": sorted(rows, key=lambda row: str(row.get("began_utc") or row["run"]), reverse=True),
             "older": max(0, len(names) - _MOST_RUNS),
@@ -61,15 +59,16 @@ class Station:
         """Return the entries of a device, oldest first; a BenchError where they cannot be read."""
         return [_entry(each) for each in DeviceStore(self._devices).device(serial).entries]
 
-    def _row(self, directory: RunDirectory) -> dict[str, Any]:
+    def _row(self, directory: RunDirectory) -> dict[str, Any] | None:
+        """Return what is listed of a run; None where there is no journal."""
         try:
             size = directory.journal.stat().st_size
         except OSError:
-            return {"run": directory.run, "status": "unreadable"}
+            return None
         known = self._known.get(directory.run)
         if known is None or known[0] != size:
             known = size, _row_of(directory)
-            if known[1]["status"] not in {"running", "incomplete"}:
+            if known[1]["status"] != "running":
                 self._known[directory.run] = known
         return known[1]
 
@@ -85,59 +84,30 @@ class Station:
 
 
 def _row_of(directory: RunDirectory) -> dict[str, Any]:
-    """Return what the list shows of a run."""
-    row: dict[str, Any] = {"run": directory.run, "status": "unreadable"}
-    with suppress(BenchError):
-        header = read_header(directory.journal)
-        row |= {
-            "procedure": header.get("procedure"),
-            "bench": _of(header, "bench", "name"),
-            "simulated": header.get("simulated"),
-            "began_utc": header.get("utc"),
-            "dut": _of(header, "metadata", "dut"),
-        }
-        outline = outline_of(directory.journal)
-        if outline is not None:
-            row |= {"status": outline.status.value, **_result(directory.path / "result.json")}
-        else:
-            row["status"] = "running" if being_written(directory.journal) else "incomplete"
-    return row
-
-
-def _of(values: Mapping[str, Any], *keys: str) -> Any:
-    """Return what stands below `keys`, None where nothing does."""
-    found: Any = values
-    for key in keys:
-        found = found.get(key) if isinstance(found, dict) else None
-    return found
-
-
-def _result(path: Path) -> dict[str, Any]:
-    """Return verdict and the first values of what a run came to."""
+    """Return what the list shows of a run; of one that goes on no more than its beginning is read."""
     try:
-        with path.open("rb") as file:
-            answer = msgspec.json.decode(file.read(_LONGEST_RESULT), type=dict[str, Any])
-    except (OSError, msgspec.DecodeError):
-        return {}
-    return {"verdict": _of(answer, "acceptance", "verdict"), "values": _values(answer)[:_KEY_VALUES]}
-
-
-def _values(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the values that a run states with their expanded uncertainty, in one list or one by one."""
-    stated = _of(answer, "results", "uncertainty", "values")
-    if isinstance(stated, list):
-        listed = [(each.get("name"), each, each.get("u95")) for each in stated if isinstance(each, dict)]
-    else:
-        results = _of(answer, "results")
-        found = results.items() if isinstance(results, dict) else ()
-        listed = [(name, each, each.get("expanded_u")) for name, each in found if _is_stated(each)]
-    return [
-        {"name": name, "value": each.get("value"), "u95": u95, "unit": each.get("unit")} for name, each, u95 in listed
-    ]
-
-
-def _is_stated(value: Any) -> bool:
-    return isinstance(value, dict) and isinstance(value.get("value"), float) and "unit" in value
+        header = read_header(directory.journal)
+    except BenchError:
+        header = {}
+    begun = {"run": directory.run, "began_utc": header.get("utc"), "simulated": header.get("simulated")}
+    if being_written(directory.journal):
+        bench, metadata = header.get("bench") or {}, header.get("metadata") or {}
+        told = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
+        return {**begun, **told, "status": "running"}
+    summary = summary_of(directory)
+    return {
+        **begun,
+        "began_utc": summary.started.isoformat(),
+        "procedure": summary.procedure,
+        "bench": summary.bench,
+        "dut": summary.dut,
+        "status": summary.status.value,
+        "verdict": summary.verdict,
+        "problem": summary.problem or summary.damage,
+        "values": [
+            {"name": name, "words": result.words()} for name, result in islice(summary.results.items(), _KEY_VALUES)
+        ],
+    }
 
 
 def _entry(entry: Entry) -> dict[str, Any]:

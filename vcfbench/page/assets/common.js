@@ -19,10 +19,3 @@ function span(seconds) {
 function signed(value, digits) {
   return (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
 }
-
-function stated(value) {
-  const number = (x, digits) => Number(x).toPrecision(digits).replace(/e\+?/, "e");
-  if (value.value === null || value.value === undefined) return "–";
-  const u95 = value.u95 ? ` ± ${number(value.u95, 2)}` : "";
-  return `${number(value.value, 7)}${u95} ${value.unit || ""}`;
-}

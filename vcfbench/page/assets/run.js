@@ -277,6 +277,7 @@ function take(news) {
   if (run.seen_ms !== undefined && news.t_s - run.seen_s > 2) run.pace = (now - run.seen_ms) / 1e3 / (news.t_s - run.seen_s);
   Object.assign(run, { t_s: news.t_s, doing: news.doing, end: news.end, told_ms: now });
   if (!run.end && news.doing) byId("doing").textContent = news.doing.what;
+  else if (!run.end && !isLive && news.steps.length) byId("doing").textContent = `done: ${news.steps[news.steps.length - 1].what}`;
   if (!run.end) byId("reading").textContent = news.last_v === null ? "\u00a0" : `last reading ${signed(news.last_v, 6)} V`;
   drawState(news.bench);
   if (news.steps.length || news.about) { run.steps.push(...news.steps); }

@@ -10,10 +10,10 @@ function row(each) {
   link.href = `/run/${encodeURIComponent(each.run)}`;
   link.title = each.run;
   began.append(link);
-  const values = made("td");
+  const values = made("td", each.problem || "");
   for (const value of each.values || []) {
     const key = made("span", null, "key");
-    key.append(made("i", `${value.name} `), stated(value));
+    key.append(made("i", `${value.name} `), value.words);
     values.append(key);
   }
   line.append(began, made("td", each.procedure, "nowrap"), made("td", each.dut), pill(each.status), pill(each.verdict), values,
