@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from tests.conformance import walk
 from tests.successors import BENCH
 from vcfbench.bench.discovery import recognise
 from vcfbench.bench.file import parse_bench
@@ -16,6 +17,7 @@ from vcfbench.bench.guard.rules import Beyond
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.sim.instruments.agilent33220a.modulation import pseudo_random_bits
 from vcfbench.sim.instruments.trueform import TrueformErrors
 from vcfbench.specifications import KEYSIGHT_33500B
 
@@ -67,6 +69,26 @@ def test_specimens_lie_within_the_sheet_that_the_uncertainties_use(described: Be
     drawn = [each for seed in range(40) for each in TrueformErrors.drawn(np.random.default_rng(seed)).ranges]
     assert 0.9 < max(abs(each.gain_error) for each in drawn) / KEYSIGHT_33500B.setting <= 1.0
     assert 0.9 < max(abs(each.offset_error_v) for each in drawn) / KEYSIGHT_33500B.offset_v <= 1.0
+
+
+def test_a_pseudo_random_sequence_of_seven_bits_has_every_word_but_zero_once() -> None:
+    bits = [bit > 0.0 for bit in pseudo_random_bits()]
+    words = {tuple((bits + bits)[start : start + 7]) for start in range(127)}
+    assert len(words) == 127
+    assert (False,) * 7 not in words
+
+
+@pytest.mark.parametrize("function", ["PRBS", "TRI"])
+def test_what_the_series_has_beside_the_33220a_comes_out(function: str) -> None:
+    """2 Vpp go from -1 to 1 V, and through the World for half a second."""
+    bench = walk.bench("keysight33622a")
+    bench.write(f"OUTP1:LOAD INF;:SOUR1:FUNC {function};:SOUR1:VOLT 2;:OUTP1 ON")
+    bench.clock.sleep_until(0.5)
+    source = bench.device._driven  # type: ignore[attr-defined]  # what the World was given
+    volts = source.at(np.linspace(0.1, 0.30017, 4001))
+    assert volts.max() == pytest.approx(1.0, abs=0.02)
+    assert volts.min() == pytest.approx(-1.0, abs=0.02)
+    assert abs(volts.mean()) < 0.05
 
 
 def test_discovery_finds_both_badges() -> None:

@@ -42,3 +42,13 @@ def test_a_calibration_over_tcp_gives_the_same_bytes_as_in_one_process(
     for each in (alone, over_tcp):
         each.pop("equipment", None)  # it says on which wires the instruments are
     assert json.dumps(over_tcp) == json.dumps(alone)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("model", "other"), [("2000", "DMM6500"), ("33522B", "33622A"), ("33522B", "33509B"), ("DSOX3024A", "DSOX4104A")]
+)
+def test_so_does_one_with_another_of_them(model: str, other: str, bench: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(bench.read_text(encoding="utf-8").replace(f'"{model}"', f'"{other}"'), encoding="utf-8")
+    test_a_calibration_over_tcp_gives_the_same_bytes_as_in_one_process("virtual-coriolis", path, tmp_path)

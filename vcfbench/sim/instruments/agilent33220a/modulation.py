@@ -8,6 +8,7 @@ Sync, trigger output and the marker are outputs of which nothing on the bench ta
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Waveform
     from vcfbench.sim.sources import Played
 
-__all__ = ["Player"]
+__all__ = ["Player", "pseudo_random_bits"]
 
 _TIMED_SHARE = 0.8
 """The edge time is from 10 to 90 % (33250A guide p. 168; for this model unverified)."""
@@ -33,6 +34,16 @@ _SQUARE_EDGE_S = 13e-9 / _TIMED_SHARE
 _NOISE_POINTS = 1 << 16
 _NOISE_CYCLES_HZ = 2.0
 """Modulating noise is 65536 values, over and over, each held for 7.6 us; of the real one no more is known."""
+
+
+@cache
+def pseudo_random_bits() -> list[float]:
+    """Return the 127 bits of PN7, of x^7 + x^6 + 1 (which polynomial a real one takes is unverified)."""
+    register, bits = 0x7F, []
+    for _ in range(127):
+        bits.append(1.0 if register & 0x40 else -1.0)
+        register = (register << 1 | (register >> 6 ^ register >> 5) & 1) & 0x7F
+    return bits
 
 
 class Player:
@@ -121,10 +132,10 @@ class Player:
         match settings["func"]:
             case "SIN":
                 return shapes.Sine()
-            case "RAMP":
-                return shapes.ramp(settings["symmetry"] / 100.0)
-            case "TRI":
-                return shapes.ramp(0.5)
+            case "RAMP" | "TRI" as function:
+                return shapes.ramp(0.5 if function == "TRI" else settings["symmetry"] / 100.0)
+            case "PRBS":
+                return shapes.held(pseudo_random_bits())
             case "SQU":
                 return shapes.Pulse(settings["duty"] / 100.0, _SQUARE_EDGE_S * hz)
             case "PULS":

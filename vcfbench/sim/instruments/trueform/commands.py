@@ -238,12 +238,18 @@ def _set_rate(model: _Model, hz: float) -> None:
     model.settle()
 
 
+def _set_bits(model: _Model, hz: float) -> None:
+    model.state["brate"] = hz
+    model.tune_arbitrary()
+    model.settle()
+
+
 _BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
 
 OWN = (
     Command(
         "[SOURce:]FUNCtion[:SHAPe]",
-        (Choice(("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "NOISe", "ARBitrary", "DC")),),
+        (Choice(("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC")),),
         do=_select,
         query=_selected,
         takes_s=SWITCH_S,
@@ -308,6 +314,14 @@ OWN = (
         query=lambda model: model.state["srate"] / _points(model),
         reply=_nr3,
     ),
+    Command(
+        "[SOURce:]FUNCtion:PRBS:BRATe",
+        (Number(limits=lambda model: Limits(1e-3, model.series.bits_hz, 1e3)),),
+        do=_set_bits,
+        query=lambda model: model.state["brate"],
+        reply=_nr3,
+    ),
+    setting("[SOURce:]FUNCtion:PRBS:DATA", "sequence", Choice(("PN7",))),
     Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=signed_integer),
     setting("[SOURce:]FUNCtion:ARBitrary:FILTer", "filter", Choice(("NORMal", "STEP", "OFF"))),
     setting("[SOURce:]FUNCtion:ARBitrary:ADVance", "advance", Choice(("TRIGger", "SRATe"))),

@@ -5,7 +5,7 @@ subsystem), the maker's help pages, a driver made from the maker's SCPI descript
 of what a 33600A answers after ``*RST``. What none of them has is the 33220A's and unverified: times, the words of -221
 and -222, what gives way to what.
 
-Not simulated: the second channel (V_Vc is on the first), PRBS, sums and BPSK, sequences, lists, gated output, the timer
+Not simulated: the second channel (V_Vc is on the first), sums and BPSK, sequences, lists, gated output, the timer
 as trigger, and the lower amplitudes of a 33600A at high frequencies.
 """
 
@@ -17,7 +17,7 @@ from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorError
 from vcfbench.sim.instruments.agilent33220a.settings import RESET, OutputRange
 from vcfbench.sim.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
 from vcfbench.sim.instruments.trueform.commands import TABLE
-from vcfbench.sim.instruments.trueform.kinds import SERIES_33500B, SERIES_33600A, Series, kind
+from vcfbench.sim.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, Series, kind
 from vcfbench.sim.instruments.trueform.levels import LimitedLevels
 from vcfbench.specifications import KEYSIGHT_33500B
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
 _LIMITS: dict[str, Any] = {"limit_on": False, "limit_high": 10.0, "limit_low": -10.0}
-_ARBITRARY: dict[str, Any] = {"srate": 40e3, "filter": "STEP", "advance": "SRAT"}
+_ARBITRARY: dict[str, Any] = {"srate": 40e3, "filter": "STEP", "advance": "SRAT", "brate": 1e3, "sequence": "PN7"}
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 _FREQUENCY_ERROR = 2e-6
 """Of the time base: 1 ppm a year and 1 ppm of temperature (general knowledge of the data sheet, unverified)."""
@@ -85,7 +85,9 @@ class Trueform(Agilent33220A):
         self.update()
 
     def tune_arbitrary(self) -> None:
-        """Take the frequency that the sample rate gives, where an arbitrary waveform is selected."""
+        """Take the frequency that the sample rate gives, where an arbitrary waveform is selected; of bits likewise."""
+        if self.state["func"] == "PRBS":
+            self.state["freq"] = self.state["brate"] / PRBS_BITS
         if self.state["func"] == "USER":
             self.state["freq"] = self.state["srate"] / len(self.waveforms.points(self.state["user"]))
 

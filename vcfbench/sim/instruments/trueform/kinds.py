@@ -13,8 +13,10 @@ from msgspec import Struct
 
 from vcfbench.sim.instruments.agilent33220a.settings import Kind
 
-__all__ = ["LONGEST_BURST_S", "SERIES_33500B", "SERIES_33600A", "Series", "kind"]
+__all__ = ["LONGEST_BURST_S", "PRBS_BITS", "SERIES_33500B", "SERIES_33600A", "Series", "kind"]
 
+PRBS_BITS = 127
+"""Bits of PN7, the only sequence that is simulated."""
 LONGEST_BURST_S = 8000.0
 """Longest period of bursts of the internal timer (PyMeasure's tests of a real 33500B)."""
 
@@ -30,6 +32,7 @@ class Series(Struct, frozen=True):
         edge_s: shortest and longest edge of a pulse.
         edge_reset_s: edge after ``*RST``.
         sample_rate_hz: highest sample rate of an arbitrary waveform.
+        bits_hz: highest bit rate of PRBS.
         least_points: of an arbitrary waveform (the maker's help page: 8 and 32).
     """
 
@@ -40,6 +43,7 @@ class Series(Struct, frozen=True):
     edge_s: tuple[float, float]
     edge_reset_s: float
     sample_rate_hz: float
+    bits_hz: float
     least_points: int
 
 
@@ -51,6 +55,7 @@ SERIES_33500B = Series(
     edge_s=(8.4e-9, 1e-6),
     edge_reset_s=10e-9,
     sample_rate_hz=250e6,
+    bits_hz=50e6,
     least_points=8,
 )
 SERIES_33600A = Series(
@@ -61,6 +66,7 @@ SERIES_33600A = Series(
     edge_s=(2.9e-9, 1e-6),
     edge_reset_s=4e-9,
     sample_rate_hz=660e6,
+    bits_hz=200e6,
     least_points=32,
 )
 
@@ -75,6 +81,7 @@ def kind(series: Series, highest_hz: float) -> Kind:
         "RAMP": series.ramp_hz,
         "PULS": square_hz,
         "USER": highest_hz,
+        "PRBS": series.bits_hz / PRBS_BITS,
         "NOIS": highest_hz,
         "DC": highest_hz,
     }
