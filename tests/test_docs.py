@@ -41,7 +41,7 @@ VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
 KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "yaml", "text", ""}
 TUTORIALS = ROOT / "docs" / "tutorials"
 SITE = {each.name for folder in ("tutorials", "howto") for each in (ROOT / "docs" / folder).iterdir()}
-LONG = {"procedures.md", "serving.md", "simulated-instruments.md", "testing.md", *SITE}
+LONG = {"procedures.md", "studies.md", "serving.md", "simulated-instruments.md", "testing.md", *SITE}
 """Documents whose commands take some seconds each; all others are run every time."""
 
 BLOCK = re.compile(
