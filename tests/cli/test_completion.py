@@ -47,10 +47,18 @@ def test_runs_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (tmp_path / "runs" / name / "journal.jsonl").touch()
     (tmp_path / "runs" / "20260103-no-run").mkdir()
     newest_first = ["20260102T000000Z-zero-bbbbbb", "20260101T000000Z-zero-aaaaaa"]
-    for command in ("resume", "runs show"):
+    for command in ("resume", "runs show", "runs export", "report", "plot", "compare", "compare last"):
         assert offered(f"vcfbench {command} ") == ["last", *newest_first]
         assert offered(f"vcfbench {command} 20260101") == newest_first[1:]
     assert offered("vcfbench resume --runs nowhere ") == []
+
+
+def test_devices_by_serial_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert offered("vcfbench device ") == []
+    (tmp_path / "devices" / "G-0042").mkdir(parents=True)
+    (tmp_path / "devices" / "G-0042" / "0001.json").write_text("{}", "utf-8")
+    assert offered("vcfbench device G-") == ["G-0042"]
 
 
 @pytest.mark.parametrize(

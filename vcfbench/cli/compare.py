@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.completion import run_names
 
 __all__ = ["compare"]
 
@@ -16,7 +17,9 @@ def compare(
     runs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[RUN RUN ...]", help="Names of runs, as `vcfbench report` takes them; none: the last 2."
+            metavar="[RUN RUN ...]",
+            autocompletion=run_names,
+            help="Names of runs, as `vcfbench report` takes them; none: the last 2.",
         ),
     ] = None,
     output: Annotated[

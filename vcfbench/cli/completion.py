@@ -1,4 +1,4 @@
-"""What a shell completes besides commands and options: roles of a bench, names of runs.
+"""What a shell completes besides commands and options: roles of a bench, names of runs and of devices.
 
 A completion never fails and says nothing: where it cannot tell, it offers nothing.
 """
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["role_names", "run_names"]
+__all__ = ["device_names", "role_names", "run_names"]
 
 
 def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
@@ -30,8 +30,20 @@ def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
 def run_names(ctx: Any, incomplete: str) -> list[str]:
     """Return the names of the runs in the directory of records that the command line names so far, the latest first."""
     with suppress(Exception):
-        found = sorted(_runs_in(Path(ctx.params.get("runs") or "runs")), reverse=True)
+        told = (ctx.params.get(name) for name in ("directory", "runs"))  # of compare, `runs` are names
+        directory = next((each for each in told if isinstance(each, Path)), Path("runs"))
+        found = sorted(_runs_in(directory), reverse=True)
         return [name for name in ["last", *found] if name.startswith(incomplete)]
+    return []
+
+
+def device_names(ctx: Any, incomplete: str) -> list[str]:
+    """Return the serial numbers of the devices in the directory that the command line names so far."""
+    from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
+
+    with suppress(Exception):
+        serials = DeviceStore(Path(ctx.params.get("devices") or "devices")).serials()
+        return [serial for serial in serials if serial.startswith(incomplete)]
     return []
 
 

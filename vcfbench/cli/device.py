@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.completion import device_names
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,7 +24,10 @@ _COLUMNS = (
 
 def device(
     serial: Annotated[
-        str | None, typer.Argument(metavar="SERIAL", help="Serial number; without it, all are listed.")
+        str | None,
+        typer.Argument(
+            metavar="SERIAL", autocompletion=device_names, help="Serial number; without it, all are listed."
+        ),
     ] = None,
     devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where they are kept.")] = Path("devices"),
     *,

@@ -7,13 +7,19 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.cli.completion import run_names
+
 __all__ = ["plot"]
 
 
 def plot(
     run: Annotated[
         str,
-        typer.Argument(metavar="RUN", help="Name of the run, its beginning or end, 'last', or its directory."),
+        typer.Argument(
+            metavar="RUN",
+            autocompletion=run_names,
+            help="Name of the run, its beginning or end, 'last', or its directory.",
+        ),
     ] = "last",
     output: Annotated[
         Path | None,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
 
 __all__ = ["report"]
@@ -15,7 +16,11 @@ __all__ = ["report"]
 def report(
     run: Annotated[
         str,
-        typer.Argument(metavar="RUN", help="Name of the run, its beginning or end, 'last', or its directory."),
+        typer.Argument(
+            metavar="RUN",
+            autocompletion=run_names,
+            help="Name of the run, its beginning or end, 'last', or its directory.",
+        ),
     ] = "last",
     output: Annotated[
         Path | None,

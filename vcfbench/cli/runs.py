@@ -152,7 +152,10 @@ def index(
 
 @app.command("export")
 def export(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="Directory of the run, its name, or 'last'.")],
+    run: Annotated[
+        str,
+        typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'."),
+    ],
     runs: Runs_ = Path("runs"),
     *,
     raw: Annotated[bool, typer.Option("--raw", help="Every raw reading instead of the points.")] = False,
