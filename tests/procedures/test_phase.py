@@ -97,6 +97,16 @@ def test_the_report_says_which_way_k_vc_is_wrong(run: vcfbench.Run) -> None:
     assert "too large by" not in text
 
 
+def test_the_report_draws_the_sense_signal_of_each_state(run: vcfbench.Run) -> None:
+    (figure,) = [part for part in run.report().parts if isinstance(part, vcfbench.Figure)]
+    assert [each.label for each in figure.series] == ["rate +", "rate -", "V_Vc +", "V_Vc -"]
+    plus, minus = (
+        complex(sum(each.x) / len(each.x), sum(each.y) / len(each.y)) for each in (figure.series[0], figure.series[1])
+    )
+    coriolis_deg = math.degrees(math.atan2((plus - minus).imag, (plus - minus).real))
+    assert coriolis_deg == pytest.approx(run.results.coriolis_deg.value, abs=0.01)
+
+
 def test_a_dry_run_ends_after_three_cycles() -> None:
     words = [each.step.describe() for each in vcfbench.dry_run("phase").steps]
     assert sum("records of drive, sense, output" in each for each in words) == 6

@@ -43,7 +43,7 @@ from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
-from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -413,7 +413,7 @@ def results(settings: PhaseSettings, measured: Measured) -> Phases:
     return phases_of(settings, states, turned)
 
 
-def report(_settings: PhaseSettings, _measured: Measured, found: Phases) -> Report:
+def report(_settings: PhaseSettings, measured: Measured, found: Phases) -> Report:
     """Report the phases, what they do to K_Vc, and what is not in the uncertainties."""
     against_drive = {
         "carrier": found.carrier_deg,
@@ -446,8 +446,22 @@ def report(_settings: PhaseSettings, _measured: Measured, found: Phases) -> Repo
             _table("phases against the drive signal", against_drive),
             _table("what they come to, apart from half turns", errors),
             Text(said),
+            *_figures(measured),
         ]
     )
+
+
+def _figures(measured: Measured) -> list[Figure]:
+    """Draw the sense signal of each record as a phasor: the way from minus to plus has the phase of the force."""
+    seen: dict[str, list[complex]] = {"rate +": [], "rate -": [], "V_Vc +": [], "V_Vc -": []}
+    for step, found in measured.found(SineRecords):
+        if isinstance(step, CaptureSense) and (step.rate_deg_s or step.v_vc_v):
+            what, level = ("rate", step.rate_deg_s) if step.rate_deg_s else ("V_Vc", step.v_vc_v)
+            seen[f"{what} {'+' if level > 0.0 else '-'}"] += [1e3 * _phasor(each) for each in found.records]
+    series = [Series(name, [p.real for p in found], [p.imag for p in found]) for name, found in seen.items() if found]
+    axes = Axis("in phase with the drive signal", "mV"), Axis("a quarter turn ahead", "mV")
+    words = "A point a record; the way from minus to plus has the phase of the force."
+    return [Figure("Sense signal against the drive signal", *axes, series, words)] if series else []
 
 
 def _table(title: str, quantities: dict[str, Measurand]) -> Table:
