@@ -37,3 +37,17 @@ def test_where_no_signal_is_watched_it_changes_nothing() -> None:
     signals = StopSignals()
     signals.stop("the page")
     signals.safe_point()
+
+
+def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it() -> None:
+    """A person's command waits and asks in turn; a stop shall not wait for an answer that does not come."""
+    went_on: list[str] = []
+
+    def command(signals: StopSignals) -> None:
+        signals.wait(WallClock(), 0.0)
+        signal.raise_signal(signal.SIGINT)
+        went_on.append("to the next safe point")
+
+    with StopSignals() as signals, pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
+        signals.attend(lambda: command(signals))
+    assert went_on == []
