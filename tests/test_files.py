@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import os
 import socket
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from hypothesis import example, given
@@ -10,9 +10,6 @@ from hypothesis import strategies as st
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import DEEPEST, parse_toml, read_file, read_text, shown
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MOST = 100
 
@@ -106,3 +103,13 @@ def test_any_text_is_a_table_or_one_sentence(text: str) -> None:
         words = "f: a table"
     assert words.startswith("f: ")
     assert words.isprintable()
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
+def test_a_file_that_does_not_tell_its_size_is_read_whole() -> None:
+    """As does one that grows while it is read."""
+    path = Path("/proc/self/status")
+    assert path.stat().st_size == 0
+    assert b"VmRSS" in read_file(path, "a table", 100_000)
+    with pytest.raises(ConfigError, match="of at most 10 bytes, this file has more"):
+        read_file(path, "a table", 10)

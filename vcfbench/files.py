@@ -63,7 +63,10 @@ def read_file(path: Path | str, expected: str, most_bytes: int) -> bytes:
         ConfigError: it is not there, no regular file, too large, or cannot be read.
     """
     with opened(path, expected) as file:
-        data = file.read(most_bytes + 1)
+        size = os.fstat(file.fileno()).st_size  # room is made for what is asked for, however short the file is
+        data = file.read(min(size, most_bytes) + 1)
+        if len(data) > size:  # it has grown, or does not tell its size
+            data += file.read(max(0, most_bytes + 1 - len(data)))
     if len(data) > most_bytes:
         raise ConfigError(f"{shown(path)}: expected {expected} of at most {most_bytes} bytes, this file has more")
     return data

@@ -195,14 +195,14 @@ def _print_list(known: Sequence[RunSummary]) -> None:
     from vcfbench.report.text import table_text  # noqa: PLC0415
     from vcfbench.runs.recorded import printable  # noqa: PLC0415
 
-    rows = [[printable(cell) for cell in _cells(each)] for each in known]
+    rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))
     if _fits(table):
         typer.echo(table)
         return
     for run, *others in rows:
-        told = zip(_HEAD[1:], others, strict=True)
-        typer.echo(f"{run}\n{''.join(f'  {name}: {each}' + chr(10) for name, each in told)}", nl=False)
+        told = "".join(f"  {name}: {printable(each)}\n" for name, each in zip(_HEAD[1:], others, strict=True))
+        typer.echo(f"{printable(run)}\n{told}", nl=False)
 
 
 def _cells(run: RunSummary) -> tuple[object, ...]:

@@ -98,9 +98,9 @@ class Selection:
     def takes(self, summary: RunSummary) -> bool:
         """Tell whether a run is one of those."""
         return (
-            self.dut in {None, summary.dut}
-            and self.status in {None, summary.status}
-            and self.procedure in {None, summary.procedure}
+            (self.dut is None or self.dut == summary.dut)
+            and (self.status is None or self.status == summary.status)
+            and (self.procedure is None or self.procedure == summary.procedure)
             and (self.since is None or summary.started >= self.since)
             and all(summary.tags.get(key) == value for key, value in self.tags.items())
         )
