@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests import warm
+from vcfbench.errors import ConfigError
 from vcfbench.page.server import LivePage
 
 if TYPE_CHECKING:
@@ -127,6 +128,16 @@ def test_the_page_of_a_station_ends_with_ctrl_c(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=30) == ("", "")
         assert process.returncode == 0
+
+
+@pytest.mark.parametrize("library", ["starlette", "uvicorn"])
+def test_without_its_extra_it_says_what_to_install(
+    library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ConfigError, match=f"the page in a browser needs {library}") as raised:
+        LivePage(tmp_path, tmp_path, 0, lambda: None)
+    assert raised.value.hint == "pip install 'vcfbench[page]'"
 
 
 def test_it_listens_on_this_machine_alone(tmp_path: Path) -> None:

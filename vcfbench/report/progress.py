@@ -29,6 +29,8 @@ _REDRAW_S = 0.1
 _REDRAWS_PER_S = 2.0
 """So often the block is drawn anew while nothing happens: the time left goes on."""
 _HALF_A_DAY_S = 43_200.0
+_ECHO = 4
+"""Columns left free behind the bar: a terminal writes ^C there, and in a line of its own it would leave some behind."""
 _BAR_FROM = 60
 """Columns of a terminal that has room for a bar beside the times."""
 
@@ -264,7 +266,7 @@ class _Block:
         text = Text(words, style="bold green", no_wrap=True, overflow="crop")
         if width < _BAR_FROM:
             return text
-        room = width - len(words) - 3
+        room = width - len(words) - len("  ") - _ECHO
         filled = round(done * room)
         full, rest = self._bar
         return text.append(f"  {full * filled}").append(rest * (room - filled), style="dim")
