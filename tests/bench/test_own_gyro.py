@@ -89,6 +89,7 @@ def test_imperfections_are_off_unless_they_are_asked_for(tmp_path: Path) -> None
     assert real.output_stage.second_order_per_v != 0.0
 
 
+@pytest.mark.exhaustive
 def test_with_the_papers_imperfections_it_is_still_that_gyroscope(tmp_path: Path) -> None:
     sheet, bench = written(tmp_path, {**SHEET, "angle_random_walk_deg_sqrt_h": 0.21}, imperfections=True)
     require_scale_factor(sheet, run("turntable", bench).results, 1e-3)

@@ -121,12 +121,15 @@ def test_what_does_not_answer_is_said(tmp_path: Path) -> None:
     assert not (tmp_path / "station.toml").exists()
 
 
-def test_a_smaller_table_has_smaller_rates(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def served() -> Iterator[ServedLab]:
     with serve_simulated() as lab:
-        done = CliRunner().invoke(
-            app,
-            [*("bench", "new", "--served", str(lab.control_port), "--yes"), "--set", "limits.max_rate_deg_s=40"],
-        )
+        yield lab
+
+
+def test_a_smaller_table_has_smaller_rates(served: ServedLab, tmp_path: Path) -> None:
+    asked = ["bench", "new", "--served", str(served.control_port), "--yes", "--set", "limits.max_rate_deg_s=40"]
+    done = CliRunner().invoke(app, asked)
     assert done.exit_code == 0, done.stderr
     bench = load_bench(tmp_path / "station.toml")
     assert max(bench.procedure.rates_deg_s) == 20.0
@@ -157,12 +160,6 @@ def test_a_bench_that_nobody_serves() -> None:
     done = CliRunner().invoke(app, ["bench", "new", "--served", "1", "--yes"])
     assert done.exit_code == 3
     assert "nothing is served there" in done.stderr
-
-
-@pytest.fixture(scope="module")
-def served() -> Iterator[ServedLab]:
-    with serve_simulated() as lab:
-        yield lab
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")

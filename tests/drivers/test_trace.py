@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock, WallClock
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
 
 
+@settings(max_examples=40)
 @given(st.binary())
 def test_any_bytes_come_back_from_their_text(data: bytes) -> None:
     text = escaped(data)
