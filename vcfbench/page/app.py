@@ -20,6 +20,7 @@ from starlette.responses import FileResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
 from vcfbench.page.following import JournalFollower
 from vcfbench.page.parts import end_of
@@ -42,6 +43,8 @@ LIVE: Final = "live"
 
 _HERE = Path(__file__).parent
 _TICK_S: Final = 0.2
+_READING_S: Final = 0.3
+"""So long a journal is read before what is known of it is told."""
 _ALIVE_S: Final = 10.0
 """So often a browser is told that somebody is there; so long it may take for what it is told."""
 _MOST_BROWSERS: Final = 32
@@ -98,7 +101,9 @@ class Shown:
             return self.live
         follower = self.follower(name)
         try:
-            follower.read_on()
+            clock = WallClock()
+            while follower.read_on() and clock.now() < _READING_S:
+                pass
             view = follower.view
             if view.end is not None and "parts" not in view.end:
                 view.finished({**view.end, **_came_to(follower.path.parent)})

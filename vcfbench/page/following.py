@@ -117,8 +117,9 @@ class JournalFollower:
                 self.view.finished({"status": values["status"], "error": error})
 
     def _read(self, readings: list[_Reading]) -> None:
-        for each in readings:
-            self.view.read(each.t_s - self._began_s, each.voltage_v)
+        if readings:
+            began_s = self._began_s
+            self.view.read_all([each.t_s - began_s for each in readings], [each.voltage_v for each in readings])
 
     def _begin(self, header: Mapping[str, Any]) -> None:
         self._began_s = float(header.get("began_s") or 0.0)

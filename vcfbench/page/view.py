@@ -73,6 +73,13 @@ class View:
         self.t_s = max(self.t_s, t_s)
         self.version += 1
 
+    def read_all(self, t_s: Sequence[float], voltage_v: Sequence[float]) -> None:
+        """Take in readings, each at its bench time, s."""
+        self._reading_v.extend(voltage_v)
+        self._reading_t_s.extend(t_s)
+        self.t_s = max(self.t_s, t_s[-1])
+        self.version += 1
+
     def finish(
         self, number: int, t_s: float, step: Step | Recorded, result: StepResult | Recorded, again: Sequence[str] = ()
     ) -> None:
