@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.report.thinning import COLUMNS, thinned
 
 
+@settings(max_examples=20)  # each is thousands of values
 @given(st.integers(3201, 6000), st.integers(0, 2**32 - 1))
 def test_the_least_and_the_greatest_of_each_column_are_kept(number: int, seed: int) -> None:
     random = np.random.default_rng(seed)
