@@ -78,3 +78,9 @@ def test_short_help(command: str) -> None:
     short, long = (CliRunner().invoke(app, [*words, option]) for option in ("-h", "--help"))
     assert (short.exit_code, short.stdout) == (0, long.stdout)
     assert "-h, --help" in short.stdout
+
+
+def test_the_list_of_commands_has_them_all_on_one_line_each() -> None:
+    shown = CliRunner().invoke(app, ["--help"]).stdout
+    for name, words in COMMANDS.items():
+        assert f"  {name:<7}  {words}\n" in shown

@@ -27,11 +27,26 @@ if TYPE_CHECKING:
 __all__ = ["app", "main"]
 
 
-COMMANDS = (
-    *("resume", "report", "plot", "compare", "analyze", "device", "talk", "safe", "run", "study"),
-    *("runs", "page", "bench", "sim"),
-)
-"""Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name."""
+COMMANDS = {
+    "resume": "Take up a run that was stopped, failed or died.",
+    "report": "Write the report of a run: one file to hand on.",
+    "plot": "Draw the figures of a run.",
+    "compare": "Compare runs with the first of them.",
+    "analyze": "Analyse a calibration table.",
+    "device": "Show what is known of a gyroscope.",
+    "talk": "Talk to the bench, or to one of its instruments.",
+    "safe": "Stop the table, switch the outputs off, and prove it.",
+    "run": "Run a calibration procedure on a bench.",
+    "study": "Run a procedure many times on simulated benches.",
+    "runs": "List, show and export records.",
+    "page": "Show runs and devices in a browser.",
+    "bench": "Make, show and check a bench.",
+    "sim": "Look into the simulated bench, make one, serve it.",
+}
+"""Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name.
+
+What each does stands here in a few words, because the list of all commands would load all of them for it.
+"""
 
 
 class Commands(TyperGroup):
@@ -47,6 +62,12 @@ class Commands(TyperGroup):
             if name not in self.commands:
                 self.commands[name] = _loaded(name)
         return super().get_command(ctx, cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the names of the commands and what they do, without importing one."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the command line; ``--help`` and ``--version`` are answered here."""
