@@ -110,7 +110,11 @@ def _html(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]
 def _pdf(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
     from vcfbench.report.page import page_of  # noqa: PLC0415
 
-    weasyprint = need("weasyprint", "pdf", "a report as PDF")
+    try:
+        weasyprint = need("weasyprint", "pdf", "a report as PDF")
+    except OSError as error:  # its wheel brings no Pango
+        hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html from a browser"
+        raise ConfigError(f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint) from error
     page = page_of(report, f"{title} ({name})", name, printed=True)
     path.write_bytes(weasyprint.HTML(string=page, url_fetcher=_nothing_from_elsewhere).write_pdf())
     return (path,)
