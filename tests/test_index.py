@@ -7,6 +7,7 @@ import os
 import shutil
 import sqlite3
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -138,6 +139,21 @@ def test_stations_share_one_index(runs: Path, made: Path, tmp_path: Path, url: s
     assert there.select(selection_of()) == vcfbench.run_summaries(other)
     there.close()
     here_again.close()
+
+
+def test_programs_that_write_at_the_same_time_take_turns(runs: Path, url: str) -> None:
+    told = vcfbench.run_summaries(runs)
+
+    def write(_: int) -> bool:
+        index = RunIndex(runs, url)
+        for again in range(4):
+            index.refresh(rebuild=again % 2 == 0)
+        found = index.select(selection_of())
+        index.close()
+        return found == told
+
+    with ThreadPoolExecutor(3) as programs:
+        assert list(programs.map(write, range(3))) == [True] * 3
 
 
 def test_tables_of_another_version_are_not_believed(runs: Path, url: str) -> None:

@@ -34,6 +34,7 @@ __all__ = ["BESIDE", "Refreshed", "RunIndex", "indexed"]
 BESIDE: Final = "index.sqlite"
 """Name of the index that lies with the records."""
 _TEXTS: Final = ("procedure", "bench", "dut", "operator", "note", "verdict", "damage", "problem")
+_WRITES: Final = "vcfbench_writes"
 _PATIENCE_S: Final = 10
 """For a server that does not answer, or another program that writes."""
 _TRIES: Final = 5
@@ -183,26 +184,23 @@ class RunIndex:
             return made
         engine: Engine = self._sql.create_engine(self._url)
         self._sql.event.listen(engine, "connect", _quick_and_patient)
+        self._sql.event.listen(engine, "begin", _begin)
         return engine
 
     def _prepare(self, *, rebuild: bool) -> str | None:
         """See that the tables are there and ours; return why they had to be made again, None where they had not."""
-        made, metadata = self._tables, self._tables.metadata
         with self._engine.begin() as connection:
             if self._url.get_backend_name() == "sqlite":
                 found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
                 if found != "ok":
                     raise _Again(f"the file is damaged: {found}", unusable=True)
-            inspector = self._sql.inspect(connection)
-            there = {
-                each.name: {column["name"] for column in inspector.get_columns(each.name)}
-                for each in metadata.sorted_tables
-                if inspector.has_table(each.name)
-            }
-            if there == {each.name: set(each.columns.keys()) for each in metadata.sorted_tables}:
-                version = connection.execute(self._sql.select(made.about.c.value)).scalars().all()
-                if version == [SCHEMA]:
-                    return None
+            if self._is_ours(connection):
+                return None
+        with self._writing() as connection:
+            if self._is_ours(connection):  # another program has made them meanwhile
+                return None
+            metadata, inspector = self._tables.metadata, self._sql.inspect(connection)
+            there = any(inspector.has_table(each.name) for each in metadata.sorted_tables)
             if there and self._file is None and not rebuild:  # others may stand in it, of another version
                 raise ConfigError(
                     f"index {self.name}: its tables are those of another version of vcfbench",
@@ -210,33 +208,53 @@ class RunIndex:
                 )
             metadata.drop_all(connection)
             metadata.create_all(connection)
-            connection.execute(made.about.insert().values(value=SCHEMA))
+            connection.execute(self._tables.about.insert().values(value=SCHEMA))
         return "its tables are those of another version" if there else None
 
+    def _is_ours(self, connection: Connection) -> bool:
+        inspector = self._sql.inspect(connection)
+        for each in self._tables.metadata.sorted_tables:
+            if not inspector.has_table(each.name):
+                return False
+            if {column["name"] for column in inspector.get_columns(each.name)} != set(each.columns.keys()):
+                return False
+        return connection.execute(self._sql.select(self._tables.about.c.value)).scalars().all() == [SCHEMA]
+
     def _refreshed(self, why: str | None, *, rebuild: bool) -> Refreshed:
-        sql, runs = self._sql, self._tables.runs
         present = dict(_fingerprints(self._runs))
         with self._engine.begin() as connection:
-            mine = sql.select(runs.c.run, runs.c.fingerprint).where(runs.c.store == self._store)
-            known = {} if rebuild else {row.run: row.fingerprint for row in connection.execute(mine)}
+            if not rebuild and self._known(connection) == {name: seen for name, (_, seen) in present.items()}:
+                return Refreshed(len(present), 0, 0, why)
+        with self._writing() as connection:
+            before = self._known(connection)
+            known = {} if rebuild else before
             changed = [name for name, (_, seen) in present.items() if known.get(name) != seen]
-            gone = known.keys() - present.keys()
-            if rebuild:
-                self._forget(connection, None)
-            elif changed or gone:
-                self._forget(connection, [*gone, *(name for name in changed if name in known)])
+            gone = before.keys() - present.keys()
+            self._forget(connection, [*gone, *(name for name in changed if name in before)])
             if self._file is not None:  # what lay elsewhere before is of no use in a file of this directory
                 self._forget_others(connection)
             for first in range(0, len(changed), STATEMENTS_AT_ONCE):
                 self._add(connection, {name: present[name] for name in changed[first : first + STATEMENTS_AT_ONCE]})
         return Refreshed(len(present), len(changed), len(gone), why)
 
-    def _forget(self, connection: Connection, names: Sequence[str] | None) -> None:
+    def _known(self, connection: Connection) -> dict[str, str]:
+        """Return what is in the index of this directory: by its name, what tells whether a record was changed."""
+        runs = self._tables.runs
+        mine = self._sql.select(runs.c.run, runs.c.fingerprint).where(runs.c.store == self._store)
+        return {row.run: row.fingerprint for row in connection.execute(mine)}
+
+    @contextmanager
+    def _writing(self) -> Iterator[Connection]:
+        """Open a transaction that writes, when no other program does: of this directory, or SQLite file."""
+        with self._engine.execution_options(**{_WRITES: True}).begin() as connection:
+            if self._url.get_backend_name() == "postgresql":
+                key = self._sql.func.hashtext(f"vcfbench {self._store}")
+                connection.execute(self._sql.select(self._sql.func.pg_advisory_xact_lock(key)))
+            yield connection
+
+    def _forget(self, connection: Connection, names: Sequence[str]) -> None:
         for table in (self._tables.tags, self._tables.runs):
             mine = table.delete().where(table.c.store == self._store)
-            if names is None:
-                connection.execute(mine)
-                continue
             for first in range(0, len(names), STATEMENTS_AT_ONCE):
                 connection.execute(mine.where(table.c.run.in_(names[first : first + STATEMENTS_AT_ONCE])))
 
@@ -262,10 +280,10 @@ class RunIndex:
         errors = self._sql.exc
         try:
             yield
-        except errors.IntegrityError:  # another program has just written the same
-            raise _Again("another program writes it all the time") from None
         except errors.DBAPIError as error:
             reason = str(error.orig).strip().splitlines()[0]
+            if isinstance(error, errors.IntegrityError | errors.ProgrammingError):  # another program made the same
+                raise _Again(reason) from None
             if isinstance(error.orig, sqlite3.DatabaseError):
                 if not isinstance(error.orig, sqlite3.OperationalError):
                     raise _Again(reason, unusable=True) from None
@@ -295,8 +313,14 @@ class _Again(Exception):
 
 def _quick_and_patient(connection: Any, _record: object) -> None:
     """Wait for others, and not for the disk: what a power failure spoils is made again."""
+    connection.isolation_level = None  # transactions begin where they are said to, see _begin
     connection.execute(f"PRAGMA busy_timeout = {1000 * _PATIENCE_S}")
     connection.execute("PRAGMA synchronous = OFF")
+
+
+def _begin(connection: Connection) -> None:
+    """Begin a transaction; one that writes takes the file at once, so that what it has read still holds."""
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get(_WRITES) else "BEGIN")
 
 
 def _fingerprints(runs: Path) -> Iterator[tuple[str, tuple[Path, str]]]:
