@@ -33,7 +33,7 @@ LOST: Final = "lost"
 """Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
 
 _TRIES: Final = 3
-_FIRST_BREAKS: Final = 12
+_FIRST_BREAKS: Final = 7
 _MOST_BREAKS: Final = 60
 """Processes that may die one after another without any run done: before the first one, and later."""
 
@@ -196,7 +196,10 @@ def _clustered(client: Any, distributed: Any, works: Iterator[Work]) -> Iterator
 
 
 def _require_version(client: Any, address: str) -> None:
-    found = client.run(_version)
+    try:
+        found = client.run(_version)
+    except (ImportError, RuntimeError) as error:  # they cannot read what they are sent
+        raise ConfigError(f"--scheduler {address}: its workers need vcfbench {_version()}: {error}") from error
     if not found:
         raise ConnectFailed(f"--scheduler {address}: it has no workers", hint="dask worker SCHEDULER begins one")
     others = {worker: version for worker, version in found.items() if version != _version()}
