@@ -41,8 +41,17 @@ VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
 KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "yaml", "text", ""}
 TUTORIALS = ROOT / "docs" / "tutorials"
 SITE = {each.name for folder in ("tutorials", "howto") for each in (ROOT / "docs" / folder).iterdir()}
-LONG = {"procedures.md", "studies.md", "serving.md", "simulated-instruments.md", "testing.md", *SITE}
-"""Documents whose commands take some seconds each; all others are run every time."""
+LONG = {
+    "procedures.md",
+    "records.md",
+    "reports.md",
+    "studies.md",
+    "serving.md",
+    "simulated-instruments.md",
+    "testing.md",
+    *SITE,
+}
+"""Documents whose commands take some seconds each, or need an extra; all others are run every time."""
 
 BLOCK = re.compile(
     r'^```(?P<info>[^\n`"]*?)( title="(?P<title>[^"\n]+)")?\n(?P<body>.*?)^```$', re.MULTILINE | re.DOTALL
