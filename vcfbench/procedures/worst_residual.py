@@ -2,12 +2,14 @@
 
 A residual is a linear functional of the outputs, the largest of several is not. Where more than one may be it, trials
 (JCGM 101) around what was found tell how far it moves. What was found lies too high already, and trials around it lie
-higher still, so half of their own shift is taken off; where several are as good as equal, an interval that holds the
-largest of their errors holds its.
+higher still: half of their own shift counts as an error. The coverage factor is that of the trials' scatter, but no
+larger than a normal's: long tails of the trials are those of ties that they make themselves. Where several are as good
+as equal, an interval that holds the largest of their errors holds its.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -24,6 +26,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Places: TypeAlias = "NDArray[np.intp]"
 
 _TRIALS = 2000
+_NORMAL_95 = 1.96
 _ONE_RATE = 1e-5
 """Share of the span within which two levels are one: V_Vc that is measured differs by its noise."""
 _MAY_BE_LARGEST = 3.0
@@ -121,14 +124,14 @@ class Spread:
         """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
         errors = self._drawn(np.random.default_rng(0))
         moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
-        within = np.abs(moved - moved.mean() / 2.0)
+        scatter = moved - moved.mean()
+        u = math.hypot(scatter.std(), moved.mean() / 2.0)
+        u95 = min(_quantile_95(np.abs(scatter)) / float(scatter.std()), _NORMAL_95) * u
         equal = self.near_largest(_AS_GOOD_AS_EQUAL)
         if equal.size > 1:
             worst = np.abs((errors[:, equal] * np.sign(self.residuals[equal])).max(axis=1))
-            u95 = max(_quantile_95(within), _quantile_95(worst))
-        else:
-            u95 = _quantile_95(within)
-        return Largest(float(moved.std()), u95, _quantile_95(np.abs(errors).max(axis=1)))
+            u95 = max(u95, _quantile_95(worst))
+        return Largest(u, u95, _quantile_95(np.abs(errors).max(axis=1)))
 
     def _drawn(self, rng: np.random.Generator) -> Floats:
         """Return errors of the residuals, a row a trial."""
