@@ -62,7 +62,8 @@ def test_a_summary_says_what_the_run_does(runs: Path) -> None:
     assert (summary.dut, summary.operator, summary.note, summary.tags) == tuple(TOLD.values())
     assert summary.started == datetime(2026, 1, 1, tzinfo=UTC)
     slope = run.results.scale_factor
-    assert summary.results["scale_factor"] == KeyResult(slope.value, slope.u, "V/(deg/s)")
+    combined = {each.name: each.u for each in run.results.uncertainty.values}
+    assert summary.results["scale_factor"] == KeyResult(slope.value, combined["scale_factor"], "V/(deg/s)")
     assert list(summary.results) == ["scale_factor", "bias"]
 
 
@@ -142,3 +143,14 @@ def test_the_command_answers_in_csv_that_reads_back(runs: Path) -> None:
 def test_json_and_csv_together_are_refused(runs: Path) -> None:
     done = warm.run(["vcfbench", "runs", "list", "--json", "--csv"], runs)
     assert (done.returncode, "expected one of the two, came both" in done.stderr) == (2, True)
+
+
+def test_u_is_the_combined_one_where_a_statement_has_it(runs: Path, tmp_path: Path) -> None:
+    shutil.copytree(runs / NAMES[0], tmp_path / NAMES[0])
+    path = tmp_path / NAMES[0] / "result.json"
+    stored = json.loads(path.read_text(encoding="utf-8"))
+    combined = {each["name"]: each["u"] for each in stored["results"]["uncertainty"]["values"]}
+    name = "scale_factor"
+    stored["results"][name]["u"] = 0.5 * combined[name]
+    path.write_text(json.dumps(stored), encoding="utf-8")
+    assert summary_of(RunDirectory(tmp_path / NAMES[0])).results[name].u == combined[name]

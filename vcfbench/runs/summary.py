@@ -269,15 +269,35 @@ _VALUE_FIRST = 64
 _QUANTITY = msgspec.json.Decoder(_Quantity)
 
 
+class _Stated(msgspec.Struct, frozen=True, gc=False):
+    name: str
+    u: float
+
+
+class _Statement(msgspec.Struct, frozen=True, gc=False):
+    values: tuple[_Stated, ...]
+
+
+_STATEMENT = msgspec.json.Decoder(_Statement)
+
+
 def _encoded(results: Any) -> dict[str, msgspec.Raw]:
     values = {} if results is None else plain(results)
     return {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in values.items()}
 
 
 def _stored_results(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, KeyResult]]:
-    """Yield the results that have a value and a unit."""
+    """Yield the results that have a value and a unit, with their combined uncertainty where one is stated."""
+    combined = dict(_combined(results))
     for name, raw in results.items():
         if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
             with suppress(msgspec.DecodeError):
                 found = _QUANTITY.decode(raw)
-                yield name, KeyResult(found.value, found.u, found.unit)
+                yield name, KeyResult(found.value, combined.get(name, found.u), found.unit)
+
+
+def _combined(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, float]]:
+    """Yield the u of each value that the statement of uncertainty names."""
+    with suppress(msgspec.DecodeError, KeyError):
+        for each in _STATEMENT.decode(results["uncertainty"]).values:
+            yield each.name, each.u
