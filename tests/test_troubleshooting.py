@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[1]
 ROW = re.compile(r"^\| `([^`]+)` \|", re.MULTILINE)
@@ -19,7 +16,6 @@ def quoted() -> list[str]:
     return [words for words in ROW.findall(page) if not words.startswith(COMMAND)]
 
 
-@cache
 def messages() -> str:
     """Every text in the code but docstrings, what is filled in left out."""
     found: list[str] = []
@@ -35,9 +31,9 @@ def test_there_are_many() -> None:
     assert len(quoted()) > 30
 
 
-@pytest.mark.parametrize("message", quoted())
-def test_the_message_is_in_the_code(message: str) -> None:
-    parts = [part for part in message.split("...") if part.strip(" .,:;()")]
-    assert parts
-    missing = [part for part in parts if part not in messages()]
+def test_the_messages_are_in_the_code() -> None:
+    said = messages()
+    parts = {message: [part for part in message.split("...") if part.strip(" .,:;()")] for message in quoted()}
+    assert all(parts.values())
+    missing = [part for each in parts.values() for part in each if part not in said]
     assert missing == [], "change docs/troubleshooting.md with the message"

@@ -89,6 +89,7 @@ def test_a_page_that_nobody_looks_at_changes_nothing(tmp_path: Path) -> None:
     assert with_page.stderr.startswith("page: http://127.0.0.1:")
 
 
+@pytest.mark.exhaustive
 def test_browsers_that_take_nothing_hold_up_nobody(tmp_path: Path) -> None:
     """Closed laptops, and readers that stand still: the run goes on, and the command ends."""
     with started(tmp_path, "run", "turntable", "--bench", "ideal", "--speed", "100", "--page", "--quiet") as (

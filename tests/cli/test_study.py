@@ -36,6 +36,7 @@ def study(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return warm.run(["vcfbench", "study", "s.toml", *words], folder)
 
 
+@pytest.mark.exhaustive
 def test_a_dry_run_lists_cases_and_writes_nothing(folder: Path) -> None:
     done = study(folder, "--dry-run", "-o", "x.csv", "--workers", "4")
     assert done.returncode == 0, done.stderr
