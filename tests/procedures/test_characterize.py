@@ -307,7 +307,7 @@ def test_a_run_that_was_broken_off_goes_on_and_a_warm_up_in_two_pieces_is_none(t
     assert warmup.results is None
     assert "power-on" in warmup.no_result
     assert polarity.results.wrong_signs == 0
-    whole = vcfbench.run("characterize", seed=6, settings=settings, runs=tmp_path / "two")
+    whole = vcfbench.run("characterize", seed=7, settings=settings, runs=tmp_path / "two")
     cut(whole, "EnableVvc")
     again = vcfbench.resume(whole.directory, runs=tmp_path)
     assert [part.no_result for part in again.results.parts] == [None, None]
