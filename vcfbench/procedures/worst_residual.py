@@ -2,9 +2,9 @@
 
 A residual is a linear functional of the outputs, the largest of several is not. Where more than one may be it, trials
 (JCGM 101) around what was found tell how far it moves. What was found lies too high already, and trials around it lie
-higher still: half of their own shift counts as an error. The coverage factor is that of the trials' scatter, but no
-larger than a normal's: long tails of the trials are those of ties that they make themselves. Where several are as good
-as equal, an interval that holds the largest of their errors holds its.
+higher still: half of their own shift counts as an error. The coverage factor is that of the errors of the residual that
+was found: long tails of the trials are those of ties that they make themselves. Where several are as good as equal, an
+interval that holds the largest of their errors holds its.
 """
 
 from __future__ import annotations
@@ -26,12 +26,11 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Places: TypeAlias = "NDArray[np.intp]"
 
 _TRIALS = 2000
-_NORMAL_95 = 1.96
 _ONE_RATE = 1e-5
 """Share of the span within which two levels are one: V_Vc that is measured differs by its noise."""
 _MAY_BE_LARGEST = 3.0
 """Standard deviations of its distance from the largest within which a residual may truly be the largest."""
-_AS_GOOD_AS_EQUAL = 0.5
+_AS_GOOD_AS_EQUAL = 0.25
 """The same, within which nothing tells two of them apart."""
 
 
@@ -123,14 +122,14 @@ class Spread:
     def largest(self) -> Largest:
         """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
         errors = self._drawn(np.random.default_rng(0))
-        moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
-        scatter = moved - moved.mean()
-        u = math.hypot(scatter.std(), moved.mean() / 2.0)
-        u95 = min(_quantile_95(np.abs(scatter)) / float(scatter.std()), _NORMAL_95) * u
+        sizes = np.abs(self.residuals)
+        moved = np.abs(self.residuals - errors).max(axis=1) - sizes.max()
+        u = math.hypot(moved.std(), moved.mean() / 2.0)
+        own = errors[:, int(sizes.argmax())]
+        u95 = u * _quantile_95(np.abs(own)) / float(own.std())
         equal = self.near_largest(_AS_GOOD_AS_EQUAL)
         if equal.size > 1:
-            worst = np.abs((errors[:, equal] * np.sign(self.residuals[equal])).max(axis=1))
-            u95 = max(u95, _quantile_95(worst))
+            u95 = max(u95, _quantile_95(np.abs((errors[:, equal] * np.sign(self.residuals[equal])).max(axis=1))))
         return Largest(u, u95, _quantile_95(np.abs(errors).max(axis=1)))
 
     def _drawn(self, rng: np.random.Generator) -> Floats:
