@@ -43,6 +43,7 @@ TUTORIALS = ROOT / "docs" / "tutorials"
 SITE = {each.name for folder in ("tutorials", "howto") for each in (ROOT / "docs" / folder).iterdir()}
 LONG = {
     "procedures.md",
+    "python.md",
     "records.md",
     "reports.md",
     "studies.md",

@@ -107,6 +107,7 @@ def test_a_comparison_shows_results_points_what_differs_and_figures_over_each_ot
     assert len(figures[0].series[0].x) == 3
 
 
+@pytest.mark.exhaustive
 def test_the_command_prints_writes_and_answers_in_json(two: Path) -> None:
     first, second = (run.name for run in vcfbench.list_runs(two / "runs"))
     shown = warm.run(["vcfbench", "compare"], two)
