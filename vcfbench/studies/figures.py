@@ -6,7 +6,6 @@ import io
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.extras import need
 from vcfbench.studies.summary import headlines
 
 if TYPE_CHECKING:
@@ -27,16 +26,14 @@ def picture(title: str, rows: Sequence[Row], cases: Sequence[CaseSummary]) -> by
     """Return a picture as SVG: a panel a metric, runs as points, mean and standard deviation of each case beside them.
 
     The same rows give the same bytes.
-
-    Raises:
-        ConfigError: Matplotlib is not installed.
     """
-    matplotlib = need("matplotlib", "plot", "a picture of a study")
-    figures = need("matplotlib.figure", "plot", "a picture of a study")
+    import matplotlib as mpl  # noqa: PLC0415  # it takes a while, and pictures alone need it
+    from matplotlib.figure import Figure  # noqa: PLC0415  # as above
+
     names = headlines(cases)[:_MOST_PANELS]
     down = -(-len(names) // _ACROSS) or 1
-    with matplotlib.rc_context({"svg.hashsalt": "vcfbench", "svg.fonttype": "none", "font.size": 8.0}):
-        drawing = figures.Figure(figsize=(4.0 * _ACROSS, 2.7 * down), layout="constrained")
+    with mpl.rc_context({"svg.hashsalt": "vcfbench", "svg.fonttype": "none", "font.size": 8.0}):
+        drawing = Figure(figsize=(4.0 * _ACROSS, 2.7 * down), layout="constrained")
         drawing.suptitle(title)
         panels = drawing.subplots(down, _ACROSS, squeeze=False).flat
         places, label = _places(cases)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, header_pattern, quantity, read_message, switch
-from vcfbench.bench.guard.rules import is_one_of, refuse_self_test
+from vcfbench.bench.guard.rules import is_one_of, refuse_self_test, rule_of
 from vcfbench.bench.guard.supply import RailWindow
 
 if TYPE_CHECKING:
@@ -80,19 +80,13 @@ class ChannelRules:
             refuse_self_test(part)
             if part.query or is_one_of(part, _HARMLESS) or _switches_off(part):
                 continue
-            rule = self._rule(part)
+            rule = rule_of(self._rules, part)
             state = state or _State.asked(ask)
             rule(state, part)
             for name in _OUTPUTS:
                 if state.on[name] and state.volts[name]:
                     self._window.require_level(name, _of_rail(name, state.volts[name]))
                     self._window.require_current(name, state.amps[name])
-
-    def _rule(self, part: Part) -> Callable[[_State, Part], None]:
-        for spelling, rule in self._rules.items():
-            if header_pattern(spelling).fullmatch(part.path):
-                return rule
-        raise Unreadable(f"{part.path} is not known to set nothing")
 
     def _apply(self, state: _State, part: Part) -> None:
         name = _identified(part.argument(0))

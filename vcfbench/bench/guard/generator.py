@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.guard.message import OHM, VOLT, VPP, Unreadable, header_pattern, quantity, read_message, switch
-from vcfbench.bench.guard.rules import at_most, is_one_of, refuse_self_test
+from vcfbench.bench.guard.rules import at_most, is_one_of, refuse_self_test, rule_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -172,10 +172,7 @@ class GeneratorRules:
     def _rule(self, part: Part) -> Callable[[_State, Part], None]:
         if part.path.startswith("APPL"):
             return self._apply
-        for spelling, rule in self._rules.items():
-            if header_pattern(spelling).fullmatch(part.path):
-                return rule
-        raise Unreadable(f"{part.path} is not known to set nothing")
+        return rule_of(self._rules, part)
 
     def _apply(self, state: _State, part: Part) -> None:
         """Take frequency, amplitude, offset; what is left out may be the present value or the default: the worse."""

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from vcfbench.bench.guard.message import Unreadable, header_pattern, read_message
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.message import Part
 
-__all__ = ["Ask", "Beyond", "NoRules", "OnlyQuestions", "Rules", "at_most", "is_one_of", "no_rules", "refuse_self_test"]
+__all__ = [
+    "Ask",
+    "Beyond",
+    "NoRules",
+    "OnlyQuestions",
+    "Rules",
+    "at_most",
+    "is_one_of",
+    "no_rules",
+    "refuse_self_test",
+    "rule_of",
+]
+
+_Rule = TypeVar("_Rule")
 
 Ask = Callable[[str], str]
 """Puts a question to the instrument and returns its answer."""
@@ -68,6 +81,14 @@ def at_most(what: str, value: float, limit: float, unit: str) -> None:
 def is_one_of(part: Part, spellings: Iterable[str]) -> bool:
     """Tell whether the header of `part` is one of those that are printed as `spellings`."""
     return any(header_pattern(each).fullmatch(part.path) for each in spellings)
+
+
+def rule_of(rules: Mapping[str, _Rule], part: Part) -> _Rule:
+    """Return the rule for the header of `part`, of `rules` by header as printed; raises Unreadable."""
+    for spelling, rule in rules.items():
+        if header_pattern(spelling).fullmatch(part.path):
+            return rule
+    raise Unreadable(f"{part.path} is not known to set nothing")
 
 
 def refuse_self_test(part: Part) -> None:

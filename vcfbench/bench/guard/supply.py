@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, header_pattern, quantity, read_message, switch
-from vcfbench.bench.guard.rules import Beyond, at_most, is_one_of, refuse_self_test
+from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, quantity, read_message, switch
+from vcfbench.bench.guard.rules import Beyond, at_most, is_one_of, refuse_self_test, rule_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -117,17 +117,11 @@ class SupplyRules:
             refuse_self_test(part)
             if part.query or is_one_of(part, _HARMLESS):
                 continue
-            rule = self._rule(part)
+            rule = rule_of(self._rules, part)
             state = state or _State.asked(ask)
             rule(state, part)
             if state.on:
                 self._require_ready(state)
-
-    def _rule(self, part: Part) -> Callable[[_State, Part], None]:
-        for spelling, rule in self._rules.items():
-            if header_pattern(spelling).fullmatch(part.path):
-                return rule
-        raise Unreadable(f"{part.path} is not known to set nothing")
 
     def _apply(self, state: _State, part: Part) -> None:
         name = self._known(part.argument(0))
