@@ -397,22 +397,13 @@ def __getattr__(name: str) -> object:
     from importlib import import_module  # noqa: PLC0415  # a public name of its own at the top
 
     if name == "__version__":
-        return _version()
+        return import_module("vcfbench.version").installed_version()
     for home, names in _HOMES.items():
         if name in names:
             value: object = getattr(import_module(f"vcfbench.{home}"), name)
             globals()[name] = value
             return value
     raise AttributeError(f"module 'vcfbench' has no attribute {name!r}")
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415  # it takes longer than all the rest
-
-    try:
-        return version("vcfbench")
-    except PackageNotFoundError:  # a source tree that was put on the path
-        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -134,9 +134,9 @@ app = typer.Typer(
 
 def _version(*, wanted: bool) -> None:
     if wanted:
-        from vcfbench import __version__  # noqa: PLC0415  # it is looked up where packages are installed
+        from vcfbench.version import installed_version  # noqa: PLC0415  # looked up where packages are installed
 
-        typer.echo(f"vcfbench {__version__}")
+        typer.echo(f"vcfbench {installed_version()}")
         raise typer.Exit
 
 

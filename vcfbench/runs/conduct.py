@@ -17,6 +17,7 @@ from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
+from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -490,8 +491,6 @@ def _versions() -> Mapping[str, str]:
     import platform  # noqa: PLC0415
     from importlib.metadata import version  # noqa: PLC0415
 
-    from vcfbench import __version__  # noqa: PLC0415
-
     packages = ("numpy", "pyvisa", "pyvisa-py", "pyserial")
     others = {package: version(package) for package in packages}
-    return {"python": platform.python_version(), "vcfbench": __version__, **others}
+    return {"python": platform.python_version(), "vcfbench": installed_version(), **others}

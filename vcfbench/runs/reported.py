@@ -15,6 +15,7 @@ from vcfbench.record.plain import plain
 from vcfbench.record.schema import Status
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
 from vcfbench.report.generic import results_table
+from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -224,14 +225,12 @@ def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
 
 
 def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
-    from vcfbench import __version__  # noqa: PLC0415
-
     yield Heading("Provenance", 2)
     versions = ", ".join(f"{name} {version}" for name, version in header.get("versions", {}).items())
     own = header.get("procedure_file")
     rows = [
         ("measured with", versions or None),
-        ("report made with", f"vcfbench {__version__}"),
+        ("report made with", f"vcfbench {installed_version()}"),
         ("command", command_of(header)),
         ("bench simulated", None if run.simulated is None else "yes" if run.simulated else "no"),
         ("seed of its noise", run.seed),

@@ -15,6 +15,7 @@ from vcfbench.bench.strict import converted, refusal
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
 from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, placed, varied
+from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -145,10 +146,8 @@ class Study(Struct, frozen=True, kw_only=True):
 
     def fingerprint(self) -> str:
         """Return what tells this study from every other: all that its results depend on, but for which seeds."""
-        from vcfbench import __version__  # noqa: PLC0415
-
         told = {
-            "version": __version__,
+            "version": installed_version(),
             "procedure": self.procedure,
             "code": _code_of(self.procedure),
             "bench": self.bench_table,

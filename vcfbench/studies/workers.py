@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, LinkLost
 from vcfbench.extras import need
 from vcfbench.studies.one_run import Row, perform
+from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
@@ -197,18 +198,14 @@ def _clustered(client: Any, distributed: Any, works: Iterator[Work]) -> Iterator
 
 def _require_version(client: Any, address: str) -> None:
     try:
-        found = client.run(_version)
+        found = client.run(installed_version)
     except (ImportError, RuntimeError) as error:  # they cannot read what they are sent
-        raise ConfigError(f"--scheduler {address}: its workers need vcfbench {_version()}: {error}") from error
+        raise ConfigError(f"--scheduler {address}: its workers need vcfbench {installed_version()}: {error}") from error
     if not found:
         raise ConnectFailed(f"--scheduler {address}: it has no workers", hint="dask worker SCHEDULER begins one")
-    others = {worker: version for worker, version in found.items() if version != _version()}
+    others = {worker: version for worker, version in found.items() if version != installed_version()}
     if others:
         worker, version = next(iter(others.items()))
-        raise ConfigError(f"--scheduler {address}: worker {worker} has vcfbench {version}, this is {_version()}")
-
-
-def _version() -> str:
-    from vcfbench import __version__  # noqa: PLC0415  # another process asks for it
-
-    return __version__
+        raise ConfigError(
+            f"--scheduler {address}: worker {worker} has vcfbench {version}, this is {installed_version()}"
+        )
