@@ -64,8 +64,8 @@ if TYPE_CHECKING:
     from vcfbench.plans.steps import Note, Settle
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.procedure import Procedure
-    from vcfbench.procedures.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
+    from vcfbench.procedures.virtual_coriolis.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.record.devices import Device, load_device
     from vcfbench.record.metadata import Equipment, RunMetadata
     from vcfbench.record.schema import Point, Status
@@ -304,10 +304,6 @@ _HOMES = {
     ),
     "plans.measured": ("Measured",),
     "procedures.procedure": ("Procedure",),
-    "procedures.results": (
-        "TurntableResult",
-        "VirtualCoriolisResult",
-    ),
     "procedures.routines": (
         "energised",
         "go_to_rate",
@@ -316,6 +312,10 @@ _HOMES = {
         "set_v_vc",
         "take",
         "v_vc_on",
+    ),
+    "procedures.virtual_coriolis.results": (
+        "TurntableResult",
+        "VirtualCoriolisResult",
     ),
     "bench.settings": ("ProcedureSettings",),
     "plans.step": (

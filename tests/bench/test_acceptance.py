@@ -7,7 +7,7 @@ import pytest
 
 from vcfbench.bench.acceptance import judged
 from vcfbench.bench.settings import Limit, Match
-from vcfbench.procedures.results import turntable_results, virtual_coriolis_results
+from vcfbench.procedures.virtual_coriolis.results import turntable_results, virtual_coriolis_results
 from vcfbench.record.schema import Point
 
 K, K_VC = -0.0125, 150.0

@@ -13,7 +13,7 @@ from vcfbench.bench.visa_resolver import resolve
 from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,7 @@ import pytest
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import Expected
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.agreement import (
+from vcfbench.procedures.sweep.agreement import (
     SWEEP_DRIFT,
     require_agreement,
     require_expected_column,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.procedures.budgets import Part, budget_table, measurand, said_of
+from vcfbench.procedures.measurand import Part, budget_table, measurand, said_of
 from vcfbench.report.text import table_text
 
 

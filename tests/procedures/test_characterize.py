@@ -24,13 +24,13 @@ from vcfbench.plans.steps import (
     Settle,
     Step,
 )
-from vcfbench.procedures.budgets import Part as Source
-from vcfbench.procedures.budgets import measurand
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.characterize import PARTS, BeginPart, _kept_on, _Session
-from vcfbench.procedures.data_sheet import sheet_rows
+from vcfbench.procedures.characterize.data_sheet import sheet_rows
+from vcfbench.procedures.characterize.plan import PARTS, BeginPart, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.static_noise import NoiseCoefficient
+from vcfbench.procedures.measurand import Part as Source
+from vcfbench.procedures.measurand import measurand
+from vcfbench.procedures.zero.results import NoiseCoefficient
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription

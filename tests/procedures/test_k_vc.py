@@ -15,8 +15,8 @@ from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.k_vc import K_VC
-from vcfbench.procedures.k_vc_results import UNSEEN
+from vcfbench.procedures.kvc.plan import K_VC
+from vcfbench.procedures.kvc.results import UNSEEN
 from vcfbench.record.devices import Certificate, DeviceStore
 
 if TYPE_CHECKING:

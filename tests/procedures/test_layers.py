@@ -18,7 +18,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import asked_in_python, recorded_settings, settings_of, with_settings
 from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription

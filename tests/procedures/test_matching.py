@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.matching import Matching
+from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.schema import Point
 
 K, K_VC = -0.0125, 40.0

@@ -20,9 +20,9 @@ from vcfbench.bench.simulated import physical_parameters
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import Acquire
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.null_matching import NullMatching, null_matching
-from vcfbench.procedures.results import NullVirtualCoriolisResult, null_results
-from vcfbench.procedures.schedule import KvcBy
+from vcfbench.procedures.sweep.schedule import KvcBy
+from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
+from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, null_results
 from vcfbench.record.schema import Point
 from vcfbench.report.text import text_of
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from vcfbench.procedures.virtual_coriolis import VirtualCoriolisSettings
+    from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
 
 QUICK: dict[str, Any] = {
     "samples": 3,

@@ -27,8 +27,8 @@ from vcfbench.plans.steps import (
     SetSine,
 )
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.online import ONLINE, OnlineSettings
-from vcfbench.procedures.online_results import online_results
+from vcfbench.procedures.online.plan import ONLINE, OnlineSettings
+from vcfbench.procedures.online.results import online_results
 from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.report.document import Figure, Table
 

@@ -8,7 +8,7 @@ from tests.procedures.fakes import CALIBRATIONS
 from vcfbench.errors import PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
 from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 
 
 def test_the_catalogue_finds_procedures_by_their_names() -> None:

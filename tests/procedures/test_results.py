@@ -14,7 +14,7 @@ from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.bench.settings import Match
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.results import (
+from vcfbench.procedures.virtual_coriolis.results import (
     repeat_std_v,
     turntable_results,
     u_output_v,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import PAPER_RATES_DEG_S, Station
-from vcfbench.procedures.schedule import (
+from vcfbench.procedures.sweep.schedule import (
     Earth,
     Order,
     SweepSettings,
@@ -25,7 +25,7 @@ from vcfbench.procedures.schedule import (
     whole_turns,
     window_grid,
 )
-from vcfbench.procedures.sweep import drift_weights, sweep_of, window_times
+from vcfbench.procedures.sweep.windows import drift_weights, sweep_of, window_times
 from vcfbench.record.schema import Point
 
 MAGNITUDES = st.lists(st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0, 33.0, 200.0]), min_size=1, max_size=6)

@@ -10,9 +10,9 @@ import pytest
 
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import Match, ProcedureSettings, Sources, Station
-from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.sweep import window_times
-from vcfbench.procedures.uncertainty import Statement, four_step_statement, turntable_statement
+from vcfbench.procedures.budget.uncertainty import Statement, four_step_statement, turntable_statement
+from vcfbench.procedures.sweep.windows import window_times
+from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point
 

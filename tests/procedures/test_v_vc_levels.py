@@ -8,7 +8,7 @@ import pytest
 
 import vcfbench
 from vcfbench.plans.steps import AcquireWithVvc, ConfigureVvcMeter
-from vcfbench.procedures.v_vc_levels import at_measured_levels, standing_for
+from vcfbench.procedures.known.levels import at_measured_levels, standing_for
 from vcfbench.record.schema import Point
 from vcfbench.report.document import Table
 from vcfbench.studies.truth import truth_of

@@ -11,9 +11,9 @@ from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, REA
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
 from vcfbench.bench.settings import Match, Sources
-from vcfbench.procedures.matching import Matching
-from vcfbench.procedures.uncertainty import Line, StatedValue, four_step_statement, turntable_statement
-from vcfbench.procedures.worst_residual import Residuals, Spread
+from vcfbench.procedures.budget.uncertainty import Line, StatedValue, four_step_statement, turntable_statement
+from vcfbench.procedures.budget.worst_residual import Residuals, Spread
+from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.schema import Point
 
 K = -0.0125

@@ -22,8 +22,8 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.executor import Executor
 from vcfbench.plans.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
-from vcfbench.procedures.static_noise import Estimate, ScaleFactor, ZeroResult, zero_report, zero_results
-from vcfbench.procedures.zero import ZERO, Mode, ZeroSettings, scale_factor_of
+from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings, scale_factor_of
+from vcfbench.procedures.zero.results import Estimate, ScaleFactor, ZeroResult, zero_report, zero_results
 from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:

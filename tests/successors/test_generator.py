@@ -14,9 +14,9 @@ from vcfbench.bench.file import parse_bench
 from vcfbench.bench.guard.generator import trueform_rules
 from vcfbench.bench.guard.message import Unreadable
 from vcfbench.bench.guard.rules import Beyond
+from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.v_vc_levels import generator_sheet
-from vcfbench.procedures.virtual_coriolis import VIRTUAL_CORIOLIS
+from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 from vcfbench.sim.instruments.agilent33220a.modulation import pseudo_random_bits
 from vcfbench.sim.instruments.trueform import TrueformErrors
 from vcfbench.specifications import KEYSIGHT_33500B

@@ -37,8 +37,8 @@ from vcfbench.plans.steps import (
     SineRecords,
     SineResponse,
 )
-from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.measurand import Measurand, Part, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains

@@ -32,19 +32,19 @@ _GROUP = "vcfbench.procedures"
 BUILT_IN = {
     "turntable": ("vcfbench.procedures.turntable:TURNTABLE", "Calibrate on the rate table: 17 rates, generator off."),
     "virtual-coriolis": (
-        "vcfbench.procedures.virtual_coriolis:VIRTUAL_CORIOLIS",
+        "vcfbench.procedures.virtual_coriolis.plan:VIRTUAL_CORIOLIS",
         "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
     ),
     "zero": (
-        "vcfbench.procedures.zero:ZERO",
+        "vcfbench.procedures.zero.plan:ZERO",
         "Record the output at rest: Allan deviation, noise coefficients, bias stability.",
     ),
     "kvc": (
-        "vcfbench.procedures.k_vc:K_VC",
+        "vcfbench.procedures.kvc.plan:K_VC",
         "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
     ),
     "warmup": (
-        "vcfbench.procedures.warmup:WARMUP",
+        "vcfbench.procedures.warmup.plan:WARMUP",
         "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
     ),
     "bandwidth": (
@@ -52,7 +52,7 @@ BUILT_IN = {
         "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
     ),
     "power": (
-        "vcfbench.procedures.power:POWER",
+        "vcfbench.procedures.power.plan:POWER",
         "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
     ),
     "resonance": (
@@ -64,11 +64,11 @@ BUILT_IN = {
         "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     ),
     "temperature": (
-        "vcfbench.procedures.temperature:TEMPERATURE",
+        "vcfbench.procedures.temperature.plan:TEMPERATURE",
         "Follow scale factor, bias and drive frequency over temperature, up and down: coefficients and hysteresis.",
     ),
     "self-calibration": (
-        "vcfbench.procedures.self_calibration:SELF_CALIBRATION",
+        "vcfbench.procedures.self_calibration.plan:SELF_CALIBRATION",
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",
     ),
     "polarity": (
@@ -80,11 +80,11 @@ BUILT_IN = {
         "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
     ),
     "online": (
-        "vcfbench.procedures.online:ONLINE",
+        "vcfbench.procedures.online.plan:ONLINE",
         "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
     ),
     "characterize": (
-        "vcfbench.procedures.characterize:CHARACTERIZE",
+        "vcfbench.procedures.characterize.plan:CHARACTERIZE",
         "Do all of it in the right order, in one session: one data sheet.",
     ),
 }

@@ -39,8 +39,8 @@ from vcfbench.plans.steps import (
     SineRecord,
     SineRecords,
 )
-from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.measurand import Measurand, Part, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text

@@ -40,7 +40,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
-from vcfbench.procedures.schedule import ABBA_SIGNS
+from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:

@@ -39,8 +39,8 @@ from vcfbench.plans.steps import (
 from vcfbench.plans.steps.scope import scale_v_per_div
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, sweep
 from vcfbench.procedures.bandwidth import results as band_of
-from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.measurand import Measurand, Part, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
 from vcfbench.procedures.tones import SCOPE_TIME_BASE

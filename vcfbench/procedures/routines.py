@@ -28,7 +28,7 @@ from vcfbench.plans.steps import (
     VvcSetting,
     Window,
 )
-from vcfbench.procedures.schedule import window_grid
+from vcfbench.procedures.sweep.schedule import window_grid
 
 if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.plans.steps import Note, Outcome, Plan, Settle
-from vcfbench.procedures.agreement import (
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
+from vcfbench.procedures.sweep.agreement import (
     require_agreement,
     require_expected_column,
     require_steady_slope,
 )
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.reports import turntable_report
-from vcfbench.procedures.results import TurntableResult, turntable_results
-from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
-from vcfbench.procedures.schedule import (
+from vcfbench.procedures.sweep.schedule import (
     ZERO_TABLE,
     SweepSettings,
     no_whole_turn,
@@ -23,6 +21,8 @@ from vcfbench.procedures.schedule import (
     sweep_words,
     window_grid,
 )
+from vcfbench.procedures.virtual_coriolis.report import turntable_report
+from vcfbench.procedures.virtual_coriolis.results import TurntableResult, turntable_results
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -35,8 +35,9 @@ from vcfbench.plans.steps import (
     SetVvc,
     Window,
 )
-from vcfbench.procedures.budgets import Measurand, Part, measurand
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.levels import generator_sheet
+from vcfbench.procedures.measurand import Measurand, Part, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     energised,
@@ -48,9 +49,8 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
-from vcfbench.procedures.schedule import ABBA_SIGNS
+from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
-from vcfbench.procedures.v_vc_levels import generator_sheet
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
     The bench is that of `description`, which is simulated.
     """
     from vcfbench.bench.simulated import true_output  # noqa: PLC0415  # loads the simulation
-    from vcfbench.procedures.results import NullVirtualCoriolisResult, VirtualCoriolisResult  # noqa: PLC0415
+    from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult  # noqa: PLC0415
 
     if run.procedure == "turntable":
         rates = [point.rate_deg_s for point in run.points if point.step == 1]

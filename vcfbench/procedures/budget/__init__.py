@@ -1,0 +1,1 @@
+"""Uncertainty budgets of a line of outputs against rates."""

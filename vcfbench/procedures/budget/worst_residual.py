@@ -1,0 +1,150 @@
+"""The largest residual of a line over its span, and how far errors of outputs and of rates can move it.
+
+A residual is a linear functional of the outputs, the largest of several is not. Where more than one may be it, trials
+(JCGM 101) around what was found tell how far it moves. What was found lies too high already, and trials around it lie
+higher still: half of their own shift counts as an error. The coverage factor is that of the errors of the residual that
+was found: long tails of the trials are those of ties that they make themselves. Where several are as good as equal, an
+interval that holds the largest of their errors holds its.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from vcfbench.procedures.budget.uncertainty import Line
+
+__all__ = ["Largest", "Residuals", "Spread"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+Places: TypeAlias = "NDArray[np.intp]"
+
+_TRIALS = 2000
+_ONE_RATE = 1e-5
+"""Share of the span within which two levels are one: V_Vc that is measured differs by its noise."""
+_MAY_BE_LARGEST = 3.0
+"""Standard deviations of its distance from the largest within which a residual may truly be the largest."""
+_AS_GOOD_AS_EQUAL = 0.25
+"""The same, within which nothing tells two of them apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """The residuals of a line over its span, ppm, and what errors of its n windows do to each of them.
+
+    Windows at one rate have one residual, that of their mean: the largest of many windows would grow with their number.
+    """
+
+    rate_deg_s: Floats
+    """(m,): each rate once, in the order of the windows."""
+    ppm: Floats
+    """(m,)."""
+    of_outputs: Floats
+    """(m, n): what a volt at each output puts into each residual, ppm/V; the span moves with the slope."""
+    of_rates: Floats
+    """(m, n): what moving each rate by 1 deg/s puts into it, outputs as they were, ppm/(deg/s)."""
+
+    @classmethod
+    def of(cls, line: Line) -> Residuals:
+        """Return those of a line."""
+        rate, slope = line.rate_deg_s, line.scale_factor
+        to_ppm = 1e6 / (abs(slope) * float(np.ptp(rate)))
+        left = np.eye(rate.size) - np.outer(rate, line.slope_weights) - line.bias_weights
+        residual_v = line.output_v - slope * rate - line.bias_v
+        of_span = np.outer(residual_v / slope, line.slope_weights)
+        mean = _means(rate)
+        return cls(
+            mean @ rate,
+            to_ppm * (mean @ residual_v),
+            to_ppm * (mean @ (left - of_span)),
+            -to_ppm * slope * (mean @ left),
+        )
+
+
+def _means(rate_deg_s: Floats) -> Floats:
+    """Return the weights (m, n) of the windows in the means at each rate; rates that differ by a hair are one."""
+    steps = np.round(rate_deg_s / (_ONE_RATE * float(np.ptp(rate_deg_s))))
+    _, first, group = np.unique(steps, return_index=True, return_inverse=True)
+    members = (group == np.argsort(first)[:, None]).astype(np.float64)
+    return np.asarray(members / members.sum(axis=1, keepdims=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Largest:
+    """How far errors move the largest of several residuals, ppm."""
+
+    u: float
+    u95: float
+    by_errors: float
+    """What errors alone stay below with 95 %, where there is no non-linearity."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How the residuals vary together, ppm; `residuals` (n,) as found."""
+
+    residuals: Floats
+    scattered: Floats
+    """(n, n): covariance by readings' scatter, ppm^2, with `dof` degrees of freedom."""
+    dof: float
+    normal: Floats
+    """(n, n): covariance by flicker and by what each level of V_Vc has of its own, ppm^2."""
+    common: Floats
+    """(m, n): what one standard uncertainty of each source that all residuals share puts into them, ppm."""
+    rectangular: NDArray[np.bool_]
+    """(m,): whether that source is; else it is normal."""
+
+    @property
+    def covariance(self) -> Floats:
+        """That of the residuals by everything, (n, n), ppm^2."""
+        return np.asarray(self.scattered + self.normal + self.common.T @ self.common)
+
+    def near_largest(self, within: float = _MAY_BE_LARGEST) -> Places:
+        """Return the places of the residuals that may truly be the largest, that which was found among them.
+
+        `within` are standard deviations of their distance from it.
+        """
+        covariance = self.covariance
+        sign = np.sign(self.residuals)
+        variance, size = np.diag(covariance), np.abs(self.residuals)
+        k = int(size.argmax())
+        apart = np.sqrt(np.maximum(variance + variance[k] - 2.0 * sign * sign[k] * covariance[k], 0.0))
+        near = size[k] - size <= within * apart
+        near[k] = True
+        return np.flatnonzero(near)
+
+    def largest(self) -> Largest:
+        """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
+        errors = self._drawn(np.random.default_rng(0))
+        sizes = np.abs(self.residuals)
+        moved = np.abs(self.residuals - errors).max(axis=1) - sizes.max()
+        u = math.hypot(moved.std(), moved.mean() / 2.0)
+        own = errors[:, int(sizes.argmax())]
+        u95 = u * _quantile_95(np.abs(own)) / float(own.std())
+        equal = self.near_largest(_AS_GOOD_AS_EQUAL)
+        if equal.size > 1:
+            u95 = max(u95, _quantile_95(np.abs((errors[:, equal] * np.sign(self.residuals[equal])).max(axis=1))))
+        return Largest(u, u95, _quantile_95(np.abs(errors).max(axis=1)))
+
+    def _drawn(self, rng: np.random.Generator) -> Floats:
+        """Return errors of the residuals, a row a trial."""
+        errors = _normal(rng, self.scattered) * np.sqrt(self.dof / rng.chisquare(self.dof, (_TRIALS, 1)))
+        errors += _normal(rng, self.normal)
+        sizes = rng.standard_normal((_TRIALS, self.rectangular.size))
+        flat = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), sizes.shape)
+        return np.asarray(errors + np.where(self.rectangular, flat, sizes) @ self.common)
+
+
+def _normal(rng: np.random.Generator, covariance: Floats) -> Floats:
+    sizes, axes = np.linalg.eigh(covariance)
+    return np.asarray(rng.standard_normal((_TRIALS, sizes.size)) @ (axes * np.sqrt(np.maximum(sizes, 0.0))).T)
+
+
+def _quantile_95(sizes: Floats) -> float:
+    return float(np.quantile(sizes, 0.95))

@@ -1,0 +1,1 @@
+"""All procedures of one gyroscope in one session, and their one data sheet."""

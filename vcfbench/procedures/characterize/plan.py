@@ -1,0 +1,479 @@
+"""All procedures of one gyroscope in their order, in one session: one start-up, one shut-down, one data sheet.
+
+Each part is a procedure as it is, with its own plan, settings and results; nothing here knows what any of them does.
+The supply stays on from part to part: that one plan switches off at its end is left out, unless the next wants to see
+the power come. What the bench cannot do is left out, and it is said why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from msgspec import Meta, Struct, field, structs, to_builtins
+
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.bench.layering import Layer, chosen_settings, keys_of, setting_keys
+from vcfbench.bench.settings import ProcedureSettings, Station
+from vcfbench.errors import BenchError
+from vcfbench.files import dotted
+from vcfbench.interfaces import (
+    ForcesTemperature,
+    MeasuresWaveforms,
+    PowersRails,
+    ReadsVoltage,
+    Rotates,
+    SetsVoltage,
+    lacking,
+)
+from vcfbench.models import find_model, resolve
+from vcfbench.plans.step import Step
+from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
+from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
+from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
+from vcfbench.procedures.procedure import Procedure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from typing import Self
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, StepResult
+    from vcfbench.procedures.procedure import AnyProcedure, Made
+    from vcfbench.record.devices import Kept
+    from vcfbench.report.document import Report
+    from vcfbench.specifications import VoltmeterSpecification
+
+__all__ = ["CHARACTERIZE", "BeginPart", "CharacterizeResult", "CharacterizeSettings", "Part", "PartResult", "plan"]
+
+_OFF_S = 10.0
+"""Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""
+_SCALE_FACTOR = "scale_factor_v_per_deg_s"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A procedure as a part of the whole: what a data sheet wants of it where nobody says otherwise.
+
+    `roles` must be on the bench beside those that the procedure needs.
+    """
+
+    name: str
+    defaults: Mapping[str, Any]
+    conditions: Callable[[Any], str]
+    roles: tuple[str, ...] = ()
+
+
+def _said(words: str) -> Callable[[Any], str]:
+    return lambda _: words
+
+
+_WARM = ("warm_up_s", "powered_s")
+"""Keys for the time under power before something is measured: 0 for all parts but the first, the session is warm."""
+
+
+def _known_by(own: ProcedureSettings) -> str:
+    return "measured" if "v_vc_meter" in own.station.instruments else "as set"
+
+
+PARTS = (
+    Part("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
+    Part("polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"),
+    Part("power", {}, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"),
+    Part("turntable", {}, lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
+    Part(
+        "virtual-coriolis",
+        {},
+        lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc {_known_by(own)}",
+    ),
+    Part("kvc", {}, lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"),
+    Part("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
+    Part("resonance", {}, _said("ring-down and sweep, at rest")),
+    Part("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
+    Part(
+        "vibration",
+        {},
+        lambda own: f"{len(own.vibration_hz)} virtual vibrations of {own.vibration_amplitude_v:g} V, at rest",
+        roles=("vibration_source",),
+    ),
+    Part("zero", {"duration_s": 600.0}, lambda own: f"at rest, {own.duration_s:g} s"),
+    Part(
+        "temperature",
+        {},
+        lambda own: f"{min(own.temperatures_c):g} to {max(own.temperatures_c):g} degC, by {own.by.value}",
+        roles=("chamber",),
+    ),
+)
+"""The parts in their order: what must be warm comes after what must be cold, and what heats or cools comes last."""
+
+_BY_NAME = {each.name: each for each in PARTS}
+
+PartSettings = Annotated[dict[str, Any], Meta(description="settings of this part, as [procedure.NAME] has them")]
+
+
+class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """Which parts there are, and what each is told; what is told to the whole goes to every part."""
+
+    parts: Annotated[
+        tuple[str, ...], Meta(min_length=1, max_length=50, description="procedures, in the order in which they are run")
+    ] = tuple(each.name for each in PARTS)
+    warmup: PartSettings = field(default_factory=dict)
+    polarity: PartSettings = field(default_factory=dict)
+    power: PartSettings = field(default_factory=dict)
+    turntable: PartSettings = field(default_factory=dict)
+    virtual_coriolis: PartSettings = field(default_factory=dict, name="virtual-coriolis")
+    kvc: PartSettings = field(default_factory=dict)
+    bandwidth: PartSettings = field(default_factory=dict)
+    resonance: PartSettings = field(default_factory=dict)
+    phase: PartSettings = field(default_factory=dict)
+    vibration: PartSettings = field(default_factory=dict)
+    zero: PartSettings = field(default_factory=dict)
+    temperature: PartSettings = field(default_factory=dict)
+
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the key of the part that keeps a certificate."""
+        return {"kvc": {"dut": dut}}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device whose certificate is kept."""
+        return self.kvc.get("dut")
+
+    @property
+    def warm_again_s(self) -> float:
+        """What its first part needs: the others have found the gyroscope warm."""
+        return self.of(self.parts[0]).warm_again_s
+
+    def given(self, name: str) -> dict[str, Any]:
+        """Return what the part `name` is told of its own."""
+        found = getattr(self, name.replace("-", "_"), {})
+        return dict(found) if isinstance(found, dict) else {}
+
+    def of(self, name: str) -> ProcedureSettings:
+        """Return the settings of the part `name`: its defaults here, what the whole is told, what it is told itself.
+
+        Raises:
+            ConfigError: a key is unknown to it, or a value cannot be.
+        """
+        kind = PROCEDURES[name].settings
+        usual, here = _written(ProcedureSettings()), _written(self)
+        first = name == self.parts[0]
+        shared = {key: here[key] for key in usual if here[key] != usual[key] and (first or key not in _WARM)}
+        warm = {} if first else {key: 0.0 for key in _WARM if key in setting_keys(kind)}
+        layers = [
+            Layer({**_defaults(name), **warm}, _naming(name)),
+            Layer(shared, _naming(name)),
+            Layer(self.given(name), _naming(name)),
+        ]
+        own: ProcedureSettings = chosen_settings(kind, layers)
+        return structs.replace(own, station=self._station_of(own))
+
+    def _station_of(self, own: ProcedureSettings) -> Station:
+        """Return what the place gives a part: what its meter promises goes by its own range and integration time."""
+        station, meter = self.station, self.station.instruments.get("multimeter")
+        same = (own.meter_range_v, own.nplc) == (self.meter_range_v, self.nplc)
+        if same or station.meter_resolution_v is None or meter is None:
+            return station
+        row = find_model(meter.model)
+        sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
+        range_v, age_days = float(own.meter_range_v), station.sources.meter_age_days
+        sources = station.sources
+        if range_v in sheet.accuracy:
+            promised = sheet.accuracy_of(range_v, age_days)
+            sources = structs.replace(sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v)
+        resolution_v = sheet.resolution_v(range_v, float(own.nplc))
+        return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
+
+    def made_plain(self) -> Self:
+        """Return these settings with what each part is told written out: what is not its default, wherever it is said.
+
+        Raises:
+            ConfigError: a key is unknown to a part, or a value cannot be.
+        """
+        here, told = _written(self), {}
+        for part in PARTS:
+            own = self.of(part.name)
+            usual = _written(type(own)())
+            told[part.name.replace("-", "_")] = {
+                key: value
+                for key, value in _written(own).items()
+                if key in part.defaults or (value != usual[key] and (key in _WARM or here.get(key) != value))
+            }
+        return structs.replace(self, **told)
+
+    def recalled(self) -> Self:
+        """See that what the parts name can be looked up."""
+        for name in self.parts:
+            if not self.lacking(name):
+                self.of(name).recalled()
+        return self
+
+    def lacking(self, name: str) -> str:
+        """Say what the bench lacks for the part `name`; empty where it has all."""
+        procedure = PROCEDURES[name]
+        roles = [*procedure.needs, *(_BY_NAME[name].roles if name in _BY_NAME else ())]
+        if missing := [role for role in roles if not self._has(role)]:
+            return f"the bench has no {' and no '.join(missing)}"
+        for role, capability in procedure.needs.items():
+            placed = self.station.instruments.get(role)
+            if placed is not None and (absent := _absent(placed.model, capability)):
+                return f"the {role} ({placed.model}) has no {', '.join(absent)}"
+        for invalid_value in self.of(name).contradictions():
+            if keys_of(invalid_value.path)[0] not in self.given(
+                name
+            ):  # nobody said it: this place does not bear the part
+                return f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came}"
+        return ""
+
+    def _has(self, role: str) -> bool:
+        if role == "rate_table":
+            return self.station.limits.max_rate_deg_s is not None
+        return role in self.station.instruments
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say, of every part that will be run too."""
+        yield from super().contradictions()
+        for index, name in enumerate(self.parts):
+            if name not in PROCEDURES or PROCEDURES[name].settings is type(self):
+                yield InvalidValue(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
+                return
+            if type(PROCEDURES[name].settings().station) is not Station:
+                yield InvalidValue(
+                    f"parts[{index}]", "a procedure that builds on nothing that is kept of the device", name
+                )
+                return
+        if len(set(self.parts)) < len(self.parts):
+            yield InvalidValue("parts", "each procedure once", list(self.parts))
+        for name in self.parts:
+            if self.lacking(name):
+                continue
+            for invalid_value in self.of(name).contradictions():
+                yield InvalidValue(f"{name}.{invalid_value.path}", invalid_value.expected, invalid_value.came)
+
+
+def _written(settings: ProcedureSettings) -> dict[str, Any]:
+    """Return what can be set, as a bench file has it."""
+    values = cast("dict[str, Any]", to_builtins(settings))
+    return {key: values[key] for key in setting_keys(type(settings))}
+
+
+def _defaults(name: str) -> Mapping[str, Any]:
+    return _BY_NAME[name].defaults if name in _BY_NAME else {}
+
+
+def _naming(name: str) -> Callable[[Any], str]:
+    return lambda keys: dotted(("procedure", "characterize", name, *keys))
+
+
+def _absent(model: str, capability: type) -> Sequence[str]:
+    row = find_model(model)
+    driver = None if row is None else resolve(row.driver)
+    return () if driver is None else lacking(getattr(driver, "driver_class", driver), capability)
+
+
+class BeginPart(Step, Struct, frozen=True):
+    """A heading: what follows is the part of this name; so results know what is whose."""
+
+    name: str
+
+    def describe(self) -> str:
+        """Name it."""
+        return f"Part: {self.name}"
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+@dataclass(slots=True)
+class _Session:
+    """Whether the supply was left on by a part that has ended."""
+
+    left_on: bool = False
+
+
+def plan(settings: CharacterizeSettings) -> Plan:
+    """Do the plan of every part that the bench allows, the supply on all the time; whatever happens, off in the end."""
+    session, done = _Session(), []
+    for name in settings.parts:
+        if why := settings.lacking(name):
+            yield NotChecked(name, why)
+    try:
+        for name in settings.parts:
+            if settings.lacking(name):
+                continue
+            yield BeginPart(name)
+            yield from _kept_on(PROCEDURES[name].plan(settings.of(name)), session)
+            done.append(name)
+    finally:
+        if session.left_on:
+            yield DisableSupply()
+    return Outcome(f"data sheet from {', '.join(done)}")
+
+
+def _kept_on(part: Plan, session: _Session) -> Plan:
+    """Pass on the steps of a part, but for the last switching off; to switch on what is on changes nothing.
+
+    Switching off is held back until the part asks for something else: then it was not its end, and is done. A step
+    that switches on and looks at it, a kind of its own, finds the supply off. Once something has failed, all is done.
+    """
+    held, failed = False, False
+    advance: Callable[[], Step] = partial(next, part)
+    while True:
+        try:
+            step = advance()
+        except StopIteration as end:
+            session.left_on = session.left_on or held
+            return cast("Outcome", end.value)
+        try:
+            if held:
+                held = False
+                yield DisableSupply()
+            if type(step) is DisableSupply and not failed:
+                held, session.left_on = True, False
+                advance = partial(part.send, Done())
+                continue
+            if isinstance(step, EnableSupply) and session.left_on:
+                session.left_on = False
+                if type(step) is not EnableSupply:
+                    yield DisableSupply()
+                    yield Settle(_OFF_S, "rails and gyro come to rest: the power is to be seen coming")
+            result: StepResult = yield step
+        except BenchError as error:
+            failed = True
+            advance = partial(_thrown, part, error)
+        else:
+            advance = partial(part.send, result)
+
+
+def _thrown(part: Plan, error: BenchError) -> Step:
+    return part.throw(error)
+
+
+@dataclass(frozen=True, slots=True)
+class PartResult:
+    """What a part came to: its results, None where its measurements gave none, and then why."""
+
+    name: str
+    conditions: str
+    results: Any
+    no_result: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NotMeasured:
+    """A part that this bench does not allow, and why."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class CharacterizeResult:
+    """The data sheet, what it is made of, and what is not on it."""
+
+    data_sheet: tuple[SheetRow, ...]
+    not_measured: tuple[NotMeasured, ...]
+    parts: tuple[PartResult, ...]
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits; of what several parts tell, the first that tells it."""
+        return self._first("acceptance_values")
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these."""
+        return self._first("acceptance_u95")
+
+    def _first(self, method: str) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for part in self.parts:
+            tell = getattr(part.results, method, None)
+            found = {**(tell() if tell is not None else {}), **found}
+        return found
+
+
+def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeResult:
+    """Have each part make its results of what was measured in it; then put them together."""
+    by_name = {begin.name: part for begin, part in measured.parted(BeginPart)}
+    found: dict[str, PartResult] = {}
+    last = [name for name in by_name if hasattr(PROCEDURES[name].settings, _SCALE_FACTOR)]
+    for name in [*(each for each in by_name if each not in last), *last]:
+        found[name] = _part_result(PROCEDURES[name], _with_scale_factor(settings.of(name), found), by_name[name])
+    parts = tuple(found[name] for name in by_name)
+    skipped = tuple(NotMeasured(name, why) for name in settings.parts if (why := settings.lacking(name)))
+    failed = tuple(NotMeasured(part.name, part.no_result) for part in parts if part.no_result is not None)
+    rows = (row for part in parts for row in sheet_rows(part.name, part.results, part.conditions))
+    return CharacterizeResult(tuple(rows), (*skipped, *failed), parts)
+
+
+def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured) -> PartResult:
+    known = _BY_NAME.get(procedure.name)
+    conditions = "" if known is None else known.conditions(own)
+    if procedure.in_one_piece and part.broken_off:
+        return PartResult(procedure.name, conditions, None, procedure.in_one_piece)
+    try:
+        return PartResult(procedure.name, conditions, procedure.results(own, part))
+    except BenchError as error:
+        return PartResult(procedure.name, conditions, None, str(error))
+
+
+def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) -> ProcedureSettings:
+    """Return the settings of a part with the scale factor that an earlier one has found, unless it is told one."""
+    told = not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None
+    if told or getattr(own, "scale_factor_from", "none") != "none":
+        return own
+    for part in found.values():
+        tell = getattr(part.results, "acceptance_values", None)
+        value = tell().get(_SCALE_FACTOR) if tell is not None else None
+        if value:
+            return structs.replace(own, **{_SCALE_FACTOR: value})
+    return own
+
+
+def report(settings: CharacterizeSettings, _measured: Measured, found: CharacterizeResult) -> Report:
+    """Report the data sheet."""
+    rails = f"rails {settings.positive_rail_v:+g} V and {settings.negative_rail_v:+g} V"
+    return data_sheet_report(found.data_sheet, [(each.name, each.reason) for each in found.not_measured], rails)
+
+
+def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Made) -> Kept | None:
+    """Return what the first part that keeps something of the device keeps of it."""
+    for part in found.parts:
+        keep = PROCEDURES[part.name].entry
+        kept = None if keep is None or part.results is None else keep(settings.of(part.name), part.results, made)
+        if kept is not None:
+            return kept
+    return None
+
+
+CHARACTERIZE = Procedure(
+    name="characterize",
+    title=BUILT_IN["characterize"][1],
+    method=(
+        "The procedures of a characterisation are done one after the other in one session, each as by itself; the "
+        "data sheet brings their results together."
+    ),
+    settings=CharacterizeSettings,
+    plan=plan,
+    results=results,
+    report=report,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage},
+    uses={
+        "rate_source": SetsVoltage,
+        "oscilloscope": MeasuresWaveforms,
+        "rate_table": Rotates,
+        "v_vc_meter": ReadsVoltage,
+        "chamber": ForcesTemperature,
+    },
+    entry=entry,
+)
+"""All of it in one session."""

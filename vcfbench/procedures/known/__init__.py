@@ -1,0 +1,1 @@
+"""What is known beforehand: V_Vc, how well, and the device with its K_Vc."""

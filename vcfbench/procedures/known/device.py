@@ -1,0 +1,223 @@
+"""What is known of a device before it is measured: its K_Vc from a certificate, a file or a number, and its history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from msgspec import Meta, Struct, field, structs
+
+from vcfbench.bench.settings import Station
+from vcfbench.bench.strict import refusal, words
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError
+from vcfbench.files import shown
+from vcfbench.procedures.known.v_vc import KnownVvcSettings
+from vcfbench.record.devices import Certificate, KvcCurve, Measured, SelfCalibration, read_entry
+
+if TYPE_CHECKING:
+    from datetime import datetime
+    from typing import Self
+
+    from vcfbench.record.devices import Entry
+
+__all__ = ["DeviceStation", "KnownDevice", "KnownDeviceSettings", "Reference", "level_for"]
+
+
+UNSEEN = (
+    "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
+    "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",
+    "the phase of the carrier against the drive",
+    "the modulator: its gain, its reference, its curvature",
+    "masses and their shares in the modes",
+)
+"""What a self-calibration by K_Vc cannot see: all that K_Vc itself is made of (equation 16 of the paper)."""
+
+_AS_TOLD = (
+    "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
+    "K_Vc itself, if k_vc_u_deg_s_per_v was not told: its u counts as 0",
+)
+
+
+class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the scale factor is compared with: an earlier entry of the device."""
+
+    name: str
+    """Of the entry: ``0003``."""
+    kind: str
+    done: str
+    """When, as ISO 8601 has it."""
+    scale_factor_v_per_deg_s: Measured
+
+
+class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is known of the device before it is measured."""
+
+    k_vc: KvcCurve
+    source: str
+    """Where the curve comes from: ``certificate 0001``, a file, a number."""
+    certificate: str | None
+    """Name of the device's own certificate; None where the curve comes from elsewhere."""
+    unseen: tuple[str, ...] = UNSEEN
+    holds_not: tuple[str, ...] = ()
+    """What is in no uncertainty because K_Vc comes from there."""
+    reference: Reference | None = None
+
+
+class DeviceStation(Station, frozen=True, kw_only=True):
+    """What the place gives, and what is known of the device: the record holds all that the results are made of."""
+
+    known: KnownDevice | None = None
+
+
+class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
+    """What procedures are told that go by the K_Vc of a device: of its certificate, of a file, or a number."""
+
+    k_vc: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=4096)] | None,
+        Meta(
+            description="a certificate's file, or (deg/s)/V as a number; default the last certificate of --dut",
+            extra={"option": True},
+        ),
+    ] = None
+    k_vc_u_deg_s_per_v: Annotated[float, Meta(ge=0.0, le=1e6, description="u of a K_Vc that is a number")] = 0.0
+    outdated: Annotated[bool, Meta(description="whether a certificate may be used that is out of date")] = False
+    station: DeviceStation = field(default_factory=DeviceStation)
+
+    rates_key: ClassVar[str] = "virtual_rates_deg_s"
+    """Where the virtual rates stand that are asked for."""
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The virtual rates that are asked for, without sign, each once, rising."""
+        raise NotImplementedError
+
+    @property
+    def known(self) -> KnownDevice:
+        """What is known of the device.
+
+        Raises:
+            ConfigError: it was not looked up.
+        """
+        if self.station.known is None:
+            raise ConfigError("K_Vc is not known: name the device (--dut) or K_Vc itself (--k-vc)")
+        return self.station.known
+
+    def recalled(self) -> Self:
+        """Return these settings with what is known of the device.
+
+        Raises:
+            ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve,
+                the bench's limit or the range of the meter on V_Vc.
+        """
+        known = _known(self, utc_now())
+        station = DeviceStation(**{**structs.asdict(self.station), "known": known})
+        recalled = structs.replace(self, station=station)
+        for rate_deg_s in recalled.magnitudes_deg_s:
+            for sign in (1.0, -1.0):
+                signed = sign * rate_deg_s
+                _require_level(recalled, level_for(known.k_vc, signed, self.rates_key), signed)
+        return recalled
+
+
+def _require_level(settings: KnownDeviceSettings, level_v: float, rate_deg_s: float) -> None:
+    """Hold the V_Vc of a rate against the limit of the bench and the range of the meter that measures it."""
+    most_v = settings.station.limits.max_v_vc_v
+    if most_v is not None and abs(level_v) > most_v:
+        raise ConfigError(
+            f"{settings.rates_key}: {rate_deg_s:g} deg/s needs {abs(level_v):.4g} V of V_Vc, the bench allows "
+            f"{most_v:g} V (limits.max_v_vc_v)"
+        )
+    for wrong in settings.beyond_range(level_v, rate_deg_s):
+        raise refusal(wrong.path, wrong.expected, words(wrong.came))
+
+
+def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
+    """Look up what is known of the device, `now`."""
+    entries = () if settings.dut is None else settings.store.entries(settings.dut)
+    reference = _reference(entries)
+    if settings.k_vc is not None:
+        return _given(settings, settings.k_vc, reference, now)
+    if settings.dut is None:
+        raise ConfigError(
+            "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
+            hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
+        )
+    found = settings.store.certificate(settings.dut)
+    record = found.record
+    assert isinstance(record, Certificate)  # noqa: S101  # the store says so
+    _require_valid(record, shown(found.path), settings, now)
+    return KnownDevice(
+        k_vc=record.k_vc,
+        source=f"certificate {found.name}",
+        certificate=found.name,
+        unseen=record.unseen,
+        reference=reference,
+    )
+
+
+def _given(settings: KnownDeviceSettings, given: str, reference: Reference | None, now: datetime) -> KnownDevice:
+    """Return the K_Vc that was given: a number, or the file of a certificate."""
+    try:
+        number = float(given)
+    except ValueError:
+        record = read_entry(Path(given))
+        if not isinstance(record, Certificate):
+            raise ConfigError(f"{shown(given)}: expected a certificate, it is a self-calibration") from None
+        _require_valid(record, shown(given), settings, now)
+        source = f"certificate of {record.serial}, {shown(given)}"
+        return KnownDevice(k_vc=record.k_vc, source=source, certificate=None, unseen=record.unseen, reference=reference)
+    if not 0.0 < abs(number) <= 1e6:
+        raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
+    most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
+    variance = settings.k_vc_u_deg_s_per_v**2
+    curve = KvcCurve(
+        coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
+    )
+    source = f"K_Vc = {given} (deg/s)/V, as told"
+    return KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_TOLD, reference=reference)
+
+
+def _require_valid(record: Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
+    if record.valid_at(now) or settings.outdated:
+        return
+    until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
+    raise ConfigError(
+        f"{where}: the certificate is valid from {record.issued:%Y-%m-%d %H:%M}{until}, not now",
+        hint="calibrate K_Vc anew (vcfbench run kvc); --set outdated=true takes it all the same",
+    )
+
+
+def _reference(entries: tuple[Entry, ...]) -> Reference | None:
+    """Return the last entry that has a scale factor."""
+    for entry in reversed(entries):
+        record = entry.record
+        measured = record.scale_factor_v_per_deg_s
+        if measured is None:
+            continue
+        is_calibration = isinstance(record, SelfCalibration)
+        done = record.done if isinstance(record, SelfCalibration) else record.issued
+        kind = "self-calibration" if is_calibration else "certificate"
+        return Reference(name=entry.name, kind=kind, done=done.isoformat(), scale_factor_v_per_deg_s=measured)
+    return None
+
+
+def level_for(curve: KvcCurve, rate_deg_s: float, key: str) -> float:
+    """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
+
+    Raises:
+        ConfigError: the curve does not go so far.
+    """
+    low_v, high_v = curve.v_vc_min_v, curve.v_vc_max_v
+    if rate_deg_s == 0.0:
+        return 0.0
+    ends = sorted((curve.rate_deg_s(low_v), curve.rate_deg_s(high_v)))
+    tolerance = 1e-3 * (ends[1] - ends[0])
+    if not ends[0] - tolerance <= rate_deg_s <= ends[1] + tolerance:
+        raise ConfigError(f"{key}: K_Vc is known from {ends[0]:.5g} to {ends[1]:.5g} deg/s, not at {rate_deg_s:g}")
+    rising = curve.rate_deg_s(high_v) > curve.rate_deg_s(low_v)
+    for _ in range(60):
+        middle_v = 0.5 * (low_v + high_v)
+        below = (curve.rate_deg_s(middle_v) < rate_deg_s) == rising
+        low_v, high_v = (middle_v, high_v) if below else (low_v, middle_v)
+    return 0.5 * (low_v + high_v)

@@ -1,0 +1,238 @@
+"""How V_Vc is known: measured by a meter of its own, by the one meter with its leads moved, or believed as it is set.
+
+What a generator was set to it reads back to the last digit, however far it is off; so V_Vc is measured unless somebody
+says that the setting is believed, and then the generator's accuracy is the uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from msgspec import Meta
+
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.errors import ConfigError
+from vcfbench.models import find_model, resolve
+from vcfbench.plans.steps import MeasureVvc, move_leads
+from vcfbench.procedures.known.levels import generator_sheet, ready_v_vc_meter, take_driven, v_vc_tolerance_v
+from vcfbench.procedures.routines import take
+from vcfbench.record.devices import Conditions, DeviceStore
+from vcfbench.specifications import VoltmeterSpecification
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from typing import Self
+
+    from vcfbench.plans.step import Routine
+    from vcfbench.procedures.procedure import Made
+    from vcfbench.record.schema import Point
+
+__all__ = [
+    "InstrumentError",
+    "KnownVvcSettings",
+    "VvcKnown",
+    "conditions",
+    "measured_level",
+    "measured_levels",
+    "meter_error",
+    "ready_meters",
+    "take_level",
+    "temperature_errors",
+    "v_vc_error",
+]
+
+
+_OVER_RANGE = 1.2
+"""A meter's range measures so much of itself."""
+
+
+class VvcKnown(Enum):
+    """How V_Vc is known."""
+
+    MEASURED = "measured"
+    SET = "set"
+
+
+class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What procedures are told that go by V_Vc."""
+
+    v_vc: Annotated[
+        VvcKnown,
+        Meta(
+            description="V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or believed as it is set",
+            extra={"option": True},
+        ),
+    ] = VvcKnown.MEASURED
+    v_vc_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the meter on V_Vc")] = 10
+    temperature_c: Annotated[
+        Annotated[float, Meta(ge=-100.0, le=200.0)] | None, Meta(description="of the gyroscope, where it was measured")
+    ] = None
+    cycles: Annotated[int, Meta(ge=1, le=100, description="times that every level is taken")] = 2
+
+    dut: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=200)] | None,
+        Meta(description="serial number of the gyroscope, as --dut: what is found is kept under it"),
+    ] = None
+    devices: Annotated[
+        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
+    ] = "devices"
+
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the key of the device."""
+        return {"dut": dut}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device under whose serial number is kept what is found."""
+        return self.dut
+
+    @property
+    def store(self) -> DeviceStore:
+        """What is known of the devices."""
+        return DeviceStore(Path(self.devices))
+
+    def recalled(self) -> Self:
+        """See that the device, where one is named, can be one, and that what is known of it can be read."""
+        if self.dut is not None:
+            self.store.entries(self.dut)
+        return self
+
+    @property
+    def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:
+        """The role of the meter that measures V_Vc, None where the setting is believed."""
+        if self.v_vc is VvcKnown.SET:
+            return None
+        return "v_vc_meter" if "v_vc_meter" in self.station.instruments else "multimeter"
+
+    def beyond_range(self, v_vc_v: float, rate_deg_s: float) -> Iterator[InvalidValue]:
+        """Yield the range of the meter on V_Vc, where V_Vc is measured and is beyond it at the rate."""
+        if self.v_vc_role is not None and abs(v_vc_v) > _OVER_RANGE * self.v_vc_range_v:
+            expected = f"a range for {abs(v_vc_v):.4g} V, the V_Vc of {rate_deg_s:g} deg/s"
+            yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        for key, role in (("meter_range_v", "multimeter"), ("v_vc_range_v", self.v_vc_role)):
+            try:
+                if role in self.station.instruments:
+                    meter_error(self, role)
+            except ConfigError as error:
+                yield InvalidValue(key, error.what, getattr(self, key))
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentError:
+    """How far an instrument may be off, as standard uncertainties, and which instrument it is."""
+
+    name: str
+    u_gain: float
+    u_offset_v: float
+
+
+def conditions(settings: KnownVvcSettings, made: Made) -> Conditions:
+    """Return under what was measured, for what is kept of a device."""
+    return Conditions(
+        bench=made.bench,
+        run=made.run,
+        simulated=made.simulated,
+        positive_rail_v=settings.positive_rail_v,
+        negative_rail_v=settings.negative_rail_v,
+        temperature_c=settings.temperature_c,
+        instruments=dict(made.instruments),
+    )
+
+
+def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
+    """Return how far the meter of `role` may be off, on its range and so long after its calibration.
+
+    Raises:
+        ConfigError: its data sheet says nothing of that.
+    """
+    placed = settings.station.instruments[role]
+    row = find_model(placed.model)
+    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
+    if not isinstance(sheet, VoltmeterSpecification):
+        raise ConfigError(f"a data sheet of the {placed.model}, there is none")
+    own = role == "v_vc_meter"
+    range_v = float(settings.v_vc_range_v if own else settings.meter_range_v)
+    try:
+        known = settings.station.sources
+        age_days = known.v_vc_meter_age_days if own else known.meter_age_days
+        u = sheet.standard_deviation(range_v, age_days)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    return InstrumentError(placed.name, u.reading, u.range * range_v)
+
+
+def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:
+    """Return by source what temperature and warm-up leave of a scale factor, relative standard uncertainties.
+
+    Of the warm-up it is the mean over a run of so many windows; nothing where the bench file does not know it.
+    """
+    known = settings.station.sources
+    if known.scale_factor_ppm_k is None:
+        return {}
+    per_k, found = 1e-6 * known.scale_factor_ppm_k / math.sqrt(3.0), {}
+    if known.temperature_k is not None:
+        found["temperature"] = per_k * known.temperature_k
+    if known.warm_up_k is not None:
+        lasted = windows * (settings.samples * settings.sample_interval_s + settings.settle_s) / known.warm_up_time_s
+        begun = math.exp(-settings.start_up_s / known.warm_up_time_s)
+        found["warm-up"] = per_k * known.warm_up_k * begun * -math.expm1(-lasted) / lasted
+    return found
+
+
+def v_vc_error(settings: KnownVvcSettings) -> InstrumentError:
+    """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
+    if settings.v_vc_role is not None:
+        return meter_error(settings, settings.v_vc_role)
+    placed = settings.station.instruments["rate_source"]
+    sheet = generator_sheet(settings)
+    return InstrumentError(placed.name, sheet.setting / math.sqrt(3.0), sheet.offset_v / math.sqrt(3.0))
+
+
+def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
+    """Set up the meter on V_Vc, where the bench has one of its own."""
+    if settings.v_vc_role == "v_vc_meter":
+        yield from ready_v_vc_meter(settings, float(settings.v_vc_range_v))
+
+
+def take_level(
+    settings: KnownVvcSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None
+) -> Routine[Point]:
+    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that."""
+    taken = take_driven if settings.v_vc_role == "v_vc_meter" else take
+    return (yield from taken(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+
+
+def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Routine[None]:
+    """Have V_Vc measured at each level by the one meter, whose leads a person moves there and back.
+
+    The levels are those at which the output was measured; the generator sets them once more. Where V_Vc was measured
+    beside the output, or its setting is believed, nothing is done.
+    """
+    if settings.v_vc_role != "multimeter":
+        return
+    from vcfbench.procedures.routines import set_v_vc  # noqa: PLC0415
+
+    yield move_leads("multimeter", "v_vc")
+    for level_v in levels_v:
+        v_vc_v = yield from set_v_vc(settings, level_v)
+        tolerance_v = v_vc_tolerance_v(settings, v_vc_v)
+        yield MeasureVvc(v_vc_v, settings.samples, settings.sample_interval_s, tolerance_v, "multimeter")
+    yield move_leads("multimeter", "output")
+
+
+def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> float:
+    """Return V_Vc of windows at one setting, V: measured beside them, by hand, or else as it was set."""
+    seen = [point.v_vc_measured_v for point in points if point.v_vc_measured_v is not None]
+    if seen:
+        return math.fsum(seen) / len(seen)
+    return by_hand.get(points[0].v_vc_v, points[0].v_vc_v)

@@ -1,0 +1,1 @@
+"""The calibration of K_Vc as a curve: the certificate of a device."""

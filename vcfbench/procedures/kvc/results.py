@@ -1,0 +1,407 @@
+"""K_Vc from the points of its calibration: curve, covariance, budget; the certificate and the report of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
+from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
+from vcfbench.errors import ConfigError
+from vcfbench.plans.measured import Measured
+from vcfbench.plans.steps import MeasureVvc, VvcMeasured
+from vcfbench.procedures.known.device import UNSEEN
+from vcfbench.procedures.known.v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
+from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.null_comparison.plan import block
+from vcfbench.procedures.virtual_coriolis.results import K_VC_UNIT
+from vcfbench.record.devices import Certificate, CurveShare, Kept, KvcCurve
+from vcfbench.record.schema import pooled_std_v
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.procedures.kvc.plan import KVcSettings
+    from vcfbench.procedures.procedure import Made
+    from vcfbench.record.schema import Point
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+TABLE, SEARCH, DRIVEN = 1, 2, 3
+"""The steps, as in its points: the table's blocks, the search for V_Vc, the blocks of V_Vc."""
+
+_EARTH_DEG_S = 15.041067 / 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedPair:
+    """A rate of the table, and the V_Vc with the same zero-subtracted output."""
+
+    rate_deg_s: float
+    v_vc_v: float
+    u_v_vc_v: float
+    """Standard uncertainty of that V_Vc from noise and flicker alone, V."""
+    residual_deg_s: float
+    """Rate less curve."""
+    left_v: float
+    """What was left between the two outputs, V; it is interpolated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KVcResult:
+    """What the calibration of K_Vc came to."""
+
+    k_vc: Measurand
+    """Rate that one volt of V_Vc stands for, of small signals: k1 of the curve, (deg/s)/V."""
+    curve: KVcCurve
+    """The rate against V_Vc; k0 holds the offsets of generator and meter at a setting of 0 V."""
+    curve_parts: Mapping[str, tuple[tuple[float, ...], ...]]
+    """What each source puts into the covariance of the curve."""
+    curvature: Curvature
+    """The modulator's curve."""
+    pairs: tuple[MatchedPair, ...]
+    scale_factor: Measurand
+    """On the table, of small signals, V/(deg/s)."""
+    bias: Measurand
+    """Output at rest, generator off, V; the Earth's rate is in it."""
+    noise: BlockNoise
+    v_vc_by: str
+    """What V_Vc is known by."""
+    holds_not: tuple[str, ...]
+    """What is in no uncertainty, and why."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys."""
+        scale_factor, bias_v = self.scale_factor.value, self.bias.value
+        return {
+            "scale_factor_v_per_deg_s": scale_factor,
+            "bias_v": bias_v,
+            "bias_deg_s": bias_v / scale_factor if scale_factor else None,
+            "k_vc_deg_s_per_v": self.k_vc.value,
+        }
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return {
+            "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
+            "bias_v": self.bias.expanded_u,
+            "k_vc_deg_s_per_v": self.k_vc.expanded_u,
+        }
+
+
+_HOLDS_NOT = (
+    "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
+    "the phase of carrier and demodulator: both columns go the same way, so it is in K_Vc as it is on that day",
+    "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
+    "misalignment of the gyroscope on the table: K_Vc refers to the rate about the table's axis",
+    "what temperature changes: the curve holds at the temperature of that day",
+    "lack of fit of the curve: reported apart, and no uncertainty",
+)
+
+READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
+RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
+V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
+    "gain of what V_Vc is known by",
+    "offset of what V_Vc is known by",
+    "V_Vc's scatter",
+)
+METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
+
+
+@dataclass(frozen=True, slots=True)
+class _Levels:
+    """What the blocks came to at each signed rate; arrays in the order +r1, -r1, +r2, ..."""
+
+    rate: Floats
+    table_v: Floats
+    driven_v: Floats
+    v_vc_v: Floats
+    zero_v_vc_v: float
+    u_v_vc_v: float
+    noise: BlockNoise
+    blocks: tuple[Block, ...]
+    """Those of the table."""
+
+
+def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
+    """Return K_Vc, its curve and its uncertainty from the blocks."""
+    levels = _levels(settings, points)
+    left_v = levels.driven_v - levels.table_v
+    matched_v, per_v = nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
+    noise = block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
+    slopes, _, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
+    per_deg_s = np.polynomial.polynomial.polyval(levels.rate, _derivative(slopes))
+    in_rate = noise / np.outer(per_deg_s, per_deg_s)
+    of_rate = {
+        READ_TABLE: in_rate,
+        READ_DRIVEN: in_rate,
+        RATE: covariance_of(levels.rate, 0.0, settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
+        EARTH: covariance_of(levels.rate, 0.0, 0.0, _u_earth(settings)),
+    }
+    error = v_vc_error(settings)
+    of_v_vc = {
+        V_VC_GAIN: covariance_of(matched_v, 0.0, error.u_gain),
+        V_VC_OFFSET: covariance_of(matched_v, 0.0, 0.0, error.u_offset_v),
+        V_VC_NOISE: covariance_of(matched_v, levels.u_v_vc_v),
+    }
+    curve = fit_k_vc_curve(levels.rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
+    parts = covariance_parts(curve, matched_v, of_rate, of_v_vc)
+    u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
+    pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
+    return KVcResult(
+        k_vc=measurand(
+            curve.k_vc,
+            K_VC_UNIT,
+            [_part(name, part, levels, error.name) for name, part in parts.items()],
+        ),
+        curve=curve,
+        curve_parts={name: tuple(map(tuple, part.tolist())) for name, part in parts.items()},
+        curvature=curve.curvature(),
+        pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
+        scale_factor=_scale_factor(settings, levels, noise, len(points)),
+        bias=bias_at_rest(
+            settings, [z for b in levels.blocks for z in (b.outputs_v[0], b.outputs_v[-1])], levels.noise
+        ),
+        noise=levels.noise,
+        v_vc_by=_known_by(settings, error.name),
+        holds_not=_HOLDS_NOT,
+    )
+
+
+def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
+    """Return the V_Vc at which nothing would be left, V, and what the output does per volt there, V/V.
+
+    Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
+    where a generator changes its range, and the slope is good to some parts in a thousand.
+
+    Args:
+        v_vc_v: V_Vc of each window, V.
+        zero_v_vc_v: V_Vc of the zeros, V.
+        driven_v: what V_Vc moved the output by, from the zeros, V.
+        left_v: that less what the table moved it by, V.
+    """
+    at = v_vc_v - zero_v_vc_v
+    response, _, _ = polynomial_through_zero(at, driven_v, np.eye(at.size), min(5, at.size - 1))
+    slopes = _derivative(response)
+    matched: Floats = at
+    for _ in range(3):
+        matched = at - left_v / np.polynomial.polynomial.polyval(0.5 * (at + matched), slopes)
+    per_v = np.polynomial.polynomial.polyval(matched, slopes)
+    return matched + zero_v_vc_v, np.asarray(per_v)
+
+
+def _derivative(from_first: Floats) -> Floats:
+    """Return the derivative of a polynomial without a constant."""
+    return np.asarray(np.polynomial.polynomial.polyder(np.array([0.0, *from_first])))
+
+
+def _u_earth(settings: KVcSettings) -> float:
+    """Return what the Earth's horizontal rate leaves of a zero that is taken at one heading, deg/s, at most."""
+    return _EARTH_DEG_S * math.sin(math.radians(settings.axis_tilt_deg)) / math.sqrt(2.0)
+
+
+def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> Part:
+    """Return what a source puts into the uncertainty of k1."""
+    u = math.sqrt(max(0.0, float(covariance[1, 1])))
+    return Part(name, u, _dof(name, levels.noise), whose(name, known_by))
+
+
+def whose(name: str, known_by: str) -> str | None:
+    """Return whose a source is: of the instrument that V_Vc is known by, or nobody else's."""
+    return known_by if name in {V_VC_GAIN, V_VC_OFFSET} else None
+
+
+def _dof(name: str, noise: BlockNoise) -> float | None:
+    return dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
+
+
+def dof_of(noise: BlockNoise) -> float | None:
+    """Return the degrees of freedom of the noise, None where they are as many as one likes."""
+    return noise.dof if math.isfinite(noise.dof) else None
+
+
+def _known_by(settings: KVcSettings, name: str) -> str:
+    if settings.v_vc_role is None:
+        return f"the setting of the {name}"
+    return f"the {name}" if settings.v_vc_role == "v_vc_meter" else f"the {name}, its leads moved by hand"
+
+
+def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows: int) -> Measurand:
+    """Return the slope at rate zero of a cubic through the outputs on the table."""
+    found, covariance, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
+    slope, meter = float(found[0]), meter_error(settings, "multimeter")
+    dof = dof_of(levels.noise)
+    parts = [
+        Part(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
+        Part(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
+        Part(RATE, abs(slope) * settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
+        *(Part(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
+    ]
+    return measurand(slope, "V/(deg/s)", parts)
+
+
+def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: BlockNoise) -> Measurand:
+    """Return the mean of `zeros_v`, outputs at rest with the generator off, V, in the order of time."""
+    count = len(zeros_v)
+    mean_v = math.fsum(zeros_v) / count
+    time = np.arange(count) - 0.5 * (count - 1)
+    drift_v = abs(float(time @ np.array(zeros_v)) / float(time @ time) * (count - 1)) if count > 2 else 0.0
+    meter = meter_error(settings, "multimeter")
+    dof = dof_of(noise)
+    parts = [
+        Part("readings at rest", noise.white_v / math.sqrt(count), dof),
+        Part("flicker", noise.u_zero_v, dof),
+        Part("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
+        Part(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
+        Part(METER_OFFSET, meter.u_offset_v, None, meter.name),
+    ]
+    return measurand(mean_v, "V", parts)
+
+
+def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:
+    """Return the covariance of the differences of `blocks` blocks, each the mean of `cycles`, V^2: +, -, +, -, ..."""
+    return np.asarray(np.kron(np.eye(blocks), np.array(noise.covariance_v2)) / cycles)
+
+
+def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
+    """Return the points in blocks.
+
+    Raises:
+        ConfigError: they are no whole blocks.
+    """
+    size = len(CHOPPED)
+    blocks = [points[at : at + size] for at in range(0, len(points), size)]
+    if not blocks or len(blocks[-1]) != size:
+        raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
+    return blocks
+
+
+def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
+    """Return the noise of a run from its blocks and from the scatter within all of its windows."""
+    window_s = settings.samples * settings.sample_interval_s
+    readings = min(point.n for point in points)
+    resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
+    std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
+    return block_noise(blocks, std_v, readings, window_s, window_s + settings.settle_s)
+
+
+def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
+    table = blocks_of([point for point in points if point.step == TABLE])
+    driven = blocks_of([point for point in points if point.step == DRIVEN])
+    magnitudes = settings.magnitudes_deg_s
+    if not len(table) == len(driven) == settings.cycles * len(magnitudes):
+        raise ConfigError(
+            f"expected {settings.cycles} times {len(magnitudes)} blocks, came {len(table)}, {len(driven)}"
+        )
+    of_table, of_driven = [block(each) for each in table], [block(each) for each in driven]
+    shape = settings.cycles, 2 * len(magnitudes)
+    by_hand = levels_by_hand(settings, points)
+    v_vc = [
+        measured_level(
+            [p for block in driven[i :: len(magnitudes)] for p in block if p.rate_deg_s == sign * rate], by_hand
+        )
+        for i, rate in enumerate(magnitudes)
+        for sign in (1.0, -1.0)
+    ]
+    zeros = [p for block in driven for p in (block[0], block[-1])]
+    scatter = [p.v_vc_std_v for block in driven for p in block if p.v_vc_std_v is not None]
+    count = 2 * settings.cycles * settings.samples
+    return _Levels(
+        np.array([sign * rate for rate in magnitudes for sign in (1.0, -1.0)]),
+        np.array([b.differences_v for b in of_table]).reshape(shape).mean(axis=0),
+        np.array([b.differences_v for b in of_driven]).reshape(shape).mean(axis=0),
+        np.array(v_vc),
+        measured_level(zeros, by_hand),
+        math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
+        noise_of(settings, [*of_table, *of_driven], points),
+        tuple(of_table),
+    )
+
+
+def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mapping[float, float]:
+    """Return V_Vc as the one multimeter measured it, V, by its setting; empty where it was known otherwise.
+
+    Raises:
+        ConfigError: it was not measured.
+    """
+    if settings.v_vc_role != "multimeter":
+        return {}
+    found = points.found(VvcMeasured) if isinstance(points, Measured) else ()
+    known = {step.v_vc_v: result.mean_v for step, result in found if isinstance(step, MeasureVvc)}
+    if not known:
+        raise ConfigError("V_Vc was not measured, and its setting was not said to be believed")
+    return known
+
+
+def certificate(settings: KVcSettings, results: KVcResult, made: Made) -> Kept | None:
+    """Return the certificate of the device that was named."""
+    if settings.dut is None:
+        return None
+    curve, error = results.curve, v_vc_error(settings)
+    shares = [
+        CurveShare(source=name, of=whose(name, error.name), dof=_dof(name, results.noise), covariance=part)
+        for name, part in results.curve_parts.items()
+    ]
+    known = Certificate(
+        serial=settings.dut,
+        issued=made.finished,
+        valid_until=made.finished + timedelta(days=settings.validity_days),
+        procedure="kvc",
+        k_vc=KvcCurve(
+            coefficients=curve.coefficients,
+            covariance=curve.covariance,
+            v_vc_min_v=curve.v_vc_low_v,
+            v_vc_max_v=curve.v_vc_high_v,
+            shares=tuple(shares),
+            lack_of_fit_deg_s=curve.lack_of_fit_deg_s,
+        ),
+        conditions=conditions(settings, made),
+        scale_factor_v_per_deg_s=results.scale_factor.kept(),
+        bias_v=results.bias.kept(),
+        unseen=UNSEEN,
+        remarks=(f"V_Vc is known by {results.v_vc_by}", *results.holds_not),
+    )
+    return Kept(known, settings.store.root)
+
+
+def k_vc_report(_settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
+    """Report the pairs, the curve, the budget of K_Vc, and what is in no uncertainty."""
+    columns = (
+        *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f"), Column("u", "V", ".1e")),
+        *(Column("rate - curve", "deg/s", ".1e"), Column("left", "V", ".1e")),
+    )
+    rows = [(p.rate_deg_s, p.v_vc_v, p.u_v_vc_v, p.residual_deg_s, p.left_v) for p in results.pairs]
+    curve, curved = results.curve, results.curvature
+    fits = f"chi-square {curve.chi_square:.1f}, {curve.dof} degrees of freedom, p = {curve.lack_of_fit_p or 0.0:.2g}"
+    second = f"{curved.second_per_v:.5g} (u {curved.u_second_per_v:.1g})"
+    third = f"{curved.third_per_v2:.5g} (u {curved.u_third_per_v2:.1g})"
+    words = [
+        said_of("K_Vc, small signals", results.k_vc),
+        "curve: " + ", ".join(f"k{i} = {k:.8g}" for i, k in enumerate(curve.coefficients)) + " (deg/s)/V^i",
+        f"  lack of fit {curve.lack_of_fit_deg_s:.1e} deg/s rms ({fits}); in no uncertainty",
+        f"modulator: V + {second} V^2 + {third} V^3",
+        said_of("scale factor on the table, small signals", results.scale_factor),
+        said_of("bias, generator off", results.bias),
+        f"V_Vc is known by {results.v_vc_by}",
+    ]
+    rate = Axis("rate", "deg/s")
+    left = Series("rate - curve", [p.rate_deg_s for p in results.pairs], [p.residual_deg_s for p in results.pairs])
+    return Report(
+        [
+            Table(columns, rows, "V_Vc with the same zero-subtracted output as the table"),
+            Text("\n".join(words)),
+            budget_table("K_Vc", results.k_vc),
+            Figure("What the curve leaves over", rate, Axis("rate - curve", "deg/s"), [left]),
+            Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
+            Text("what a self-calibration by this K_Vc cannot see:\n" + "\n".join(f"  {each}" for each in UNSEEN)),
+        ]
+    )

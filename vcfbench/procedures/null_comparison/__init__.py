@@ -1,0 +1,1 @@
+"""V_Vc and table compared at equal outputs, at rates of both signs."""

@@ -1,0 +1,535 @@
+"""The scale factor of every window of a modulation, that of the whole run, and what the true rate felt of it.
+
+All comes from the phasors of the output over those of V_Vc. A curved chain (modulator, output stage) makes three times
+as much of the fundamental as of the third harmonic, and moves the mean by as much as the second: both are read off
+the record and taken out, so that of the curve of K_Vc its slope at 0 V is all that is needed.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+from statistics import median
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.allan import allan_deviation, averaging_factors
+from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.plans.steps import ModulatedRecord, SampleModulated
+from vcfbench.procedures.known.v_vc import meter_error, v_vc_error
+from vcfbench.procedures.kvc.results import METER_GAIN, V_VC_GAIN, V_VC_NOISE
+from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.self_calibration.results import READINGS, Drift, drift_of, drift_parts, shares_of
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.plans.measured import Measured
+    from vcfbench.procedures.online.plan import OnlineSettings
+
+__all__ = ["AllanOfScaleFactor", "OnlineResult", "WindowFactor", "online_report", "online_results"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_U_SHARE = 0.05
+"""Standard uncertainty of the share of the in-phase mode in the response at rest."""
+_SCATTER = 3.0
+"""Times by which a burst may scatter more than the others."""
+_SWING = 0.05
+"""Part by which its sine may be another than theirs: the scale factor of a gyroscope that is warm moves by far less."""
+_SURE = math.cos(math.radians(60.0))
+"""Of a phase between output and V_Vc that tells the sign of the scale factor."""
+
+_HOLDS_NOT = (
+    "what K_Vc itself is made of: see what this method cannot see",
+    "what temperature changed since the certificate, in K_Vc",
+    "a true rate that changes at the frequency of the modulation itself: it cannot be told from it",
+    "curvature of fifth order and higher; harmonics of the generator where V_Vc is not measured",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WindowFactor:
+    """The scale factor of one window, whose middle is `t_s` after the modulation began to be sampled.
+
+    `u_readings` is what its own readings leave; `u` holds what is common to all windows as well.
+    """
+
+    t_s: float
+    scale_factor_v_per_deg_s: float
+    u_readings: float
+    u: float
+
+
+@dataclass(frozen=True, slots=True)
+class AllanOfScaleFactor:
+    """Allan deviation of the windows' scale factors over their mean, ppm, with its bounds (68 %).
+
+    `noise_ppm` is what the noise of the readings alone would make of it.
+    """
+
+    tau_s: float
+    deviation_ppm: float
+    low_ppm: float
+    high_ppm: float
+    noise_ppm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnlineResult:
+    """What a calibration while measuring came to."""
+
+    scale_factor: Measurand
+    """Of small signals about the true rate, mean over the modulation, V/(deg/s)."""
+    disturbance: Measurand
+    """True rate as read under the modulation, which is taken out, less that read with V_Vc at rest, deg/s."""
+    disturbed_by_less_than_deg_s: float
+    """Size of the disturbance and its expanded uncertainty."""
+    windows: tuple[WindowFactor, ...]
+    allan: tuple[AllanOfScaleFactor, ...]
+    chi_square: float
+    """Of the windows about their mean, by `u_readings`."""
+    dof: int
+    rate_t_s: tuple[float, ...]
+    """Middles of the bursts, as the windows' times."""
+    rate_change_deg_s: tuple[float, ...]
+    """True rate of each burst less the mean at rest, deg/s."""
+    noise_at_rest_deg_s: float
+    noise_modulated_deg_s: float
+    """Standard deviation of single readings, the fitted sine taken out."""
+    virtual_rate_deg_s: float
+    """Amplitude of the virtual rate."""
+    v_vc_amplitude_v: float
+    rectified_deg_s: float
+    """What curvature makes of the sine at rate zero; it is taken out."""
+    compression_ppm: float
+    """What curvature takes from the fundamental; it is given back."""
+    response_ppm: float
+    """By how much the response at the frequency exceeds that at rest; it is divided out."""
+    lost_share: float
+    """Of the time between first and last reading, in which nothing was read."""
+    k_vc_from: str
+    v_vc_by: str
+    unseen: tuple[str, ...]
+    holds_not: tuple[str, ...]
+    drift: Drift | None
+    """Since the last entry of the device; None where there is none."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys."""
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.value, "e_n": self.drift.e_n}
+        return {"scale_factor_v_per_deg_s": self.scale_factor.value, **drift}
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of those that have one."""
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
+        return {"scale_factor_v_per_deg_s": self.scale_factor.expanded_u, **drift}
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """The records of a run, fitted: output and V_Vc of each burst, means at rest, and the sign of the scale factor."""
+
+    begin_s: tuple[float, ...]
+    output: tuple[Demodulated, ...]
+    v_vc: tuple[Demodulated, ...]
+    """One a burst; the same for all, where V_Vc was measured by hand; none where it is believed."""
+    rest_begin_s: tuple[float, ...]
+    rest_v: tuple[float, ...]
+    rest_rms_v: float
+    rest_v_vc_v: float
+    length_s: float
+    sign: float
+
+
+def _sampled(measured: Measured) -> list[tuple[SampleModulated, ModulatedRecord]]:
+    found = measured.found(ModulatedRecord)
+    return [(step, record) for step, record in found if isinstance(step, SampleModulated)]
+
+
+def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
+    sampled = _sampled(measured)
+    modulated = [record for step, record in sampled if step.amplitude_v and step.of != "v_vc"]
+    rest = [record for step, record in sampled if not step.amplitude_v and step.of != "v_vc"]
+    frequency_hz, windows = settings.modulation_hz, settings.windows_a_burst
+    output = [
+        _demodulated(f"burst {number} of {len(modulated)}", each, frequency_hz, windows)
+        for number, each in enumerate(modulated, 1)
+    ]
+    _require_alike(output, settings.meter_resolution_v)
+    _require_rest(rest, median(each.residual_rms for each in output), settings.meter_resolution_v)
+    by_hand = [record for step, record in sampled if step.of == "v_vc" and step.amplitude_v]
+    sines = [each for each in modulated if each.v_vc_v] or by_hand
+    v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
+    at_rest = [each.v_vc_v for step, each in sampled if not step.amplitude_v and each.v_vc_v]
+    means = [math.fsum(each) / len(each) for each in at_rest]
+    return _Run(
+        begin_s=tuple(each.output_t_s for each in modulated),
+        output=tuple(output),
+        v_vc=tuple(v_vc * len(output) if by_hand else v_vc),
+        rest_begin_s=tuple(each.output_t_s for each in rest),
+        rest_v=tuple(math.fsum(each.output_v) / len(each.output_v) for each in rest),
+        rest_rms_v=math.sqrt(math.fsum(float(np.var(each.output_v)) for each in rest) / len(rest)),
+        rest_v_vc_v=math.fsum(means) / len(means) if means else 0.0,
+        length_s=settings.burst_readings * settings.aperture_s,
+        sign=_sign(settings, modulated, output, v_vc if not by_hand else []),
+    )
+
+
+def _demodulated(name: str, record: ModulatedRecord, frequency_hz: float, windows: int) -> Demodulated:
+    """Fit the output of a burst; MeasurementError where the sine is not in it: a lead may be off."""
+    try:
+        return demodulated(record.output_v, record.aperture_s, frequency_hz, windows)
+    except ConfigError as error:
+        raise MeasurementError(f"{name}: {error.what}", instrument="multimeter") from error
+
+
+def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
+    """See that no burst scatters, or swings, unlike the others: a lead that came off, a reading that was disturbed.
+
+    Raises:
+        MeasurementError: one does.
+    """
+    scatter_v, swing_v = median(each.residual_rms for each in output), median(each.phasors[0].real for each in output)
+    for number, each in enumerate(output, 1):
+        if each.residual_rms > _SCATTER * max(scatter_v, resolution_v):
+            said = f"scatters by {each.residual_rms:.2g} V about its sine, the others by {scatter_v:.2g} V"
+        elif abs(each.phasors[0].real - swing_v) > _SWING * swing_v:
+            said = f"swings by {each.phasors[0].real:.4g} V, the others by {swing_v:.4g} V"
+        else:
+            continue
+        raise MeasurementError(f"burst {number} of {len(output)} {said}", instrument="multimeter")
+
+
+def _require_rest(rest: Sequence[ModulatedRecord], scatter_v: float, resolution_v: float) -> None:
+    """See that no record at rest scatters unlike those with the sine: the disturbance is told from them.
+
+    Raises:
+        MeasurementError: one does.
+    """
+    for number, each in enumerate(rest, 1):
+        rms_v = float(np.std(each.output_v))
+        if rms_v > _SCATTER * max(scatter_v, resolution_v):
+            said = f"scatters by {rms_v:.2g} V, those with the sine by {scatter_v:.2g} V about it"
+            raise MeasurementError(f"record {number} of {len(rest)} at rest {said}", instrument="multimeter")
+
+
+def _sign(
+    settings: OnlineSettings,
+    records: Sequence[ModulatedRecord],
+    output: Sequence[Demodulated],
+    v_vc: Sequence[Demodulated],
+) -> float:
+    """Return the sign of the output per V of V_Vc: by the phase, or as expected where V_Vc was not sampled beside."""
+    gyro = settings.expected_gyro()
+    if not v_vc:
+        return math.copysign(1.0, gyro.scale_factor * settings.known.k_vc.coefficients[1])
+    speed = 2.0 * math.pi * settings.modulation_hz
+    turned = [
+        cmath.exp(1j * (out.phase_rad - into.phase_rad - speed * (record.output_t_s - record.v_vc_t_s)))
+        for record, out, into in zip(records, output, v_vc, strict=True)
+    ]
+    sign = math.copysign(1.0, turned[0].real)
+    for number, each in enumerate(turned, 1):
+        if sign * each.real < _SURE:
+            own_deg, first_deg = (math.degrees(cmath.phase(angle)) for angle in (each, turned[0]))
+            angles = f"{own_deg:.0f} degrees, in the first {first_deg:.0f}"
+            raise MeasurementError(
+                f"in burst {number} of {len(turned)} output and V_Vc are apart by {angles}: they must be in phase, or "
+                "opposed, in all",
+                instrument="multimeter",
+            )
+    return sign
+
+
+@dataclass(frozen=True, slots=True)
+class _Gain:
+    """The gain of small signals without its sign: output per V_Vc, the response taken out, and what it rests on."""
+
+    windows: Floats
+    """V/V."""
+    u_readings: float
+    """Of one window."""
+    value: float
+    u_mean_readings: float
+    u_third: float
+    """What the noise of the third harmonic leaves."""
+    u_v_vc: float
+    response: float
+    amplitude_v: float
+    offset_v: float
+    """Mean V_Vc."""
+    compression: float
+    dof: float
+
+
+def _gain(settings: OnlineSettings, run: _Run) -> _Gain:
+    response = static_response(*_modes(settings, 1))
+    third_response = static_response(*_modes(settings, 3))
+    amplitude_v = np.array([each.phasors[0].real for each in run.v_vc] or [settings.amplitude_v] * len(run.output))
+    windows_v = np.array([each.in_phase for each in run.output]) / response
+    slope = float(np.mean(windows_v.mean(axis=1) / amplitude_v))
+    sines = run.v_vc or (None,) * len(run.output)
+    third_v = [
+        out.phasors[2].real / third_response - (0.0 if into is None else slope * into.phasors[2].real)
+        for out, into in zip(run.output, sines, strict=True)
+    ]
+    third = float(np.mean(third_v))
+    offset_v = np.array([0.0 if into is None else into.mean for into in sines])
+    bent_v = 4.0 * float(np.mean(_second_v(settings, run, slope))) * offset_v / amplitude_v
+    gains = (windows_v - 3.0 * third - run.sign * bent_v[:, None]) / amplitude_v[:, None]
+    count, readings = len(run.output), settings.burst_readings
+    middle_v = float(amplitude_v.mean())
+    variance = math.fsum(each.variance(1, settings.window_readings) for each in run.output) / count
+    variance_third = math.fsum(each.variance(3, readings) for each in run.output) / count
+    own = {id(each): each for each in run.v_vc}.values()
+    of_v_vc = math.sqrt(math.fsum(each.variance(1, readings) for each in own)) / len(own) if own else 0.0
+    return _Gain(
+        windows=gains.ravel(),
+        u_readings=math.sqrt(variance) / middle_v,
+        value=float(gains.mean()),
+        u_mean_readings=math.sqrt(variance / gains.size) / middle_v,
+        u_third=3.0 * math.sqrt(variance_third / count) / middle_v,
+        u_v_vc=float(gains.mean()) * of_v_vc / middle_v,
+        response=response,
+        amplitude_v=middle_v,
+        offset_v=float(offset_v.mean()),
+        compression=3.0 * third / middle_v / float(gains.mean()),
+        dof=2.0 * sum(each.lines[0] for each in run.output),
+    )
+
+
+def _second_v(settings: OnlineSettings, run: _Run, gain: float) -> list[float]:
+    """Return the second harmonic that curvature makes, V, for each burst: by as much it moves the mean.
+
+    The slope of the same curvature at a mean V_Vc of v is 4 v / amplitude^2 times that.
+    """
+    response, signed = static_response(*_modes(settings, 2)), run.sign * gain
+    sines = run.v_vc or (None,) * len(run.output)
+    return [
+        out.phasors[1].real / response - (0.0 if into is None else signed * into.phasors[1].real)
+        for out, into in zip(run.output, sines, strict=True)
+    ]
+
+
+def _modes(settings: OnlineSettings, order: int) -> tuple[float, float, float, float]:
+    return order * settings.modulation_hz, settings.split_hz, settings.in_phase_split_hz, settings.in_phase_share
+
+
+def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult:
+    """Return the scale factor of the windows and of the run, and the disturbance of the true rate."""
+    run = _fitted(settings, measured)
+    gain = _gain(settings, run)
+    k_vc = settings.known.k_vc.coefficients[1]
+    own, common = _parts(settings, gain, k_vc)
+    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common])
+    u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
+    factors = gain.windows * run.sign / k_vc
+    started_s, window_s = run.begin_s[0], settings.window_readings * settings.aperture_s
+    times_s = [
+        begin_s - started_s + (place + 0.5) * window_s
+        for begin_s in run.begin_s
+        for place in range(settings.windows_a_burst)
+    ]
+    left = (factors - factors.mean()) / u_readings
+    disturbance, rectified, changes = _disturbance(settings, run, gain, scale_factor.value)
+    reference = settings.known.reference
+    size = abs(scale_factor.value)
+    lasted_s = run.begin_s[-1] + run.length_s - started_s
+    return OnlineResult(
+        scale_factor=scale_factor,
+        disturbance=disturbance,
+        disturbed_by_less_than_deg_s=abs(disturbance.value) + disturbance.expanded_u,
+        windows=tuple(
+            WindowFactor(t_s, float(each), u_readings, math.hypot(u_readings, u_common))
+            for t_s, each in zip(times_s, factors, strict=True)
+        ),
+        allan=_allan(factors, window_s, u_readings),
+        chi_square=float(left @ left),
+        dof=factors.size - 1,
+        rate_t_s=tuple(each - started_s + 0.5 * run.length_s for each in run.begin_s),
+        rate_change_deg_s=tuple(changes.tolist()),
+        noise_at_rest_deg_s=run.rest_rms_v / size,
+        noise_modulated_deg_s=math.sqrt(math.fsum(each.residual_rms**2 for each in run.output) / len(run.output))
+        / size,
+        virtual_rate_deg_s=abs(k_vc) * gain.amplitude_v,
+        v_vc_amplitude_v=gain.amplitude_v,
+        rectified_deg_s=rectified,
+        compression_ppm=1e6 * gain.compression,
+        response_ppm=1e6 * (gain.response - 1.0),
+        lost_share=1.0 - len(run.begin_s) * run.length_s / lasted_s,
+        k_vc_from=settings.known.source,
+        v_vc_by=v_vc_error(settings).name,
+        unseen=settings.known.unseen,
+        holds_not=(*settings.known.holds_not, *_HOLDS_NOT),
+        drift=None if reference is None else drift_of(scale_factor, reference, None),
+    )
+
+
+def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Part], list[Part]]:
+    """Return what the readings put into the uncertainty of the scale factor, and what is common to all windows."""
+    size = abs(gain.value / k_vc)
+    meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
+    own = [
+        Part(READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
+        Part("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
+    ]
+    common = [
+        Part(METER_GAIN, size * meter.u_gain, None, meter.name),
+        Part(_RESPONSE, size * _u_response(settings, gain)),
+    ]
+    if gain.u_v_vc:
+        common.append(Part(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
+    same_meter = False
+    known = settings.known
+    for name, of, dof, covariance in shares_of(known.k_vc):
+        if of is not None and of == error.name and settings.v_vc_role is not None:
+            same_meter = True  # its volts were those of the certificate: its errors are in the curve already
+            continue
+        u = size * math.sqrt(max(0.0, float(covariance[1, 1]))) / abs(k_vc)  # a share of none may round below 0
+        common.append(Part(f"certificate: {name}", u, dof, of or f"{known.source}: {name}"))
+    if not same_meter:
+        common.append(Part(V_VC_GAIN, size * error.u_gain, None, error.name))
+    return own, common
+
+
+_RESPONSE = "response at the frequency of the modulation"
+
+
+def _u_response(settings: OnlineSettings, gain: _Gain) -> float:
+    """Return the relative uncertainty of the response: that of split and share of the modes."""
+    relative = math.hypot(2.0 * settings.u_split_hz / settings.split_hz, _U_SHARE / (1.0 - settings.in_phase_share))
+    return (gain.response - 1.0) * relative
+
+
+def _disturbance(
+    settings: OnlineSettings, run: _Run, gain: _Gain, scale_factor: float
+) -> tuple[Measurand, float, Floats]:
+    """Return the disturbance, what was taken out as rectified (deg/s), and the change of the rate in each burst."""
+    signed = gain.value * run.sign
+    rectified_v = float(np.mean(_second_v(settings, run, gain.value)))
+    shift_v = signed * (gain.offset_v - run.rest_v_vc_v)
+    means_v = np.array([each.mean for each in run.output]) - rectified_v - shift_v
+    rest_v = math.fsum(run.rest_v) / len(run.rest_v)
+    size, count = abs(scale_factor), len(run.output)
+    changes = (means_v - rest_v) / scale_factor
+    variance_mean = 0.5 * math.fsum(each.variance(1, settings.burst_readings) for each in run.output) / count
+    white = variance_mean * (1.0 / count + 1.0 / len(run.rest_v))
+    flicker, dof = _flicker(settings, run, means_v, variance_mean, size)
+    of_second = math.fsum(each.variance(2, settings.burst_readings) for each in run.output) / count**2
+    parts = [
+        Part("noise of the means", math.sqrt(white) / size, gain.dof),
+        Part("flicker between modulation and rest", flicker, dof),
+        Part("noise of the second harmonic", math.sqrt(of_second) / size, gain.dof),
+    ]
+    if not run.v_vc:
+        offset_v = math.sqrt(2.0) * v_vc_error(settings).u_offset_v
+        parts.append(Part("offset of the generator, sine against direct voltage", gain.value * offset_v / size))
+    return measurand(float(changes.mean()), "deg/s", parts), rectified_v / scale_factor, changes
+
+
+def _flicker(
+    settings: OnlineSettings, run: _Run, means_v: Floats, variance_mean: float, size: float
+) -> tuple[float, float]:
+    """Return what flicker leaves in the difference to rest, deg/s, and its degrees of freedom.
+
+    It is found from the differences of successive bursts, and is not less than ``[uncertainty]`` says of the gyroscope.
+    """
+    allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
+    b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
+    told = settings.station.sources.bias_instability_deg_h
+    if told is not None:
+        b_squared = max(b_squared, (told / 3600.0) ** 2)
+    rest, count = len(run.rest_v), means_v.size
+    share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)
+    return math.sqrt(b_squared * share), float(count - 1)
+
+
+def _allan(factors: Floats, window_s: float, u_readings: float) -> tuple[AllanOfScaleFactor, ...]:
+    mean = abs(float(factors.mean()))
+    if factors.size < 3:
+        return ()
+    curve = allan_deviation(1e6 * factors / mean, window_s, averaging_factors(factors.size, 2))
+    return tuple(
+        AllanOfScaleFactor(
+            each.tau_s, each.deviation, each.low, each.high, 1e6 * u_readings / mean * math.sqrt(window_s / each.tau_s)
+        )
+        for each in curve
+    )
+
+
+def online_report(_settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:
+    """Report scale factor, disturbance, the windows, and their Allan deviation."""
+    disturbance = results.disturbance
+    scatter = f"chi-square {results.chi_square:.1f} for {results.dof} degrees of freedom"
+    sine = f"virtual rate {results.virtual_rate_deg_s:.4g} deg/s, V_Vc {results.v_vc_amplitude_v:.6g} V"
+    less = f"disturbed by less than {results.disturbed_by_less_than_deg_s:.2g} deg/s (95 %)"
+    noise = f"{results.noise_at_rest_deg_s:.2g} deg/s at rest, {results.noise_modulated_deg_s:.2g} modulated"
+    curvature = f"{results.compression_ppm:+.0f} ppm of curvature, {results.response_ppm:+.0f} ppm of response"
+    words = [
+        said_of("scale factor, small signals", results.scale_factor),
+        f"{len(results.windows)} windows scatter with {scatter}; {sine}",
+        f"true rate under modulation less at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
+        f"  u is made of {', '.join(f'{each.source} {each.u:.1g}' for each in disturbance.parts)} deg/s",
+        f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
+        f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
+        f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+    ]
+    parts = [
+        Text("\n".join(words)),
+        _window_table(results),
+        budget_table("the scale factor", results.scale_factor),
+        *([] if results.drift is None else drift_parts(results.drift)),
+        *_figures(results),
+        Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
+    ]
+    if results.unseen:
+        parts.append(Text("what this method cannot see:\n" + "\n".join(f"  {each}" for each in results.unseen)))
+    return Report(parts)
+
+
+def _window_table(results: OnlineResult) -> Table:
+    columns = (
+        *(Column("t", "s", ".1f"), Column("scale factor", "V/(deg/s)", ".8f")),
+        *(Column("u of its readings", "ppm", ".1f"), Column("u", "ppm", ".1f")),
+    )
+    rows = [
+        (each.t_s, each.scale_factor_v_per_deg_s, _ppm(each.u_readings, each), _ppm(each.u, each))
+        for each in results.windows
+    ]
+    return Table(columns, rows, "scale factor, window after window")
+
+
+def _ppm(u: float, window: WindowFactor) -> float:
+    return 1e6 * u / abs(window.scale_factor_v_per_deg_s)
+
+
+def _figures(results: OnlineResult) -> list[Figure]:
+    mean = results.scale_factor.value
+    times = [each.t_s for each in results.windows]
+    ppm = [1e6 * (each.scale_factor_v_per_deg_s / mean - 1.0) for each in results.windows]
+    factors = Series("window", times, ppm, [_ppm(each.u_readings, each) for each in results.windows])
+    rate = Series("burst", results.rate_t_s, results.rate_change_deg_s)
+    figures = [
+        Figure("Scale factor over time", Axis("time", "s"), Axis("scale factor less its mean", "ppm"), [factors]),
+        Figure("True rate, modulation taken out", Axis("time", "s"), Axis("rate less that at rest", "deg/s"), [rate]),
+    ]
+    rows = [each for each in results.allan if each.deviation_ppm > 0.0]
+    if rows:
+        tau = [each.tau_s for each in rows]
+        low, high = [each.low_ppm for each in rows], [each.high_ppm for each in rows]
+        curve = Series("windows", tau, [each.deviation_ppm for each in rows], low=low, high=high)
+        noise = Series("noise of the readings alone", tau, [each.noise_ppm for each in rows], kind="line")
+        axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "ppm", "log")
+        figures.append(
+            Figure(
+                "Allan deviation of the scale factor", *axes, [curve, noise], "The band holds the true value with 95 %."
+            )
+        )
+    return figures

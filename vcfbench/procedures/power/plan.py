@@ -1,0 +1,318 @@
+"""The supply of the gyroscope: currents from the first instant, what it draws, and what its rails do to the output.
+
+Three parts: power-on with the currents of all rails and the output read as fast as supply and meter go; the steady
+currents when it is warm; and each rail moved up and down within the limits of the bench, chopped 0, +, -, -, +, 0
+against drift, with bias and scale factor taken each time (by V_Vc of both signs, or by the table).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta, structs
+
+from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.clock import sleep
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.step import Effect, Reading, Step
+from vcfbench.plans.steps import (
+    CheckRails,
+    ConfigureMeter,
+    ConfigureRail,
+    DisableSupply,
+    DisableVvc,
+    EnableSupply,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+)
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.power.results import Drawn, RailsDrawn, RailsLogged, power_report, power_results
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import go_to_rate, look_at_drive, rails_of, set_v_vc, take, v_vc_on
+from vcfbench.procedures.zero.plan import AtRestSettings, held_at_rest, off_afterwards, source_off, told_scale_factor
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.plans.step import Context, Routine
+
+__all__ = ["POWER", "MeasureRails", "PowerSettings", "RailOnAndLog", "SuppliedAndLogged", "plan"]
+
+_QUICK_NPLC = 1.0
+_ROUND_S = 0.05
+"""The least time from one round of readings to the next; most supplies need more for their currents."""
+
+Order = Literal["together", "positive", "negative"]
+Varied = Literal["positive", "negative", "both"]
+
+
+class By(Enum):
+    """What the scale factor is taken with."""
+
+    V_VC = "v-vc"
+    TABLE = "table"
+
+
+class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
+    """What the test of the supply is told beside what all procedures are."""
+
+    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
+    orders: Annotated[
+        tuple[Order, ...],
+        Meta(
+            min_length=1,
+            max_length=6,
+            description="power-on: both rails together, or this one first; only what the PCB bears",
+        ),
+    ] = ("together",)
+    order_delay_s: Annotated[float, Meta(ge=0.1, le=600.0, description="from the first rail to the second")] = 1.0
+    log_s: Annotated[float, Meta(ge=1.0, le=600.0, description="how long a power-on is followed")] = 10.0
+    off_s: Annotated[float, Meta(ge=1.0, le=3600.0, description="without power between two of them")] = 10.0
+    valid_tolerance_deg_s: Annotated[
+        float, Meta(ge=1e-3, le=1e3, description="the output is valid when it stays so close to what it comes to")
+    ] = 1.0
+    rails_varied: Annotated[
+        tuple[Varied, ...], Meta(min_length=1, max_length=3, description="which rails are moved, by themselves or both")
+    ] = ("positive", "negative", "both")
+    rail_step_v: Annotated[
+        float, Meta(ge=0.05, le=5.0, description="how far a rail is moved either way, within the limits")
+    ] = 0.2
+    by: Annotated[
+        By, Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True})
+    ] = By.V_VC
+    level_deg_s: Annotated[
+        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
+    ] = 200.0
+    cycles: Annotated[int, Meta(ge=1, le=100, description="times that each rail is moved up and down")] = 2
+
+    @property
+    def level_v(self) -> float:
+        """The V_Vc that stands for the rate, V."""
+        return self.level_deg_s / self.k_vc_guess_deg_s_per_v
+
+    def moved(self, which: Varied, step_v: float) -> PowerSettings:
+        """Return these settings with the rails `which` so much larger, V."""
+        positive = step_v if which in {"positive", "both"} else 0.0
+        negative = step_v if which in {"negative", "both"} else 0.0
+        return structs.replace(
+            self, positive_rail_v=self.positive_rail_v + positive, negative_rail_v=self.negative_rail_v - negative
+        )
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        limits = self.station.limits
+        low_v, high_v = limits.min_rail_v, limits.max_rail_v
+        if low_v is not None and high_v is not None:
+            for rail_v in (self.positive_rail_v, -self.negative_rail_v):
+                if not low_v <= rail_v - self.rail_step_v <= rail_v + self.rail_step_v <= high_v:
+                    most_v = min(rail_v - low_v, high_v - rail_v)
+                    yield InvalidValue(
+                        "rail_step_v", f"at most {most_v:g} V, for the limits of the rails", self.rail_step_v
+                    )
+        if self.by is By.TABLE and limits.max_rate_deg_s is None:
+            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
+        if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
+            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
+
+
+class SuppliedAndLogged(EnableSupply, frozen=True):
+    """Switch the supply on; from then on currents and output are read as fast as they come, for `seconds`."""
+
+    rails: tuple[ConfigureRail, ...]
+    seconds: float
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"supply outputs on; currents and output as fast as they come for {self.seconds:g} s"
+
+    @property
+    def physical_s(self) -> float:
+        """The log, s."""
+        return self.seconds
+
+    def perform(self, context: Context) -> Any:
+        """Switch on and read."""
+        begun_s = context.bench.clock.now()
+        context.bench.power.enable_outputs()
+        return _log(context, self.rails, begun_s, self.seconds)
+
+    def predict(self, gyro: LinearGyro) -> Any:
+        """Predict rails that draw nothing and an output that is there at once."""
+        return _predicted(self.rails, self.seconds, gyro)
+
+
+class RailOnAndLog(ConfigureRail, frozen=True):
+    """Set a rail to its level while the outputs are on, and log as :class:`SuppliedAndLogged` does."""
+
+    rails: tuple[ConfigureRail, ...]
+    seconds: float
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"{ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
+
+    @property
+    def physical_s(self) -> float:
+        """The log, s."""
+        return self.seconds
+
+    def perform(self, context: Context) -> Any:
+        """Set the level and read."""
+        begun_s = context.bench.clock.now()
+        ConfigureRail.perform(self, context)
+        return _log(context, self.rails, begun_s, self.seconds)
+
+    def predict(self, gyro: LinearGyro) -> Any:
+        """Predict rails that draw nothing and an output that is there at once."""
+        return _predicted(self.rails, self.seconds, gyro)
+
+
+def _log(context: Context, rails: tuple[ConfigureRail, ...], begun_s: float, seconds: float) -> RailsLogged:
+    clock, power, meter = context.bench.clock, context.bench.power, context.bench.multimeter
+    drawn, outputs = [], []
+    while (round_s := clock.now()) < begun_s + seconds:
+        for rail in rails:
+            current_a = power.measure_current_a(rail.output)  # its time is that of the answer
+            drawn.append(Drawn(clock.now(), rail.output, None, current_a))
+            outputs.append(Reading(clock.now(), context.believable(meter.read_voltage_v)))
+        sleep(clock, max(0.0, round_s + _ROUND_S - clock.now()))
+    return RailsLogged(begun_s, tuple(drawn), tuple(outputs))
+
+
+def _predicted(rails: tuple[ConfigureRail, ...], seconds: float, gyro: LinearGyro) -> RailsLogged:
+    times = [number * _ROUND_S for number in range(max(8, int(seconds / _ROUND_S)))]
+    drawn = tuple(Drawn(t_s, rail.output, None, 0.0) for t_s in times for rail in rails)
+    return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureRails(Step):
+    """Read voltage and current of each rail `samples` times, every `interval_s`."""
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "rails"
+
+    rails: tuple[ConfigureRail, ...]
+    samples: int
+    interval_s: float
+
+    def describe(self) -> str:
+        """Say what is read."""
+        return f"voltage and current of each rail, {self.samples} times, every {self.interval_s:g} s"
+
+    @property
+    def physical_s(self) -> float:
+        """The window, s."""
+        return self.samples * self.interval_s
+
+    def perform(self, context: Context) -> RailsDrawn:
+        """Read them; what the supply needs for it beyond the interval makes the window longer."""
+        clock, power = context.bench.clock, context.bench.power
+        drawn = []
+        for _ in range(self.samples):
+            begun_s = clock.now()
+            for rail in self.rails:
+                voltage_v, current_a = power.measure_voltage_v(rail.output), power.measure_current_a(rail.output)
+                drawn.append(Drawn(clock.now(), rail.output, voltage_v, current_a))
+            sleep(clock, max(0.0, begun_s + self.interval_s - clock.now()))
+        return RailsDrawn(tuple(drawn))
+
+    def predict(self, gyro: LinearGyro) -> RailsDrawn:
+        """Predict rails at their levels that draw nothing."""
+        del gyro
+        drawn = [Drawn(0.0, rail.output, rail.voltage_v, 0.0) for _ in range(self.samples) for rail in self.rails]
+        return RailsDrawn(tuple(drawn))
+
+
+def plan(settings: PowerSettings) -> Plan:
+    """Log power-on, read the steady currents, and move the rails."""
+    yield from told_scale_factor(settings)
+    return (yield from off_afterwards(settings, held_at_rest(settings, _tested(settings))))
+
+
+def _tested(settings: PowerSettings) -> Routine[Outcome]:
+    yield ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
+    yield from source_off(settings)
+    for number, order in enumerate(settings.orders):
+        yield from _powered_on(settings, order)
+        if number + 1 < len(settings.orders):
+            yield DisableSupply()
+            yield Settle(settings.off_s, "rails and drive come to rest")
+    rails = rails_of(settings)
+    yield Settle(settings.start_up_s, "warm-up")
+    yield CheckRails(rails, settings.rail_tolerance_v)
+    yield from look_at_drive(settings)
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield Note("Steady currents")
+    yield MeasureRails(rails, settings.samples, settings.sample_interval_s)
+    for which in settings.rails_varied:
+        for cycle in range(settings.cycles):
+            yield Note(f"Rails moved: {which}, {settings.rail_step_v:g} V either way, cycle {cycle + 1}")
+            for sign in CHOPPED:
+                yield from _at_rails(settings.moved(which, sign * settings.rail_step_v))
+    yield from _set_rails(settings)
+    return Outcome(f"power-on in {len(settings.orders)} orders, {len(settings.rails_varied)} rails moved")
+
+
+def _powered_on(settings: PowerSettings, order: Order) -> Routine[None]:
+    """Switch on and log; the rail that comes second is at 0 V first."""
+    yield Note(f"Power-on: {'both rails together' if order == 'together' else f'{order} rail first'}")
+    rails = rails_of(settings)
+    second = [rail for rail in rails if order not in {"together", rail.rail}]
+    for rail in rails:
+        yield structs.replace(rail, voltage_v=0.0) if rail in second else rail
+    yield SuppliedAndLogged(rails, settings.order_delay_s if second else settings.log_s)
+    for rail in second:
+        yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)
+
+
+def _set_rails(settings: PowerSettings) -> Routine[None]:
+    for rail in rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
+        yield rail
+    yield Settle(settings.settle_s, "gyro settles after the step of the rails")
+
+
+def _at_rails(settings: PowerSettings) -> Routine[None]:
+    """Take the output at rest and at the rate of both signs, on the rails of `settings`."""
+    yield from _set_rails(settings)
+    held = settings.station.limits.max_rate_deg_s is not None
+    table_deg_s = 0.0 if held else None
+    yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s)
+    level = settings.level_deg_s
+    if settings.by is By.TABLE:
+        for rate_deg_s, previous_deg_s in ((level, 0.0), (-level, level)):
+            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+            yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
+        yield from go_to_rate(settings, 0.0, previous_deg_s=-level)
+        return
+    yield from v_vc_on()
+    for rate_deg_s, wanted_v in ((level, settings.level_v), (-level, -settings.level_v)):
+        v_vc_v = yield from set_v_vc(settings, wanted_v)
+        yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)
+    yield DisableVvc()
+    yield Settle(settings.settle_s, "gyro settles, generator off")
+
+
+POWER = Procedure(
+    name="power",
+    title=BUILT_IN["power"][1],
+    method=(
+        "Currents of both rails are logged from power-on, in the orders in which rails can come on, with the output "
+        "beside them; then each rail is stepped about its level, and what the output does gives the rejection of the "
+        "supply."
+    ),
+    settings=PowerSettings,
+    plan=plan,
+    results=power_results,
+    report=power_report,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
+)
+"""The test of the supply."""

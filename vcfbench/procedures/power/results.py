@@ -1,0 +1,419 @@
+"""What a test of the supply comes to: inrush, valid output, steady currents, sensitivity to each rail."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING
+
+from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
+from vcfbench.errors import ConfigError
+from vcfbench.models import find_model, resolve
+from vcfbench.plans.step import Reading, StepResult
+from vcfbench.plans.steps import Acquire, Window
+from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.zero.plan import scale_factor_used
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.specifications import SupplySpecification
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.analysis.chopped import BlockNoise
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Step
+    from vcfbench.procedures.power.plan import PowerSettings
+    from vcfbench.procedures.zero.results import ScaleFactor
+
+__all__ = [
+    "Drawn",
+    "PowerOn",
+    "PowerResult",
+    "RailCurrent",
+    "RailEffect",
+    "RailsDrawn",
+    "RailsLogged",
+    "power_report",
+    "power_results",
+]
+
+_A_STATE = 3
+"""Windows on one setting of the rails: at rest, at the rate, at the opposite rate."""
+_STEP_V, _STEP_A = 1.5e-3, 1e-4
+"""Resolution of the read-backs where the supply has no data sheet here: that of an E3631A (User's Guide p. 186)."""
+
+NOT_HELD = (
+    "The largest current at power-on is the largest that was read: a supply reads some ten times a second, the first "
+    "time 0.2 s after the command, and what is over sooner is not seen. Its u and those of the steady currents hold "
+    "the accuracy of the supply's own ammeter. The sensitivities hold noise, flicker and the read-back of the step; a "
+    "linear drift cancels. They do not hold the scale factor that turns volts into deg/s."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What one rail drew: bench time (s), the supply's output, voltage (V, None where it was not read), current (A)."""
+
+    t_s: float
+    output: str
+    voltage_v: float | None
+    current_a: float
+
+
+@dataclass(frozen=True, slots=True)
+class RailsLogged(StepResult):
+    """Currents and output from the bench time `t_s` on, at which a rail was told to come on, s."""
+
+    t_s: float
+    drawn: tuple[Drawn, ...]
+    outputs: tuple[Reading, ...]
+
+    def describe(self) -> str:
+        """Name the largest current."""
+        return f"{len(self.drawn)} currents, at most {max((each.current_a for each in self.drawn), default=0.0):.4g} A"
+
+
+@dataclass(frozen=True, slots=True)
+class RailsDrawn(StepResult):
+    """Voltages and currents of the rails, read in turn."""
+
+    drawn: tuple[Drawn, ...]
+
+    def describe(self) -> str:
+        """Name the mean current of each."""
+        outputs = dict.fromkeys(each.output for each in self.drawn)
+        means = {output: fmean(each.current_a for each in self.drawn if each.output == output) for output in outputs}
+        return ", ".join(f"{output} {current_a:.4f} A" for output, current_a in means.items())
+
+
+@dataclass(frozen=True, slots=True)
+class RailCurrent:
+    """What one rail takes: volts read back, steady current and the largest at power-on, each with its uncertainty."""
+
+    rail: str
+    output: str
+    voltage_v: float
+    current: Measurand
+    inrush: Measurand
+
+
+@dataclass(frozen=True, slots=True)
+class PowerOn:
+    """One power-on: which rail came first (`together`: none), and when the output was valid.
+
+    Times count from the last rail's command; `valid_output` is None where the output had not come to that when the log
+    ended. `t_s`, `current_a` are the log of each rail, `output_deg_s` that of the output, from what it comes to.
+    """
+
+    order: str
+    valid_output: Measurand | None
+    t_s: tuple[float, ...]
+    current_a: Mapping[str, tuple[float, ...]]
+    output_t_s: tuple[float, ...]
+    output_deg_s: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RailEffect:
+    """What moving rails does: `rails` by `step_v` either way (read back, positive is larger in size).
+
+    The slope is that from the lower to the higher level; `lowered` and `raised` are those of either half, which differ
+    where the weaker rail alone decides.
+    """
+
+    rails: str
+    step_v: float
+    scale_factor: Measurand
+    scale_factor_lowered: Measurand
+    scale_factor_raised: Measurand
+    bias: Measurand
+    bias_lowered: Measurand
+    bias_raised: Measurand
+
+
+@dataclass(frozen=True, slots=True)
+class PowerResult:
+    """What the test of the supply found."""
+
+    power_on: tuple[PowerOn, ...]
+    rails: tuple[RailCurrent, ...]
+    power: Measurand
+    effects: tuple[RailEffect, ...]
+    by: str
+    scale_factor_v_per_deg_s: ScaleFactor
+
+    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+        """Yield what a data sheet says of it, by its names."""
+        for rail in self.rails:
+            yield f"supply current, {rail.rail} rail", rail.current
+            yield f"largest current at power-on, {rail.rail} rail", rail.inrush
+        yield "power", self.power
+        for on in self.power_on:
+            if on.valid_output is not None:
+                yield f"time to valid output, {_words_of(on.order)}", on.valid_output
+        for effect in self.effects:
+            yield f"scale factor by {_rails_words(effect.rails)}", effect.scale_factor
+            yield f"bias by {_rails_words(effect.rails)}", effect.bias
+
+
+def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
+    """Return what the test came to."""
+    scale = scale_factor_used(settings, measured)
+    logged = measured.found(RailsLogged)
+    ((_, steady),) = measured.found(RailsDrawn)
+    rails = tuple(_current(settings, rail, output, steady, logged) for rail, output in _outputs(settings))
+    parts = [
+        Part(f"{part.source}, {each.rail} rail", abs(each.voltage_v) * part.u, part.dof, part.of)
+        for each in rails
+        for part in each.current.parts
+    ]
+    power_w = sum(abs(each.voltage_v) * each.current.value for each in rails)
+    return PowerResult(
+        power_on=tuple(_power_ons(settings, logged, scale)),
+        rails=rails,
+        power=measurand(power_w, "W", parts),
+        effects=tuple(_effects(settings, measured, scale)),
+        by=settings.by.value,
+        scale_factor_v_per_deg_s=scale,
+    )
+
+
+def _outputs(settings: PowerSettings) -> list[tuple[str, str]]:
+    return [(rail.rail, rail.output) for rail in settings.rails]
+
+
+def _current(
+    settings: PowerSettings,
+    rail: str,
+    output: str,
+    steady: RailsDrawn,
+    logged: Sequence[tuple[Step, RailsLogged]],
+) -> RailCurrent:
+    of = [each for each in steady.drawn if each.output == output]
+    currents = [each.current_a for each in of]
+    current_a = fmean(currents)
+    scatter = stdev(currents) / math.sqrt(len(currents))
+    peak_a = max(each.current_a for _, log in logged for each in log.drawn if each.output == output)
+    voltage_v = fmean(each.voltage_v for each in of if each.voltage_v is not None)
+    readings = Part("readings", max(scatter, _STEP_A / math.sqrt(12.0)), len(currents) - 1)
+    return RailCurrent(
+        rail,
+        output,
+        voltage_v,
+        measurand(current_a, "A", [readings, *_ammeter(settings, output, current_a)]),
+        measurand(peak_a, "A", [Part("resolution", _STEP_A / math.sqrt(12.0)), *_ammeter(settings, output, peak_a)]),
+    )
+
+
+def _sheet(settings: PowerSettings) -> SupplySpecification | None:
+    placed = settings.station.instruments.get("power")
+    row = None if placed is None else find_model(placed.model)
+    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
+    return sheet if isinstance(sheet, SupplySpecification) else None
+
+
+def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[Part]:
+    """Return what the supply's ammeter may be off; nothing where no data sheet tells it."""
+    sheet = _sheet(settings)
+    if sheet is None or output not in sheet.current:
+        return []
+    gain, offset_a = sheet.current[output]
+    of = f"{settings.station.instruments['power'].name}, {output}"
+    divisor = sheet.limit_sigmas or math.sqrt(3.0)
+    return [
+        Part("ammeter's gain", gain * abs(current_a) / divisor, None, of),
+        Part("ammeter's offset", offset_a / divisor, None, of),
+    ]
+
+
+def _power_ons(
+    settings: PowerSettings, logged: Sequence[tuple[Step, RailsLogged]], scale: ScaleFactor
+) -> Iterator[PowerOn]:
+    """Yield each power-on; one in two steps has two logs, of which the second tells of the output."""
+    logs = iter(log for _, log in logged)
+    for order in settings.orders:
+        first = next(logs)
+        last = first if order == "together" else next(logs)
+        drawn = first.drawn if last is first else (*first.drawn, *last.drawn)
+        yield _power_on(settings, order, drawn, last, scale)
+
+
+def _power_on(
+    settings: PowerSettings, order: str, drawn: Sequence[Drawn], last: RailsLogged, scale: ScaleFactor
+) -> PowerOn:
+    times = [each.t_s - last.t_s for each in last.outputs]
+    rates = [each.voltage_v / scale.value for each in last.outputs]
+    end = fmean(rates[-max(1, len(rates) // 4) :])
+    away = [rate - end for rate in rates]
+    currents = {
+        rail: tuple(each.current_a for each in drawn if each.output == output) for rail, output in _outputs(settings)
+    }
+    first_output = settings.rails[0].output
+    return PowerOn(
+        order,
+        valid_output(times, away, settings.valid_tolerance_deg_s),
+        tuple(each.t_s - last.t_s for each in drawn if each.output == first_output),
+        currents,
+        tuple(times),
+        tuple(away),
+    )
+
+
+def valid_output(times_s: Sequence[float], away_deg_s: Sequence[float], tolerance_deg_s: float) -> Measurand | None:
+    """Return from when on the output stays within the tolerance, s; None where that is not before the last quarter.
+
+    It is somewhere between the last reading that is off and the next, with equal chance anywhere.
+    """
+    off = [number for number, each in enumerate(away_deg_s) if abs(each) > tolerance_deg_s]
+    good = off[-1] + 1 if off else 0
+    if good >= len(times_s) - max(1, len(times_s) // 4):
+        return None
+    before_s = times_s[good - 1] if good else 0.0
+    width_s = times_s[good] - before_s
+    return measurand(before_s + 0.5 * width_s, "s", [Part("time between readings", width_s / math.sqrt(12.0))])
+
+
+def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) -> Iterator[RailEffect]:
+    """Yield what each of the rails does; the windows came in the order of the plan."""
+    windows = [(step, window) for step, window in measured.found(Window) if isinstance(step, Acquire)]
+    a_block = _A_STATE * len(CHOPPED)
+    if len(windows) != a_block * settings.cycles * len(settings.rails_varied):
+        raise ConfigError(f"{len(windows)} windows are not {settings.cycles} blocks for each of the rails")
+    blocks = [_Moved.of(windows[at : at + a_block], scale.value) for at in range(0, len(windows), a_block)]
+    std = math.sqrt(fmean(window.std_v**2 for _, window in windows)) / abs(scale.value)
+    window_s = settings.samples * settings.sample_interval_s
+    slot_s = _slot_s(measured)
+    bias_noise = block_noise([each.bias for each in blocks], std, settings.samples, window_s, slot_s)
+    size = fmean(each.slope.zero_v for each in blocks)
+    slope_std = std / (math.sqrt(2.0) * settings.level_deg_s * abs(size))
+    slopes = [Block(tuple(each / size for each in block.slope.outputs_v)) for block in blocks]
+    slope_noise = block_noise(slopes, slope_std, settings.samples, window_s, slot_s)
+    for number, rails in enumerate(settings.rails_varied):
+        of = slice(number * settings.cycles, (number + 1) * settings.cycles)
+        step = _step_v(settings, rails, blocks[of])
+        bias = _three([each.bias for each in blocks[of]], bias_noise, step, ("(deg/s)/V", 1.0))
+        slope = _three(slopes[of], slope_noise, step, ("ppm/V", 1e6))
+        yield RailEffect(rails, step[0], *slope, *bias)
+
+
+@dataclass(frozen=True, slots=True)
+class _Moved:
+    """One block: bias (deg/s) and slope (relative to the scale factor used) of each state; rail voltages read back."""
+
+    bias: Block
+    slope: Block
+    rails: tuple[Mapping[str, float], ...]
+
+    @classmethod
+    def of(cls, windows: Sequence[tuple[Acquire, Window]], scale: float) -> _Moved:
+        states = [windows[at : at + _A_STATE] for at in range(0, len(windows), _A_STATE)]
+        bias, slope, rails = [], [], []
+        for (_, rest), (at, plus), (_, minus) in states:
+            bias.append(rest.mean_v / scale)
+            slope.append((plus.mean_v - minus.mean_v) / (2.0 * at.rate_deg_s * scale))
+            seen = [{each.rail: each.voltage_v for each in window.rails} for window in (rest, plus, minus)]
+            rails.append({output: fmean(each[output] for each in seen) for output in seen[0]})
+        return cls(Block(tuple(bias)), Block(tuple(slope)), tuple(rails))
+
+
+def _slot_s(measured: Measured) -> float:
+    """Return the time from one state of the rails to the next, s."""
+    begins = [float(window.t_s[0]) for window in measured.readings.windows]
+    return (begins[-1] - begins[0]) / (len(begins) - 1) * _A_STATE
+
+
+def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[Part]]:
+    """Return by how much the rails were moved either way, V, as read back, and what that may be off, relative."""
+    outputs = [output for rail, output in _outputs(settings) if rails in {rail, "both"}]
+    half = [
+        0.5 * (abs(block.rails[CHOPPED.index(1)][output]) - abs(block.rails[CHOPPED.index(-1)][output]))
+        for block in blocks
+        for output in outputs
+    ]
+    step_v = fmean(half)
+    if step_v <= 0.0:
+        raise ConfigError(f"{rails}: the rails did not move, by their read-backs")
+    parts = [Part("step: resolution of the read-back", _STEP_V / math.sqrt(12.0 * 2.0) / step_v)]
+    sheet = _sheet(settings)
+    if sheet is not None:
+        gain = max(sheet.voltage[output][0] for output in outputs if output in sheet.voltage)
+        parts.append(Part("step: gain of the read-back", gain / (sheet.limit_sigmas or math.sqrt(3.0))))
+    return step_v, parts
+
+
+def _three(
+    blocks: Sequence[Block], noise: BlockNoise, step: tuple[float, list[Part]], told: tuple[str, float]
+) -> tuple[Measurand, Measurand, Measurand]:
+    """Return the slope over both halves, over the lower, over the upper."""
+    unit, factor = told
+    step_v, step_parts = step
+    plus = fmean(block.differences_v[0] for block in blocks)
+    minus = fmean(block.differences_v[1] for block in blocks)
+    (of_plus, both), (_, of_minus) = noise.covariance_v2
+    found = (
+        ((plus - minus) / (2.0 * step_v), math.sqrt(of_plus + of_minus - 2.0 * both) / (2.0 * step_v)),
+        (-minus / step_v, math.sqrt(of_minus) / step_v),
+        (plus / step_v, math.sqrt(of_plus) / step_v),
+    )
+    made = []
+    for value, u in found:
+        readings = Part("readings and flicker", abs(factor) * u / math.sqrt(len(blocks)), noise.dof)
+        of_step = [Part(each.source, abs(factor * value) * each.u, each.dof, each.of) for each in step_parts]
+        made.append(measurand(factor * value, unit, [readings, *of_step]))
+    return made[0], made[1], made[2]
+
+
+def _words_of(order: str) -> str:
+    return "both rails together" if order == "together" else f"{order} rail first"
+
+
+def _rails_words(rails: str) -> str:
+    return "both rails" if rails == "both" else f"the {rails} rail"
+
+
+def power_report(settings: PowerSettings, _measured: Measured, results: PowerResult) -> Report:
+    """Report power-on, currents and sensitivities."""
+    columns = (
+        Column("quantity", align="left"),
+        *(Column("value", format=".6g"), Column("u", format=".2g"), Column("U95", format=".2g")),
+        *(Column("unit", align="left"), Column("u is made of", align="left")),
+    )
+    rows = [
+        (name, each.value, each.u, each.expanded_u, each.unit, _made_of(each)) for name, each in results.quantities()
+    ]
+    halves = Table(
+        (
+            *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("", align="left")),
+            *(Column("lowered", format=".4g"), Column("u", format=".2g"), Column("raised", format=".4g")),
+            *(Column("u", format=".2g"), Column("unit", align="left")),
+        ),
+        [
+            (effect.rails, effect.step_v, name, low.value, low.u, high.value, high.u, low.unit)
+            for effect in results.effects
+            for name, low, high in (
+                ("scale factor", effect.scale_factor_lowered, effect.scale_factor_raised),
+                ("bias", effect.bias_lowered, effect.bias_raised),
+            )
+        ],
+        "of either half: they differ where the weaker rail alone decides",
+    )
+    late = [each.order for each in results.power_on if each.valid_output is None]
+    said = f"scale factor taken with {'V_Vc' if results.by == 'v-vc' else 'the table'}; for deg/s {_scale(results)}"
+    if late:
+        said += f"\nno valid output within {settings.log_s:g} s: {', '.join(map(_words_of, late))}"
+    return Report([Table(columns, rows), halves, Text(f"{said}\n{NOT_HELD}"), *map(_figure, results.power_on)])
+
+
+def _scale(results: PowerResult) -> str:
+    scale = results.scale_factor_v_per_deg_s
+    return f"{scale.value:.6g} V/(deg/s), {scale.source}"
+
+
+def _figure(on: PowerOn) -> Figure:
+    series = [Series(f"{rail} rail", on.t_s, currents) for rail, currents in on.current_a.items()]
+    return Figure(f"Power-on, {_words_of(on.order)}", Axis("time", "s"), Axis("current", "A"), series)
+
+
+def _made_of(quantity: Measurand) -> str:
+    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)

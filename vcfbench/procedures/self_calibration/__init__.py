@@ -1,0 +1,1 @@
+"""Recalibration without a table, by V_Vc and the device's certificate."""

@@ -1,0 +1,136 @@
+"""Recalibration without a table: scale factor, bias and non-linearity of a gyroscope from V_Vc alone, by its K_Vc.
+
+What a rate table once told of the device, the curve of K_Vc with its covariance, turns V_Vc into rates. The output is
+chopped at each level, 0, +, -, -, + and 0, the bias taken with the generator off. Neither table nor oscilloscope is
+needed: supply, generator, a multimeter, and where there is one a second on V_Vc.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
+
+from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
+from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings, Reference, level_for
+from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
+from vcfbench.procedures.self_calibration.results import (
+    AT_REST,
+    DRIVEN,
+    entry_of,
+    self_calibration_report,
+    self_calibration_results,
+)
+from vcfbench.procedures.sweep.agreement import MATCH_DRIFT, require_agreement
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.plans.step import Routine
+    from vcfbench.record.schema import Point
+
+__all__ = [
+    "SELF_CALIBRATION",
+    "KnownDevice",
+    "Reference",
+    "SelfCalibrationSettings",
+    "level_for",
+    "self_calibration",
+]
+
+
+class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
+    """What a self-calibration is told beside what all procedures are."""
+
+    virtual_rates_deg_s: Annotated[
+        tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")
+    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
+    max_drift_ppm: Annotated[
+        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
+        Meta(description="of the scale factor since the last entry, for the verdict; without it E_n decides"),
+    ] = None
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The rates without sign, each once, rising."""
+        return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
+            expected = "at least two rates of different size, none of them 0"
+            yield InvalidValue("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
+
+
+def self_calibration(settings: SelfCalibrationSettings) -> Plan:
+    """Calibrate by V_Vc alone."""
+    return (yield from energised(settings, _calibrated(settings)))
+
+
+def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
+    yield from look_at_drive(settings)
+    yield from ready_meters(settings)
+    curve, levels_v = settings.known.k_vc, {0.0: 0.0}
+    for rate_deg_s in settings.magnitudes_deg_s:
+        levels_v |= {signed: level_for(curve, signed, settings.rates_key) for signed in (rate_deg_s, -rate_deg_s)}
+    for cycle in range(settings.cycles):
+        for rate_deg_s in settings.magnitudes_deg_s:
+            yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: generator off, then V_Vc")
+            yield from _at_rest(settings)
+            yield from v_vc_on()
+            yield Settle(settings.settle_s, "gyro settles after the generator came on")
+            yield from _block(settings, rate_deg_s, levels_v)
+            yield DisableVvc()
+    yield from _at_rest(settings)
+    if settings.v_vc_role == "multimeter":
+        yield Note("V_Vc by the one multimeter, at every level that was used")
+        yield from v_vc_on()
+        yield from measured_levels(settings, levels_v.values())
+    return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
+
+
+def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:
+    yield Settle(settings.settle_s, "gyro settles, generator off")
+    yield from take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
+
+
+def _block(settings: SelfCalibrationSettings, rate_deg_s: float, levels_v: dict[float, float]) -> Routine[None]:
+    """Take a chopped block; its levels in `levels_v` become those that were read back."""
+    points: list[Point] = []
+    previous_v = 0.0
+    for sign in CHOPPED:
+        signed = sign * rate_deg_s
+        level_v = levels_v[signed]
+        if level_v != previous_v:
+            levels_v[signed] = level_v = yield from set_v_vc(settings, level_v)
+        points.append((yield from take_level(settings, DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)))
+        previous_v = level_v
+        if len(points) > 1:
+            require_agreement(points, settings, MATCH_DRIFT)
+
+
+SELF_CALIBRATION = Procedure(
+    name="self-calibration",
+    title=BUILT_IN["self-calibration"][1],
+    method=(
+        "Without a rate table: V_Vc is set to levels that stand, by the certificate of the device, for known rates, "
+        "and the output is read at each. A least-squares line gives scale factor, bias and linearity, which are "
+        "compared with the device's last entry."
+    ),
+    settings=SelfCalibrationSettings,
+    plan=self_calibration,
+    results=self_calibration_results,
+    report=self_calibration_report,
+    entry=entry_of,
+    needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage},
+)
+"""Self-calibration by V_Vc."""

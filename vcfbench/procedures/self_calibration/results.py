@@ -1,0 +1,429 @@
+"""A self-calibration from its points: scale factor, bias, non-linearity, and what has changed since the last entry.
+
+Each result is a function of the curve's coefficients, of V_Vc and of the outputs; its uncertainty is that of those
+through the function's derivatives. Two results of one device share much: the certificate's curve, the meters. What both
+share has the same effect on both, so it cancels in their difference; a part says with `of` whose it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
+from vcfbench.analysis.conformity import conformity, e_n
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.known.v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
+from vcfbench.procedures.kvc.results import (
+    METER_GAIN,
+    V_VC_GAIN,
+    V_VC_NOISE,
+    V_VC_OFFSET,
+    bias_at_rest,
+    block_covariance,
+    blocks_of,
+    dof_of,
+    levels_by_hand,
+    noise_of,
+)
+from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.null_comparison.plan import block
+from vcfbench.record.devices import Kept, SelfCalibration
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.analysis.column import CalibrationColumn
+    from vcfbench.procedures.known.device import Reference
+    from vcfbench.procedures.procedure import Made
+    from vcfbench.procedures.self_calibration.plan import SelfCalibrationSettings
+    from vcfbench.record.devices import KvcCurve, Measured, Share
+    from vcfbench.record.schema import Point
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+AT_REST, DRIVEN = 1, 2
+"""The steps, as in its points: generator off, and the blocks of V_Vc."""
+
+READINGS = "readings"
+ORDER = 3
+"""Of the polynomial whose slope at rest is the scale factor of small signals."""
+
+_HOLDS_NOT = (
+    "what K_Vc itself is made of: see what this method cannot see",
+    "what temperature changed since the certificate, in K_Vc",
+    "what the meters drifted between two entries: the same meter is taken to be off by the same",
+    "lack of fit, of the certificate's curve and of the line here",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One level of V_Vc: the rate that it stands for, and the output with its zero subtracted."""
+
+    rate_deg_s: float
+    v_vc_v: float
+    output_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """How far the scale factor is from that of an earlier entry."""
+
+    since: str
+    """Which entry, and when."""
+    change_ppm: Measurand
+    """Of the earlier one; what both share has cancelled."""
+    cancelled: tuple[str, ...]
+    """What both share."""
+    e_n: float
+    """Change over its expanded uncertainty: above 1 the scale factor has changed."""
+    limit_ppm: float | None
+    verdict: str
+    """``pass``, ``marginal`` or ``fail``: by the limit with the expanded uncertainty as guard band, or by E_n."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfCalibrationResult:
+    """What a self-calibration came to."""
+
+    scale_factor: Measurand
+    """Of small signals: the slope at rest of a cubic, V/(deg/s)."""
+    line: Measurand
+    """Slope of the least-squares line through all levels, V/(deg/s)."""
+    bias: Measurand
+    """Output at rest, generator off, V."""
+    nonlinearity: Measurand
+    """Largest residual about the line over the span, ppm (max_span)."""
+    virtual: CalibrationColumn
+    """The column of outputs against the rates that V_Vc stood for, zeros added again."""
+    levels: tuple[Level, ...]
+    noise: BlockNoise
+    k_vc_from: str
+    v_vc_by: str
+    unseen: tuple[str, ...]
+    """What the method cannot see."""
+    holds_not: tuple[str, ...]
+    drift: Drift | None
+    """Since the last entry; None where there is none."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
+        scale_factor = self.scale_factor.value
+        values: dict[str, float | None] = {
+            "scale_factor_v_per_deg_s": scale_factor,
+            "bias_v": self.bias.value,
+            "bias_deg_s": self.bias.value / scale_factor if scale_factor else None,
+            "nonlinearity_ppm": self.nonlinearity.value,
+        }
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.value, "e_n": self.drift.e_n}
+        return values | drift
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys; E_n has none."""
+        known = {
+            "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
+            "bias_v": self.bias.expanded_u,
+            "nonlinearity_ppm": self.nonlinearity.expanded_u,
+        }
+        return known if self.drift is None else {**known, "drift_ppm": self.drift.change_ppm.expanded_u}
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """The levels: V_Vc with that of the zero first, outputs with their zeros subtracted."""
+
+    v_vc_v: Floats
+    output_v: Floats
+    zero_v: float
+    u_v_vc_v: float
+    noise: BlockNoise
+    covariance_v2: Floats
+    windows: int
+    """Of the whole run."""
+
+    def rates(self, coefficients: Floats, v_vc_v: Floats) -> Floats:
+        """Return the rates of the levels, from that of the zero on."""
+        powers = np.polynomial.polynomial.polyval(v_vc_v, coefficients)
+        return np.asarray(powers[1:] - powers[0])
+
+    def estimates(self, coefficients: Floats, v_vc_v: Floats, output_v: Floats) -> Floats:
+        """Return scale factor, slope of the line (V/(deg/s)) and non-linearity (ppm)."""
+        rate = self.rates(coefficients, v_vc_v)
+        slopes, _, _ = polynomial_through_zero(rate, output_v, self.covariance_v2, ORDER)
+        x, y = np.array([0.0, *rate]), np.array([0.0, *output_v])
+        line = np.polynomial.polynomial.polyfit(x, y, 1)
+        left = np.abs(y - np.polynomial.polynomial.polyval(x, line)).max()
+        return np.array([slopes[0], line[1], 1e6 * left / abs(line[1] * np.ptp(x))])
+
+
+def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence[Point]) -> SelfCalibrationResult:
+    """Return scale factor, bias, non-linearity and drift from the levels."""
+    seen, known = _measured(settings, points), settings.known
+    coefficients = np.array(known.k_vc.coefficients)
+    values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
+    parts = _parts(settings, seen, coefficients)
+    units = ("V/(deg/s)", "V/(deg/s)", "ppm")
+    scale_factor, line, nonlinearity = (
+        measurand(float(value), unit, [_signed(part, of, place) for part, of in parts])
+        for place, (value, unit) in enumerate(zip(values, units, strict=True))
+    )
+    rates = seen.rates(coefficients, seen.v_vc_v)
+    at_rest = [point.output_v for point in points if point.step == AT_REST]
+    return SelfCalibrationResult(
+        scale_factor=scale_factor,
+        line=line,
+        bias=bias_at_rest(settings, at_rest, seen.noise),
+        nonlinearity=nonlinearity,
+        virtual=_column(rates, seen),
+        levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
+        noise=seen.noise,
+        k_vc_from=known.source,
+        v_vc_by=v_vc_error(settings).name,
+        unseen=known.unseen,
+        holds_not=(*known.holds_not, *_HOLDS_NOT),
+        drift=None if known.reference is None else drift_of(scale_factor, known.reference, settings.max_drift_ppm),
+    )
+
+
+def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Measured:
+    driven = blocks_of([point for point in points if point.step == DRIVEN])
+    magnitudes = settings.magnitudes_deg_s
+    if len(driven) != settings.cycles * len(magnitudes):
+        raise ConfigError(f"expected {settings.cycles} times {len(magnitudes)} blocks, came {len(driven)}")
+    blocks, by_hand = [block(each) for each in driven], levels_by_hand(settings, points)
+    zeros = [point for each in driven for point in (each[0], each[-1])]
+    v_vc = [measured_level(zeros, by_hand)]
+    for place, rate in enumerate(magnitudes):
+        of_rate = [point for each in driven[place :: len(magnitudes)] for point in each]
+        v_vc += [measured_level([p for p in of_rate if p.rate_deg_s == sign * rate], by_hand) for sign in (1.0, -1.0)]
+    _require_known(settings.known.k_vc, v_vc)
+    noise = noise_of(settings, blocks, points)
+    scatter = [p.v_vc_std_v for each in driven for p in each if p.v_vc_std_v is not None]
+    count = 2 * settings.cycles * settings.samples
+    shape = settings.cycles, 2 * len(magnitudes)
+    return _Measured(
+        np.array(v_vc),
+        np.array([each.differences_v for each in blocks]).reshape(shape).mean(axis=0),
+        math.fsum(each.zero_v for each in blocks) / len(blocks),
+        math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
+        noise,
+        block_covariance(noise, len(magnitudes), settings.cycles),
+        len(points),
+    )
+
+
+def _require_known(curve: KvcCurve, v_vc_v: Sequence[float]) -> None:
+    """See that no V_Vc is beyond the curve by more than a generator may be off.
+
+    Raises:
+        ConfigError: one is.
+    """
+    margin_v = 0.05 * (curve.v_vc_max_v - curve.v_vc_min_v) / 2.0
+    for level_v in v_vc_v:
+        if not curve.v_vc_min_v - margin_v <= level_v <= curve.v_vc_max_v + margin_v:
+            raise ConfigError(
+                f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V alone"
+            )
+
+
+def _column(rates: Floats, seen: _Measured) -> CalibrationColumn:
+    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415
+
+    u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
+    return characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
+
+
+_Effect: TypeAlias = "tuple[str, Floats, float | None]"
+
+
+def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> list[tuple[_Effect, str | None]]:
+    """Return each source with its effects on the three estimates, its degrees of freedom, and whose it is."""
+    v, y = seen.v_vc_v, seen.output_v
+    by_output = _jacobian(lambda at: seen.estimates(k, v, at), y, np.full(y.size, 1e-4 * np.abs(y).max()))
+    by_v = _jacobian(lambda at: seen.estimates(k, at, y), v, np.full(v.size, 1e-5 * np.abs(v).max()))
+    sizes = 1e-5 * abs(k[1]) * np.abs(v).max() ** (1.0 - np.arange(k.size))
+    by_k = _jacobian(lambda at: seen.estimates(at, v, y), k, sizes)
+    meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
+    values = seen.estimates(k, v, y)
+    gain = np.array([abs(values[0]), abs(values[1]), 0.0]) * meter.u_gain
+    found: list[tuple[_Effect, str | None]] = [
+        ((READINGS, _u_of(by_output, seen.covariance_v2), dof_of(seen.noise)), None),
+        ((V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None), None),
+        ((METER_GAIN, gain, None), meter.name),
+    ]
+    alike = np.array([abs(values[0]), abs(values[1]), 0.0])
+    found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
+    same_meter = False
+    for share in shares_of(settings.known.k_vc):
+        name, of, dof, covariance = share
+        if of is not None and of == error.name and settings.v_vc_role is not None:
+            same_meter = True  # its volts were those of the certificate: both errors are in the curve already
+            continue
+        whose = of or f"{settings.known.source}: {name}"
+        found.append(((f"certificate: {name}", _u_of(by_k, covariance), dof), whose))
+    if not same_meter:
+        found.append(((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None), error.name))
+        found.append(((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None), error.name))
+    return found
+
+
+def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
+    """Return what the covariance of a curve is made of: source, whose it is, degrees of freedom, its covariance."""
+    if not curve.shares:
+        return [("its covariance", None, None, np.array(curve.covariance))]
+    return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
+
+
+def _jacobian(of: Callable[[Floats], Floats], at: Floats, sizes: Floats) -> Floats:
+    """Return the derivatives of each estimate by each input, by central differences."""
+    columns = []
+    for place, size in enumerate(sizes):
+        step = np.zeros(at.size)
+        step[place] = size
+        columns.append((of(at + step) - of(at - step)) / (2.0 * size))
+    return np.stack(columns, axis=1)
+
+
+def _u_of(by: Floats, covariance: Floats) -> Floats:
+    return np.sqrt(np.maximum(0.0, np.diag(by @ covariance @ by.T)))
+
+
+def _signed(effect: _Effect, of: str | None, place: int) -> Part:
+    name, u, dof = effect
+    return Part(name, float(u[place]), dof, of)
+
+
+def drift_of(scale_factor: Measurand, reference: Reference, limit_ppm: float | None) -> Drift:
+    """Return how far `scale_factor` is from that of an earlier entry; parts of the same owner cancel."""
+    earlier = reference.scale_factor_v_per_deg_s
+    change = 1e6 * (scale_factor.value / earlier.value - 1.0)
+    now, then = _relative(scale_factor), _relative_kept(reference)
+    parts, cancelled = _difference(now, then)
+    found = measurand(change, "ppm", parts)
+    if limit_ppm is None:
+        verdict = "pass" if abs(change) <= found.expanded_u else "fail"
+    else:
+        verdict = conformity(change, found.expanded_u, -limit_ppm, limit_ppm).value
+    since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
+    return Drift(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u), limit_ppm, verdict)
+
+
+def _relative(found: Measurand) -> list[Part]:
+    size = abs(found.value)
+    return [Part(part.source, 1e6 * part.u / size, part.dof, part.of) for part in found.parts]
+
+
+def _relative_kept(reference: Reference) -> list[Part]:
+    kept: Measured = reference.scale_factor_v_per_deg_s
+    size = abs(kept.value)
+    if not kept.shares:
+        return [Part("the earlier entry", 1e6 * kept.u / size, kept.dof)]
+    return [
+        Part(f"then: {share.source}", 1e6 * share.u / size, share.dof, _owner(reference, share))
+        for share in kept.shares
+    ]
+
+
+def _owner(reference: Reference, share: Share) -> str | None:
+    """Return whose a part is; those of a certificate's own are in every result by its curve."""
+    if share.of is None and reference.kind == "certificate":
+        return f"certificate {reference.name}: {share.source}"
+    return share.of
+
+
+def _difference(now: Sequence[Part], then: Sequence[Part]) -> tuple[list[Part], tuple[str, ...]]:
+    """Return the parts of the difference, and what of them has cancelled."""
+    owners: dict[str, list[Part]] = {}
+    for part in then:
+        if part.of is not None:
+            owners.setdefault(_key(part), []).append(part)
+    left: list[Part] = [part for part in then if part.of is None]
+    cancelled = []
+    for part in now:
+        same = owners.pop(_key(part), None) if part.of is not None else None
+        if same is None:
+            left.append(part)
+            continue
+        left.append(Part(part.source, part.u - math.fsum(each.u for each in same), None, part.of))
+        cancelled.append(f"{part.source} ({part.of})")
+    left += [part for parts in owners.values() for part in parts]
+    return left, tuple(cancelled)
+
+
+def _key(part: Part) -> str:
+    """Return what two parts must share to be one: the owner, and gain or offset of it."""
+    return f"{part.of}: {part.source.rsplit(': ', maxsplit=1)[-1]}"
+
+
+def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, made: Made) -> Kept | None:
+    """Return the entry of the device that was named."""
+    if settings.dut is None:
+        return None
+    drift = results.drift
+    verdict: Any = made.verdict if drift is None or made.verdict == "fail" else drift.verdict
+    record = SelfCalibration(
+        serial=settings.dut,
+        done=made.finished,
+        procedure="self-calibration",
+        certificate=settings.known.certificate,
+        scale_factor_v_per_deg_s=results.scale_factor.kept(),
+        bias_v=results.bias.kept(),
+        nonlinearity_ppm=results.nonlinearity.kept(),
+        conditions=conditions(settings, made),
+        drift_ppm=None if drift is None else drift.change_ppm.kept(),
+        e_n=None if drift is None else drift.e_n,
+        verdict=verdict,
+        remarks=(f"K_Vc from {results.k_vc_from}", f"V_Vc is known by {results.v_vc_by}"),
+    )
+    return Kept(record, settings.store.root)
+
+
+def self_calibration_report(
+    _settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult
+) -> Report:
+    """Report the levels, the results with their budget, the drift, and what the method cannot see."""
+    columns = (Column("rate", "deg/s", ".4f"), Column("V_Vc", "V", ".6f"), Column("output - zero", "V", ".5f"))
+    rows = [(level.rate_deg_s, level.v_vc_v, level.output_v) for level in results.levels]
+    words = [
+        said_of("scale factor, small signals", results.scale_factor),
+        said_of("scale factor, line", results.line),
+        said_of("bias, generator off", results.bias),
+        said_of("non-linearity (max_span)", results.nonlinearity),
+        f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+    ]
+    slope = results.line.value
+    rates = [level.rate_deg_s for level in results.levels]
+    left = [1e3 * (level.output_v - slope * level.rate_deg_s) for level in results.levels]
+    residuals = Series("output - line", rates, left)
+    parts = [
+        Table(columns, rows, "V_Vc and the rate that it stands for"),
+        Text("\n".join(words)),
+        budget_table("the scale factor", results.scale_factor),
+        *drift_parts(results.drift),
+        Figure("Output less line", Axis("rate", "deg/s"), Axis("output - line", "mV"), [residuals]),
+        Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
+    ]
+    if results.unseen:
+        parts.append(Text("what this method cannot see:\n" + "\n".join(f"  {each}" for each in results.unseen)))
+    return Report(parts)
+
+
+def drift_parts(drift: Drift | None) -> list[Any]:
+    """Return what is reported of the drift since an earlier entry."""
+    if drift is None:
+        return [Text("drift: nothing earlier is known of the device")]
+    found = drift.change_ppm
+    limit = "by E_n" if drift.limit_ppm is None else f"limit {drift.limit_ppm:g} ppm, guard band U95"
+    change = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}"
+    words = [
+        f"drift since {drift.since}: {change}; E_n {drift.e_n:.2f}: {drift.verdict.upper()} ({limit})",
+        *(f"  cancels: {each}" for each in drift.cancelled),
+    ]
+    return [Text("\n".join(words))]

@@ -1,0 +1,1 @@
+"""A sweep over rates: in which order, whether its points agree, what its windows show."""

@@ -1,0 +1,1 @@
+"""Scale factor, bias and drive frequency over temperature."""

@@ -1,0 +1,330 @@
+"""Scale factor, bias and drive frequency against temperature, up and down again.
+
+At each temperature: the chamber (or a person, where it has no interface) goes there, the gyroscope soaks until its
+output stands still, then the output is chopped 0, +, -, -, +, 0 by V_Vc or by the table, and the drive frequency is
+measured where there is an oscilloscope. In the end the air is off, or the person is asked to bring the room back.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from itertools import pairwise
+from statistics import fmean
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta, structs
+
+from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import (
+    ForcesTemperature,
+    MeasuresWaveforms,
+    PowersRails,
+    ReadsVoltage,
+    Rotates,
+    SetsVoltage,
+)
+from vcfbench.plans.step import answer
+from vcfbench.plans.steps import (
+    Acquire,
+    AwaitTemperature,
+    CaptureSines,
+    ConfigureGenerator,
+    ConfigureMeter,
+    DisableVvc,
+    NotChecked,
+    Outcome,
+    Plan,
+    SetTemperature,
+    Settle,
+    SineRecord,
+    StopFlow,
+    TemperatureReading,
+    Window,
+    set_air_by_hand,
+)
+from vcfbench.procedures.bandwidth import BandwidthSettings, sweep
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import (
+    energised,
+    go_to_rate,
+    look_at_drive,
+    set_v_vc,
+    take,
+    under_servo,
+    v_vc_on,
+    window_of,
+)
+from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
+from vcfbench.procedures.zero.plan import AtRestSettings, told_scale_factor
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from vcfbench.plans.step import Routine
+    from vcfbench.record.schema import Point
+
+__all__ = ["TEMPERATURE", "AtTemperature", "By", "TemperatureSettings", "plan"]
+
+_DRIVE_RECORDS = 8
+_LAST = 3
+"""So many means in a row must stand still."""
+_SIGMAS = 3.0
+
+Celsius = Annotated[float, Meta(ge=-100.0, le=200.0)]
+
+
+class By(Enum):
+    """What the scale factor is taken with."""
+
+    V_VC = "v-vc"
+    TABLE = "table"
+
+
+class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
+    """What the run over temperature is told beside what all procedures are."""
+
+    temperatures_c: Annotated[
+        tuple[Celsius, ...], Meta(min_length=3, max_length=100, description="temperatures of the air, in their order")
+    ] = (0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0)
+    reference_c: Annotated[float, Meta(ge=-100.0, le=200.0, description="where the coefficients hold")] = 20.0
+    room_c: Annotated[float, Meta(ge=-50.0, le=60.0, description="where a person brings a chamber in the end")] = 20.0
+    ramp_k_min: Annotated[float, Meta(ge=0.1, le=1000.0, description="of the air, at most")] = 10.0
+    window_k: Annotated[float, Meta(ge=0.1, le=9.9, description="of the air about a temperature that is reached")] = 1.0
+    chamber_takes_s: Annotated[
+        float, Meta(ge=0.0, le=86_400.0, description="beyond the ramp, for a temperature to be reached")
+    ] = 900.0
+    soak_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="at a temperature, at least")] = 3600.0
+    longest_soak_s: Annotated[float, Meta(ge=0.0, le=864_000.0, description="and at most, else the run ends")] = (
+        14_400.0
+    )
+    steady_ppm_min: Annotated[
+        float, Meta(ge=0.1, le=1e5, description="the soak is over when the output at level_deg_s moves less than this")
+    ] = 10.0
+    soak_window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the three means that tell it")] = (
+        60.0
+    )
+    by: Annotated[
+        By, Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True})
+    ] = By.V_VC
+    level_deg_s: Annotated[
+        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
+    ] = 200.0
+    cycles: Annotated[int, Meta(ge=1, le=100, description="chopped blocks at each temperature")] = 2
+    split: Annotated[bool, Meta(description="whether the mode split is measured too, as bandwidth does")] = False
+    u_temperature_k: Annotated[
+        float, Meta(ge=0.0, le=20.0, description="standard uncertainty of the temperatures, the same at all")
+    ] = 0.5
+    u_each_temperature_k: Annotated[
+        float, Meta(ge=0.0, le=20.0, description="and of each by itself: regulation, resolution")
+    ] = 0.0
+    bias_instability_deg_h: Annotated[
+        float, Meta(ge=0.0, le=1e6, description="B of this gyroscope, of its zero record: how its bias wanders")
+    ] = 5.6
+
+    @property
+    def level_v(self) -> float:
+        """The V_Vc that stands for the rate, V."""
+        return self.level_deg_s / self.k_vc_guess_deg_s_per_v
+
+    @property
+    def chamber(self) -> str | None:
+        """The model of the chamber, None where a person sets the temperature."""
+        placed = self.station.instruments.get("chamber")
+        return None if placed is None else placed.model
+
+    @property
+    def sweep(self) -> BandwidthSettings:
+        """What the sweep at a temperature is told: as `bandwidth`, fewer frequencies."""
+        shared = {each: getattr(self, each) for each in structs.asdict(BandwidthSettings()) if hasattr(self, each)}
+        return BandwidthSettings(
+            **{
+                **shared,
+                "frequencies_hz": (1.0, 4.5, 9.0, 16.0, 20.0, 25.0, 31.0, 48.0),
+                "around_split": (0.7, 0.9, 0.97, 1.0, 1.03, 1.1, 1.2, 1.5),
+            }
+        )
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        limits = self.station.limits
+        if len(set(self.temperatures_c)) < 3:
+            yield InvalidValue("temperatures_c", "at least three different ones", list(self.temperatures_c))
+        low_c, high_c = limits.min_temperature_c, limits.max_temperature_c
+        for index, each_c in enumerate(self.temperatures_c):
+            if low_c is not None and high_c is not None and not low_c <= each_c <= high_c:
+                yield InvalidValue(f"temperatures_c[{index}]", f"{low_c:g} to {high_c:g} degC (limits)", each_c)
+        if limits.max_ramp_k_min is not None and self.ramp_k_min > limits.max_ramp_k_min:
+            yield InvalidValue("ramp_k_min", f"at most {limits.max_ramp_k_min:g} K/min (limits)", self.ramp_k_min)
+        if self.longest_soak_s < self.soak_s + _LAST * self.soak_window_s:
+            least_s = self.soak_s + _LAST * self.soak_window_s
+            yield InvalidValue("longest_soak_s", f"at least {least_s:g} s: soak_s and three means", self.longest_soak_s)
+        if self.by is By.TABLE and limits.max_rate_deg_s is None:
+            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
+        if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
+            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
+
+
+def plan(settings: TemperatureSettings) -> Plan:
+    """Go to each temperature, soak, measure; whatever happens, the air is off afterwards."""
+    yield from told_scale_factor(settings)
+    return (yield from energised(settings, _with_drive(settings)))
+
+
+def _with_drive(settings: TemperatureSettings) -> Routine[Outcome]:
+    yield from look_at_drive(settings)
+    if not settings.split:
+        yield NotChecked("the mode split", "not measured here; --set split=true does, at each temperature")
+    work = _in_chamber(settings)
+    held = settings.station.limits.max_rate_deg_s is not None
+    return (yield from (under_servo(settings, work) if held else work))
+
+
+def _in_chamber(settings: TemperatureSettings) -> Routine[Outcome]:
+    if settings.chamber is None:
+        outcome = yield from _over_temperature(settings)
+        yield set_air_by_hand(settings.room_c, settings.chamber_takes_s)
+        return outcome
+    try:
+        return (yield from _over_temperature(settings))
+    finally:
+        yield StopFlow()
+
+
+def _over_temperature(settings: TemperatureSettings) -> Routine[Outcome]:
+    previous_c = settings.room_c
+    for temperature_c, direction in zip(settings.temperatures_c, directions(settings.temperatures_c), strict=True):
+        yield AtTemperature(temperature_c, direction)
+        yield from _go_to(settings, temperature_c, previous_c)
+        yield from _soak(settings)
+        yield from _reached(settings, temperature_c)
+        yield from _measured_there(settings)
+        previous_c = temperature_c
+    return Outcome(f"{len(settings.temperatures_c)} temperatures")
+
+
+def directions(temperatures_c: Sequence[float]) -> list[str]:
+    """Return for each temperature whether it was come to going ``up`` or ``down``; the first as the second goes on."""
+    found: list[str] = []
+    for before, here in pairwise(temperatures_c):
+        found.append("up" if here > before else "down" if here < before else found[-1] if found else "up")
+    return [found[0], *found]
+
+
+def _go_to(settings: TemperatureSettings, temperature_c: float, previous_c: float) -> Routine[None]:
+    """Have the air brought to a temperature."""
+    if settings.chamber is None:
+        yield set_air_by_hand(temperature_c, settings.chamber_takes_s)
+        return
+    yield SetTemperature(temperature_c, settings.ramp_k_min, settings.window_k, 0.0)
+    way_k = max(0.0, abs(temperature_c - previous_c) - settings.window_k)
+    yield from _reached(settings, temperature_c, way_k / settings.ramp_k_min * 60.0)
+
+
+def _reached(settings: TemperatureSettings, temperature_c: float, ramp_s: float = 0.0) -> Routine[None]:
+    """See that the air is there, and read it."""
+    if settings.chamber is not None:
+        deadline_s = 2.0 * ramp_s + settings.chamber_takes_s
+        answer((yield AwaitTemperature(temperature_c, ramp_s, 0.0, deadline_s)), TemperatureReading)
+
+
+def _soak(settings: TemperatureSettings) -> Routine[None]:
+    """Wait, then take means at the level until three in a row move no more."""
+    yield Settle(settings.soak_s, "gyroscope takes the temperature")
+    yield from _level(settings, 1.0)
+    samples = max(4, round(settings.soak_window_s / settings.sample_interval_s))
+    window = Acquire(
+        2,
+        settings.level_deg_s if settings.by is By.TABLE else 0.0,
+        settings.level_v if settings.by is By.V_VC else 0.0,
+        _table_deg_s(settings, 1.0),
+        **{**window_of(settings), "samples": samples},
+    )
+    points: list[Point] = []
+    while not stands_still(points[-_LAST:], settings):
+        if settings.soak_s + (len(points) + 1) * window.physical_s > settings.longest_soak_s:
+            raise MeasurementError(
+                f"the output has not come to rest after {settings.longest_soak_s:g} s at the temperature",
+                instrument="multimeter",
+                hint="longest_soak_s is longer, or steady_ppm_min larger, for what takes its temperature slowly",
+            )
+        points.append(answer((yield window), Window).point)
+    yield from _level(settings, 0.0, previous=1.0)
+
+
+def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool:
+    """Tell whether the output at the level moved by less than `steady_ppm_min` from the first to the last mean.
+
+    The level itself is about the output; what the noise of the readings alone would move it by is let through.
+    """
+    if len(points) < _LAST:
+        return False
+    level_v = abs(settings.level_deg_s * settings.expected_gyro().scale_factor)
+    minutes = (len(points) - 1) * settings.soak_window_s / 60.0
+    noise_v = _SIGMAS * math.sqrt(2.0 * fmean(point.std_v**2 / point.n for point in points))
+    return abs(points[-1].output_v - points[0].output_v) <= settings.steady_ppm_min * 1e-6 * level_v * minutes + noise_v
+
+
+def _level(settings: TemperatureSettings, sign: float, previous: float = 0.0) -> Routine[float]:
+    """Apply the level with this sign; at 0 V_Vc is off. Return V_Vc as it reads back, V."""
+    if settings.by is By.TABLE:
+        rate, before = sign * settings.level_deg_s, previous * settings.level_deg_s
+        yield from go_to_rate(settings, rate, previous_deg_s=before)
+        return 0.0
+    if sign == 0.0:
+        yield DisableVvc()
+        yield Settle(settings.settle_s, "gyro settles, generator off")
+        return 0.0
+    if previous == 0.0:
+        yield from v_vc_on()
+    return (yield from set_v_vc(settings, sign * settings.level_v))
+
+
+def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
+    """Return what the table must read back, None where there is none."""
+    if settings.station.limits.max_rate_deg_s is None:
+        return None
+    return sign * settings.level_deg_s if settings.by is By.TABLE else 0.0
+
+
+def _measured_there(settings: TemperatureSettings) -> Routine[None]:
+    for _ in range(settings.cycles):
+        previous, v_vc_v = 0.0, 0.0
+        for sign in CHOPPED:
+            if sign != previous:
+                v_vc_v = yield from _level(settings, float(sign), previous)
+            rate_deg_s = sign * settings.level_deg_s
+            table_deg_s = _table_deg_s(settings, float(sign))
+            yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)
+            previous = float(sign)
+    if settings.station.oscilloscope is not None:
+        drive = settings.drive
+        expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
+        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
+    if settings.split:
+        yield from sweep(settings.sweep)
+        yield DisableVvc()
+        yield ConfigureGenerator(0.0)
+        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+
+
+TEMPERATURE = Procedure(
+    name="temperature",
+    title=BUILT_IN["temperature"][1],
+    method=(
+        "At each temperature of a cycle, up and down again, the gyroscope is left to settle; then scale factor, bias "
+        "and drive frequency are measured. Polynomials through the results give the temperature coefficients, the two "
+        "directions the hysteresis."
+    ),
+    settings=TemperatureSettings,
+    plan=plan,
+    results=temperature_results,
+    report=temperature_report,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates, "chamber": ForcesTemperature},
+)
+"""The run over temperature."""

@@ -1,0 +1,499 @@
+"""What a run over temperature comes to: temperature coefficients of scale factor, bias and frequency, hysteresis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
+from vcfbench.analysis.tails import t_of_largest
+from vcfbench.errors import ConfigError
+from vcfbench.plans.step import Step
+from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureReading
+from vcfbench.procedures import bandwidth
+from vcfbench.procedures.known.levels import generator_sheet
+from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.zero.plan import scale_factor_used
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.analysis.chopped import BlockNoise
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context
+    from vcfbench.procedures.temperature.plan import TemperatureSettings
+    from vcfbench.procedures.zero.results import ScaleFactor
+    from vcfbench.record.schema import Point
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["AtTemperature", "PointOfTemperature", "TemperatureResult", "temperature_report", "temperature_results"]
+
+_MEASURED = 1
+"""`step` of the windows that are measured; those of the soak have another."""
+
+NOT_HELD = (
+    "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), the "
+    "temperatures (u_temperature_k, the same at all; u_each_temperature_k), and of a scale factor by V_Vc the gain of "
+    "the generator, which its coefficients do not see. They do not hold: the accuracy of multimeter and table, the "
+    "scale factor that turns volts into deg/s, what the soak left, a sensor whose error changes with temperature, the "
+    "gyroscope's own heat (it is warmer than the air, by as much at all temperatures), lack of fit, and what drift "
+    "other than flicker does to the bias."
+)
+BY_V_VC = (
+    "The scale factor is that to V_Vc (V/V). K_Vc goes with 1 / drive frequency, so that to the rate has the "
+    "coefficient of the frequency more, as far as drive amplitude, carrier, combs and masses stay."
+)
+
+
+class AtTemperature(Step, Struct, frozen=True):
+    """A heading: what follows is at this temperature, degC; `direction` is whence it was come to."""
+
+    temperature_c: float
+    direction: str
+
+    def describe(self) -> str:
+        """Name both."""
+        return f"{self.temperature_c:+g} degC, {self.direction}"
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+@dataclass(frozen=True, slots=True)
+class _NotSeen:
+    """A hysteresis that is not more than its U95: what it stays below with 95 %, as a data sheet has it."""
+
+    value: float
+    unit: str
+    upper_95: float
+    u: None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PointOfTemperature:
+    """One temperature: as it was read (degC; at the device, else of the air, else as a person set it), and whence.
+
+    `slope` is the scale factor, V/(deg/s) by the table or V/V by V_Vc; `bias_deg_s` that with the generator off.
+    """
+
+    temperature_c: float
+    direction: str
+    slope: float
+    u_slope: float
+    bias_deg_s: float
+    u_bias_deg_s: float
+    frequency_hz: float | None
+    u_frequency_hz: float | None
+    split_hz: Measurand | None
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureResult:
+    """What the run over temperature found; coefficients are those at `reference_c`, of a parabola through all points.
+
+    What was not measured (frequency, split) is None. A hysteresis is that going down less that going up, the largest of
+    the temperatures that were come to both ways; None where there is none. The largest of several differences is never
+    zero, so its `expanded_u` is that of all of them together: a hysteresis that is not larger is not seen, and below
+    the sum of both. `..._lack_of_fit` is what the parabola leaves, root mean square over the degrees of freedom; it is
+    in no uncertainty.
+    """
+
+    reference_c: float
+    by: str
+    scale_factor: Measurand
+    scale_factor_tc: Measurand
+    scale_factor_tc2: Measurand
+    scale_factor_hysteresis: Measurand | None
+    scale_factor_lack_of_fit_ppm: float | None
+    bias: Measurand
+    bias_tc: Measurand
+    bias_hysteresis: Measurand | None
+    bias_lack_of_fit_deg_s: float | None
+    frequency: Measurand | None
+    frequency_tc: Measurand | None
+    frequency_hysteresis: Measurand | None
+    split: Measurand | None
+    split_tc: Measurand | None
+    points: tuple[PointOfTemperature, ...]
+    scale_factor_v_per_deg_s: ScaleFactor
+
+    def quantities(self) -> Iterator[tuple[str, Measurand | _NotSeen]]:
+        """Yield what a data sheet says of it, by its names."""
+        named = {
+            f"scale factor at {self.reference_c:g} degC": self.scale_factor,
+            "temperature coefficient of the scale factor": self.scale_factor_tc,
+            "its change with temperature": self.scale_factor_tc2,
+            "hysteresis of the scale factor": _seen_or_bound(self.scale_factor_hysteresis),
+            f"bias at {self.reference_c:g} degC": self.bias,
+            "temperature coefficient of the bias": self.bias_tc,
+            "hysteresis of the bias": _seen_or_bound(self.bias_hysteresis),
+            f"drive frequency at {self.reference_c:g} degC": self.frequency,
+            "temperature coefficient of the drive frequency": self.frequency_tc,
+            "hysteresis of the drive frequency": _seen_or_bound(self.frequency_hysteresis),
+            f"mode split at {self.reference_c:g} degC": self.split,
+            "temperature coefficient of the mode split": self.split_tc,
+        }
+        for name, found in named.items():
+            if found is not None:
+                yield name, found
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What was measured at one temperature: blocks of outputs (V), their level, and from when to when (bench time, s).
+
+    `frequency_hz` and `split_hz` are values with their standard uncertainties.
+    """
+
+    temperature_c: float
+    direction: str
+    blocks: tuple[Block, ...]
+    level: float
+    begin_s: float
+    end_s: float
+    frequency_hz: tuple[float, float] | None
+    split_hz: Measurand | None
+
+    @property
+    def slope(self) -> float:
+        """Output over level."""
+        chopped = fmean(block.differences_v[0] - block.differences_v[1] for block in self.blocks)
+        return 0.5 * chopped / self.level
+
+    @property
+    def zero_v(self) -> float:
+        """Output at rest, V."""
+        return fmean(block.zero_v for block in self.blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    """What the values at all temperatures share of one source: its covariance, degrees of freedom.
+
+    `floor` is what it does to a mean, where the covariance is that of differences alone (flicker); else None.
+    """
+
+    source: str
+    covariance: Floats
+    dof: float | None = None
+    floor: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A parabola: value, slope and curvature at the reference, the largest hysteresis, and what is left."""
+
+    value: Measurand
+    tc: Measurand
+    tc2: Measurand
+    hysteresis: Measurand | None
+    lack_of_fit: float | None
+
+
+def temperature_results(settings: TemperatureSettings, measured: Measured) -> TemperatureResult:
+    """Return what the run came to."""
+    scale = scale_factor_used(settings, measured)
+    seen = [_seen(settings, at, part) for at, part in measured.parted(AtTemperature)]
+    noise = _noise(settings, seen, [point for point in measured if point.step == _MEASURED])
+    slopes, table = [each.slope for each in seen], settings.by.value == "table"
+    (of_plus, both), (_, of_minus) = noise.covariance_v2
+    u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
+    of_slope = _Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
+    mean = fmean(slopes)
+    level = [] if table else [_of_level(settings, mean)]
+    factor = _found(settings, seen, slopes, [of_slope, *level], ("V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean))
+    volts = mean if table else scale.value
+    biases = [each.zero_v / volts for each in seen]
+    u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
+    bias = _found(settings, seen, biases, _of_bias(settings, seen, u_bias, noise), ("deg/s", "deg/s", 1.0))
+    frequency = _of_frequency(settings, seen)
+    split = _of_split(settings, seen)
+    return TemperatureResult(
+        reference_c=settings.reference_c,
+        by=settings.by.value,
+        scale_factor=factor.value,
+        scale_factor_tc=factor.tc,
+        scale_factor_tc2=factor.tc2,
+        scale_factor_hysteresis=factor.hysteresis,
+        scale_factor_lack_of_fit_ppm=factor.lack_of_fit,
+        bias=bias.value,
+        bias_tc=bias.tc,
+        bias_hysteresis=bias.hysteresis,
+        bias_lack_of_fit_deg_s=bias.lack_of_fit,
+        frequency=None if frequency is None else frequency.value,
+        frequency_tc=None if frequency is None else frequency.tc,
+        frequency_hysteresis=None if frequency is None else frequency.hysteresis,
+        split=None if split is None else split.value,
+        split_tc=None if split is None else split.tc,
+        points=tuple(
+            PointOfTemperature(
+                *(each.temperature_c, each.direction, each.slope, u_slope, bias_deg_s, u_bias),
+                frequency_hz=None if each.frequency_hz is None else each.frequency_hz[0],
+                u_frequency_hz=None if each.frequency_hz is None else each.frequency_hz[1],
+                split_hz=each.split_hz,
+            )
+            for each, bias_deg_s in zip(seen, biases, strict=True)
+        ),
+        scale_factor_v_per_deg_s=scale,
+    )
+
+
+def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _Seen:
+    """Return what was measured at one temperature."""
+    points = [point for point in part if point.step == _MEASURED]
+    if len(points) != len(CHOPPED) * settings.cycles:
+        raise ConfigError(f"{len(points)} windows at {at.temperature_c:g} degC are not {settings.cycles} blocks")
+    outputs = [point.output_v for point in points]
+    read = part.found(TemperatureReading)
+    temperature_c = at.temperature_c
+    if read:
+        device_c = read[-1][1].device_c
+        temperature_c = read[-1][1].air_c if device_c is None else device_c
+    driven = points[CHOPPED.index(1)]
+    times = [window.t_s for window in part.readings.windows[-len(points) :]]
+    return _Seen(
+        temperature_c,
+        at.direction,
+        tuple(Block(tuple(outputs[n : n + len(CHOPPED)])) for n in range(0, len(outputs), len(CHOPPED))),
+        driven.rate_deg_s if settings.by.value == "table" else driven.v_vc_v,
+        float(times[0][0]),
+        float(times[-1][-1]),
+        _frequency(part),
+        bandwidth.results(settings.sweep, part).split_hz if part.found(SineResponse) else None,
+    )
+
+
+def _frequency(part: Measured) -> tuple[float, float] | None:
+    records = part.found(SineRecords)
+    if not records:
+        return None
+    each_hz = [each.frequency_hz for each in records[0][1].records]
+    return fmean(each_hz), stdev(each_hz) / math.sqrt(len(each_hz))
+
+
+def _noise(settings: TemperatureSettings, seen: Sequence[_Seen], points: Sequence[Point]) -> BlockNoise:
+    """Return the noise of the windows, by what blocks leave beside levels and drift."""
+    std_v = math.sqrt(fmean(point.std_v**2 for point in points))
+    slot_s = fmean((each.end_s - each.begin_s) / (len(CHOPPED) * settings.cycles) for each in seen)
+    window_s = settings.samples * settings.sample_interval_s
+    blocks = [block for each in seen for block in each.blocks]
+    return block_noise(blocks, std_v, settings.samples, window_s, max(slot_s, window_s))
+
+
+def _of_level(settings: TemperatureSettings, slope: float) -> _Cause:
+    """Return what the generator's accuracy does to a scale factor by V_Vc as it is set: the same at all temperatures.
+
+    Both signs are of one range, whose offset cancels in their difference.
+    """
+    u = generator_sheet(settings).setting / math.sqrt(3.0) * abs(slope)
+    return _Cause("V_Vc: gain of the generator", np.zeros((len(settings.temperatures_c),) * 2), None, u)
+
+
+def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[_Cause]:
+    """Return the causes of a bias: its readings, and how it wanders from one temperature to the next.
+
+    Flicker of coefficient B has the density (B^2 / pi) / f: no variance, but that of differences, by the logarithm of
+    the time between them, which is all that slopes and hysteresis are made of.
+    """
+    wander = settings.bias_instability_deg_h / 3600.0
+    middle_s = np.array([0.5 * (each.begin_s + each.end_s) for each in seen])
+    lasts_s = fmean(each.end_s - each.begin_s for each in seen)
+    apart_s = np.abs(np.subtract.outer(middle_s, middle_s))
+    logarithm = np.log(np.where(apart_s > 0.0, apart_s, lasts_s * math.exp(-1.5)))
+    flicker = -(wander**2) / math.pi * logarithm
+    return [
+        _Cause("readings", u**2 * np.eye(len(seen)), 2.0 * noise.dof if math.isinf(noise.dof) else noise.dof),
+        _Cause("wander (flicker)", flicker, None, math.sqrt(2.0 * math.log(2.0) / math.pi) * wander),
+    ]
+
+
+def _of_frequency(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Found | None:
+    found = [each.frequency_hz for each in seen]
+    known = [each for each in found if each is not None]
+    if len(known) < len(found):
+        return None
+    pooled = math.sqrt(fmean(u**2 for _, u in known))
+    mean_hz = fmean(hz for hz, _ in known)
+    causes = [
+        _Cause("records", pooled**2 * np.eye(len(known)), 7.0 * len(known)),
+        _Cause("time base", np.zeros((len(known),) * 2), None, SCOPE_TIME_BASE / math.sqrt(3.0) * mean_hz),
+    ]
+    return _found(settings, seen, [hz for hz, _ in known], causes, ("Hz", "ppm", 1e6 / mean_hz))
+
+
+def _of_split(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Found | None:
+    known = [each.split_hz for each in seen if each.split_hz is not None]
+    if len(known) < len(seen):
+        return None
+    causes = [_Cause("fits of the response", np.diag([each.u**2 for each in known]))]
+    return _found(settings, seen, [each.value for each in known], causes, ("Hz", "Hz", 1.0))
+
+
+def _found(
+    settings: TemperatureSettings,
+    seen: Sequence[_Seen],
+    values: Sequence[float],
+    causes: Sequence[_Cause],
+    units: tuple[str, str, float],
+) -> _Found:
+    """Fit a parabola by least squares; `units` are those of value and coefficients, and the factor between them."""
+    unit, per, factor = units
+    at = np.array([each.temperature_c - settings.reference_c for each in seen])
+    powers = np.vander(at, 3, increasing=True)
+    if np.linalg.matrix_rank(powers) < 3:
+        raise ConfigError("the temperatures, as they were read, are fewer than three different ones")
+    making, y = np.linalg.pinv(powers), np.array(values)
+    found = making @ y
+    each_k = np.diag(
+        (np.vander(at, 2, increasing=True) @ (found[1:] * (1.0, 2.0)) * settings.u_each_temperature_k) ** 2
+    )
+    known = [*causes, *([_Cause("temperatures, each by itself", each_k)] if settings.u_each_temperature_k else [])]
+    moved = (found[1], 2.0 * found[2], 0.0)
+
+    def made(number: int, unit: str, factor: float) -> Measurand:
+        parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
+        common = Part("temperature, the same at all", abs(factor * moved[number]) * settings.u_temperature_k)
+        told = [part for part in (*parts, common) if part.u > 0.0]
+        return measurand(float(factor * found[number]), unit, told)
+
+    rest, free = y - powers @ found, len(values) - 3
+    return _Found(
+        made(0, unit, 1.0),
+        made(1, f"({per})/K" if "/" in per else f"{per}/K", factor),
+        made(2, f"({per})/K^2" if "/" in per else f"{per}/K^2", factor),
+        _hysteresis(seen, y, known, (per, factor)),
+        None if free <= 0 else float(abs(factor) * math.sqrt(float(rest @ rest) / free)),
+    )
+
+
+def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> Part:
+    """Return what a cause does to a combination of the values."""
+    variance = max(0.0, float(weights @ cause.covariance @ weights))
+    u = cause.floor if mean and cause.floor is not None else math.sqrt(variance)
+    return Part(cause.source, abs(factor) * u, None if cause.dof is None or math.isinf(cause.dof) else cause.dof)
+
+
+def _hysteresis(
+    seen: Sequence[_Seen], values: Floats, causes: Sequence[_Cause], units: tuple[str, float]
+) -> Measurand | None:
+    """Return the largest difference of going down less going up at one temperature, within 0.5 K.
+
+    Its expanded uncertainty is one that all of them keep together. Where one is seen beyond its own, it is the largest
+    of those; else the one that could be the largest.
+    """
+    unit, factor = units
+    found: dict[bytes, Measurand] = {}
+    for here in seen:
+        near = [abs(each.temperature_c - here.temperature_c) <= 0.5 for each in seen]
+        down = np.array([n and each.direction == "down" for n, each in zip(near, seen, strict=True)], dtype=float)
+        up = np.array([n and each.direction == "up" for n, each in zip(near, seen, strict=True)], dtype=float)
+        if down.any() and up.any():
+            weights = down / down.sum() - up / up.sum()
+            parts = [_part(cause, weights, factor, mean=False) for cause in causes]
+            difference = float(factor * (weights @ values))
+            found[weights.tobytes()] = measurand(difference, unit, [each for each in parts if each.u > 0.0])
+    together = [_among(len(found), each) for each in found.values()]
+    seen_beyond = [each for each in together if _is_seen(each)]
+    if seen_beyond:
+        return max(seen_beyond, key=lambda each: abs(each.value))
+    return max(together, key=_bound, default=None)
+
+
+def _among(number: int, difference: Measurand) -> Measurand:
+    """Return one of so many differences with the expanded uncertainty that all of them keep together with 95 %."""
+    factor = t_of_largest(number, math.inf if difference.dof is None else difference.dof)
+    return replace(difference, coverage_factor=factor, expanded_u=factor * difference.u)
+
+
+def _is_seen(difference: Measurand) -> bool:
+    return abs(difference.value) > difference.expanded_u
+
+
+def _bound(difference: Measurand) -> float:
+    return abs(difference.value) + difference.expanded_u
+
+
+def _seen_or_bound(difference: Measurand | None) -> Measurand | _NotSeen | None:
+    """Return a hysteresis that is seen, else what it stays below."""
+    if difference is None or _is_seen(difference):
+        return difference
+    return _NotSeen(difference.value, difference.unit, _bound(difference))
+
+
+def temperature_report(settings: TemperatureSettings, _measured: Measured, results: TemperatureResult) -> Report:
+    """Report the coefficients, every temperature, and the figures over it."""
+    columns = (
+        Column("quantity", align="left"),
+        *(Column("value", format=".6g"), Column("u", format=".2g"), Column("U95", format=".2g")),
+        *(Column("unit", align="left"), Column("u is made of", align="left")),
+    )
+    rows = [_row(name, each) for name, each in results.quantities()]
+    unit = results.scale_factor.unit
+    of_points = (
+        *(Column("temperature", "degC", ".1f"), Column("direction", align="left"), Column("scale factor", unit, ".7g")),
+        *(Column("u", unit, ".1g"), Column("bias", "deg/s", ".5f"), Column("u", "deg/s", ".1g")),
+        *(Column("drive frequency", "Hz", ".4f"), Column("mode split", "Hz", ".4f")),
+    )
+    points = [
+        (
+            *(each.temperature_c, each.direction, each.slope, each.u_slope, each.bias_deg_s, each.u_bias_deg_s),
+            *(each.frequency_hz, None if each.split_hz is None else each.split_hz.value),
+        )
+        for each in results.points
+    ]
+    said = [_lack_of_fit(results), BY_V_VC if results.by == "v-vc" else "", NOT_HELD]
+    if results.split is None:
+        said.insert(0, "mode split: not measured (--set split=true)")
+    if settings.chamber is None:
+        said.insert(0, "temperatures are those that a person set, not measured")
+    figures = [
+        _figure(
+            results, "scale factor", "ppm", [1e6 * (p.slope / results.scale_factor.value - 1.0) for p in results.points]
+        ),
+        _figure(results, "bias", "deg/s", [p.bias_deg_s for p in results.points]),
+    ]
+    return Report([Table(columns, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures])
+
+
+def _row(name: str, found: Measurand | _NotSeen) -> tuple[float | str | None, ...]:
+    if isinstance(found, _NotSeen):
+        return (f"{name}, not seen, below (95 %)", found.upper_95, None, None, found.unit, "")
+    return (name, found.value, found.u, found.expanded_u, found.unit, _made_of(found))
+
+
+def _lack_of_fit(results: TemperatureResult) -> str:
+    if results.scale_factor_lack_of_fit_ppm is None or results.bias_lack_of_fit_deg_s is None:
+        return "as many points as coefficients: nothing tells how well a parabola fits"
+    factor, bias = results.scale_factor_lack_of_fit_ppm, results.bias_lack_of_fit_deg_s
+    return f"what the parabolas leave: scale factor {factor:.3g} ppm, bias {bias:.2g} deg/s"
+
+
+def _figure(results: TemperatureResult, name: str, unit: str, values: Sequence[float]) -> Figure:
+    series = []
+    for direction in ("up", "down"):
+        of = [(p.temperature_c, y) for p, y in zip(results.points, values, strict=True) if p.direction == direction]
+        if of:
+            series.append(Series(direction, [x for x, _ in of], [y for _, y in of]))
+    return Figure(f"{name} over temperature", Axis("temperature", "degC"), Axis(name, unit), series)
+
+
+def _made_of(quantity: Measurand) -> str:
+    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)

@@ -1,0 +1,1 @@
+"""The virtual Coriolis calibration, the paper's four steps: settings, plan, match, results, budget, report."""

@@ -1,0 +1,178 @@
+"""K_Vc of a four-step calibration from null comparisons at rates of both signs: half a difference, or a curve.
+
+Rates are those relative to V_Vc = 0: ``rate = sum of c_p V^p`` for p from 1. From one pair of rates there is c_1 alone,
+K_Vc, out of which the half difference keeps the modulator's even order. What a curve calls k0 is not used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.chopped import CHOPPED, DIFFERENCES
+from vcfbench.analysis.k_vc_curve import coefficient_weights, fit_k_vc_curve
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.kvc.results import block_covariance, blocks_of, noise_of, nulled_levels
+from vcfbench.procedures.null_comparison.plan import block
+from vcfbench.procedures.sweep.schedule import KvcBy
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.analysis.k_vc_curve import KVcCurve
+    from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+    from vcfbench.record.schema import Point
+
+__all__ = ["NullMatching", "null_matching"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+TABLE, DRIVEN = 1, 2
+"""The steps of the four whose windows are blocks; the search has a number of its own."""
+
+_ORDER = 3
+
+
+@dataclass(frozen=True, slots=True)
+class NullMatching:
+    """What the null comparisons come to; arrays go over the pairs, +r1, -r1, +r2, ..., or over all windows."""
+
+    match_rate_deg_s: float
+    rate_deg_s: Floats
+    v_vc_v: Floats
+    """With the same zero-subtracted output as on the table."""
+    taken_v: Floats
+    """V_Vc at which the windows were taken: near an end of a generator's range it may be some per cent away."""
+    left_v: Floats
+    """What was left between the two outputs."""
+    per_deg_s: Floats
+    """Output per rate there, V/(deg/s)."""
+    left_weights: Floats
+    """(pairs, windows): how the outputs of the windows make `left_v`."""
+    coefficients: Floats
+    """c_1, c_2, ...: (deg/s)/V^p."""
+    weights: Floats
+    """(coefficients, pairs): what the rate of each pair puts into each coefficient."""
+    readings: Floats
+    """Of each window."""
+    curve: KVcCurve | None
+
+    @property
+    def k_vc(self) -> float:
+        """K_Vc, (deg/s)/V: half the difference of the matches, or that of small signals of the curve."""
+        return float(self.coefficients[0])
+
+    @property
+    def v_vc_equal_v(self) -> float:
+        """V_Vc that stands for the matching rate, V."""
+        return self.level_for(self.match_rate_deg_s)
+
+    @property
+    def residual_v(self) -> float:
+        """The largest of what was left between two outputs, V; it is interpolated."""
+        return float(self.left_v[np.abs(self.left_v).argmax()])
+
+    @property
+    def slope(self) -> float:
+        """Output over V_Vc (V/V), of small signals."""
+        return float(self.per_deg_s.mean()) * self.k_vc
+
+    @property
+    def residuals_deg_s(self) -> Floats:
+        """Rate less what stands for it, of each pair."""
+        return np.asarray(self.rate_deg_s - np.array([self.rate_of(volts) for volts in self.v_vc_v]))
+
+    def rate_of(self, v_vc_v: float) -> float:
+        """Return the rate that a V_Vc stands for, deg/s."""
+        return float(np.polynomial.polynomial.polyval(v_vc_v, [0.0, *self.coefficients]))
+
+    def slope_of(self, v_vc_v: Floats) -> Floats:
+        """Return how that rate grows with V_Vc, (deg/s)/V."""
+        derivative = np.polynomial.polynomial.polyder(np.array([0.0, *self.coefficients]))
+        return np.asarray(np.polynomial.polynomial.polyval(v_vc_v, derivative) + 0.0 * v_vc_v)
+
+    def level_for(self, rate_deg_s: float) -> float:
+        """Return the V_Vc that stands for a rate, V, by Newton's method: the curve is nearly straight.
+
+        Raises:
+            ConfigError: it is not.
+        """
+        level_v = rate_deg_s / self.k_vc
+        for _ in range(50):
+            off = self.rate_of(level_v) - rate_deg_s
+            if abs(off) <= 1e-12 * max(1.0, abs(rate_deg_s)):
+                return level_v
+            level_v -= off / float(self.slope_of(np.array([level_v]))[0])
+        raise ConfigError(f"no V_Vc stands for {rate_deg_s:g} deg/s on the curve of K_Vc")
+
+    @property
+    def noise_weights(self) -> Floats:
+        """(coefficients, windows): what a volt at the output of each window puts into the coefficients."""
+        return np.asarray((self.weights / self.per_deg_s) @ self.left_weights)
+
+    def u_k_vc(self, std_v: float, common_v: float) -> float:
+        """Return the standard uncertainty of K_Vc by noise and resolution, (deg/s)/V; see :meth:`Matching.u_k_vc`."""
+        u_v = np.hypot(std_v / np.sqrt(self.readings), common_v)
+        return float(np.linalg.norm(self.noise_weights[0] * u_v))
+
+
+def null_matching(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> NullMatching:
+    """Do the arithmetic of the null comparisons.
+
+    Raises:
+        ConfigError: they are no whole blocks, or do not determine a curve.
+    """
+    magnitudes, cycles = settings.magnitudes_deg_s, settings.null_cycles
+    rate = np.array([sign * size for size in magnitudes for sign in (1.0, -1.0)])
+    table, driven = (_differences(points, step, len(magnitudes), cycles) for step in (TABLE, DRIVEN))
+    outputs, known_v = (np.array([getattr(p, name) for p in points]) for name in ("output_v", "v_vc_v"))
+    left_v = (driven - table) @ outputs
+    zeros = [p.v_vc_v for p in points if p.step == DRIVEN and p.rate_deg_s == 0.0]
+    zero_v = math.fsum(zeros) / len(zeros)
+    at_v = np.where(driven > 0.0, driven, 0.0) @ known_v  # the level's windows add up to 1, its zeros are below 0
+    moved_v = driven @ outputs
+    equal_v, per_v = nulled_levels(at_v, zero_v, moved_v, left_v)
+    common = {
+        "match_rate_deg_s": settings.match_rate_deg_s,
+        "rate_deg_s": rate,
+        "v_vc_v": equal_v,
+        "taken_v": at_v,
+        "left_v": left_v,
+        "left_weights": driven - table,
+        "readings": np.array([float(point.n) for point in points]),
+    }
+    if settings.k_vc_by is KvcBy.PLUS_MINUS:
+        weights = np.array([[1.0, -1.0]]) / (equal_v[0] - equal_v[1])
+        k_vc = weights @ rate
+        return NullMatching(**common, per_deg_s=per_v / k_vc, coefficients=k_vc, weights=weights, curve=None)
+    matched = [p for p in points if p.step in {TABLE, DRIVEN}]
+    noise = noise_of(settings, [block(each) for each in blocks_of(matched)], matched)
+    slopes = np.polynomial.polynomial.polyder(np.polynomial.Polynomial.fit(rate, table @ outputs, 3).convert().coef)
+    per_deg_s = np.asarray(np.polynomial.polynomial.polyval(rate, slopes))
+    covariance = 2.0 * block_covariance(noise, len(magnitudes), cycles) / np.outer(per_deg_s, per_deg_s)
+    curve = fit_k_vc_curve(rate, equal_v, covariance, np.zeros_like(covariance), _ORDER)
+    weights = coefficient_weights(curve, equal_v, covariance)[1:]
+    found = np.array(curve.coefficients[1:])
+    return NullMatching(**common, per_deg_s=per_deg_s, coefficients=found, weights=weights, curve=curve)
+
+
+def _differences(points: Sequence[Point], step: int, magnitudes: int, cycles: int) -> Floats:
+    """Return what makes the mean differences of `step` from its zeros of all outputs, (pairs, windows).
+
+    Raises:
+        ConfigError: there are not as many blocks as were to be.
+    """
+    places = np.array([place for place, point in enumerate(points) if point.step == step])
+    if places.size != cycles * magnitudes * len(CHOPPED):
+        raise ConfigError(f"expected {cycles} times {magnitudes} blocks of {len(CHOPPED)} windows, came {places.size}")
+    blocks = places.reshape(cycles, magnitudes, len(CHOPPED))
+    making = np.zeros((magnitudes, 2, len(points)))
+    for number in range(magnitudes):
+        for own in blocks[:, number]:
+            making[number][:, own] += DIFFERENCES / cycles
+    return making.reshape(2 * magnitudes, len(points))

@@ -1,0 +1,306 @@
+"""The virtual Coriolis calibration: the paper's four steps (section 4.2) in the order in which they can be done.
+
+The paper prints its fourth step before its third; the turntable sweep comes first here, so that everything that needs
+the table moving is behind when the V_Vc sweep starts. While the table turns the generator's output is off and the PCB
+holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under servo.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
+
+from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.bench.settings import V_VC_RANGE_V, Match, rate_words
+from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import ReadsVoltage
+from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven
+from vcfbench.procedures.procedure import PAPER_USES, Procedure
+from vcfbench.procedures.routines import (
+    go_to_rate,
+    powered,
+    ramp_to,
+    set_v_vc,
+    take,
+    take_zero_again,
+    v_vc_on,
+)
+from vcfbench.procedures.sweep.agreement import (
+    MATCH_DRIFT,
+    require_agreement,
+    require_expected_column,
+    require_expected_k_vc,
+    require_same_zero,
+    require_steady_slope,
+)
+from vcfbench.procedures.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, SweepSettings, sweep_drift, sweep_words
+from vcfbench.procedures.turntable import table_sweep
+from vcfbench.procedures.virtual_coriolis.matching import Matching
+from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
+from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from vcfbench.plans.step import Routine
+    from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
+    from vcfbench.record.schema import Point
+
+__all__ = ["VIRTUAL_CORIOLIS", "VirtualCoriolisSettings", "virtual_coriolis"]
+
+
+class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
+    """What the virtual Coriolis calibration is told beside what all procedures are."""
+
+    match: Annotated[
+        Match,
+        Meta(
+            description="how step 2 compares outputs: each from its own zero, or as they are (the paper's words)",
+            extra={"option": True},
+        ),
+    ] = Match.ZERO
+    match_rate_deg_s: Annotated[Rate, Meta(description="rate at which K_Vc is found")] = 10.0
+    match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that step 2 may take")] = 4
+    match_windows: Annotated[int, Meta(ge=1, le=1000, description="windows of each mean that K_Vc hangs on")] = 4
+    k_vc_by: Annotated[
+        KvcBy,
+        Meta(description="K_Vc by one match, half the difference at both signs, or a curve", extra={"option": "--kvc"}),
+    ] = KvcBy.ONE_POINT
+    match_rates_deg_s: Annotated[
+        tuple[Rate, ...],
+        Meta(min_length=3, max_length=100, description="rates at which a curve is matched, each with both signs"),
+    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
+
+    @property
+    def as_in_the_paper(self) -> bool:
+        """Whether rates are visited, and K_Vc is found, as the paper does it."""
+        return super().as_in_the_paper and self.k_vc_by is KvcBy.ONE_POINT
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The rates at which V_Vc is matched, without sign, rising."""
+        rates = self.match_rates_deg_s if self.k_vc_by is KvcBy.CURVE else (self.match_rate_deg_s,)
+        return tuple(sorted({abs(rate) for rate in rates}))
+
+    @property
+    def null_cycles(self) -> int:
+        """How often the null comparisons are made: each has two windows of a level."""
+        return max(1, self.match_windows // 2)
+
+    @property
+    def fastest_deg_s(self) -> float:
+        """The fastest that the table is asked to turn, deg/s, either way."""
+        return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say; every rate must have a V_Vc within the limits, |rate| / |K_Vc|."""
+        yield from super().contradictions()
+        limits, guess, match_deg_s = self.station.limits, self.k_vc_guess_deg_s_per_v, abs(self.match_rate_deg_s)
+        most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
+        if not self.rate_tolerance_deg_s < match_deg_s <= most_deg_s:
+            at_rest = f"above {self.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
+            yield InvalidValue("match_rate_deg_s", f"{rate_words(most_deg_s)}, and {at_rest}", self.match_rate_deg_s)
+        limit_v, largest = limits.max_v_vc_v, max(map(abs, self.rates_deg_s))
+        if limit_v is not None and abs(guess) * limit_v < largest:
+            expected = f"at least {largest / limit_v:g}, so that {largest:g} deg/s needs at most {limit_v:g} V of V_Vc"
+            yield InvalidValue("k_vc_guess_deg_s_per_v", f"{expected} (limits.max_v_vc_v)", guess)
+        if abs(guess) * LEAST_V_VC_V > match_deg_s:
+            needs = f"{match_deg_s:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
+            yield InvalidValue(
+                "k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess
+            )
+        if self.k_vc_by is not KvcBy.ONE_POINT and self.match is Match.ABSOLUTE:
+            yield InvalidValue("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
+        if self.k_vc_by is KvcBy.CURVE:
+            from vcfbench.procedures.null_comparison.plan import invalid_match_rates  # noqa: PLC0415  # numpy comes with it
+
+            yield from invalid_match_rates(self, self.match_rates_deg_s, 3)
+            if self.magnitudes_deg_s[-1] < largest:
+                expected = f"at least one of {largest:g} deg/s or more: a curve tells nothing beyond its rates"
+                yield InvalidValue("match_rates_deg_s", expected, list(self.match_rates_deg_s))
+
+
+def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
+    """Calibrate on the rate table and by the virtual Coriolis force, and compare."""
+    return (yield from powered(settings, _four_steps(settings)))
+
+
+def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
+    if settings.k_vc_by is KvcBy.ONE_POINT:
+        yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
+        points = yield from _table_reference(settings)
+        yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
+        driven, matching = yield from _match(settings, points)
+        rates: Matching | NullMatching = matching
+    else:
+        points, driven, rates = yield from _null_match(settings)
+    yield Note("Step 3: the table turns at each rate, generator off")
+    yield DisableVvc()
+    yield from table_sweep(settings, 3, points)
+    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
+    yield from _virtual_sweep(settings, rates, driven)
+    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
+
+
+def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
+    """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and what they come to."""
+    from vcfbench.procedures.null_comparison.plan import NullTerms, nulled  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.virtual_coriolis.null_matching import null_matching  # noqa: PLC0415  # as above
+
+    yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
+    yield Settle(settings.settle_s, "gyro settles, table at rest")
+    found = yield from nulled(
+        settings,
+        NullTerms(
+            magnitudes_deg_s=settings.magnitudes_deg_s,
+            cycles=settings.null_cycles,
+            iterations=settings.match_iterations,
+            take=partial(take_driven, settings, table_deg_s=0.0),
+            table=1,
+            search=SEARCH,
+            driven=2,
+        ),
+    )
+    require_expected_column(found.table, settings.expected)
+    matching = null_matching(settings, [*found.table, *found.driven])
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    return list(found.table), list(found.driven), matching
+
+
+def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
+    """Step 1: the zero output and the output at the matching rate, in turn."""
+    yield Settle(settings.settle_s, "gyro settles, table at rest")
+    points: list[Point] = []
+    previous_deg_s = 0.0
+    for turning in _in_turn(settings.match_windows):
+        rate_deg_s = settings.match_rate_deg_s if turning else 0.0
+        if rate_deg_s != previous_deg_s:
+            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+        points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+        if len(points) > 1:
+            require_agreement(points, settings, MATCH_DRIFT)
+            require_expected_column(points, settings.expected)
+        previous_deg_s = rate_deg_s
+    yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
+    return points
+
+
+def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tuple[list[Point], Matching]]:
+    """Step 2: the zero output with the generator on, then V_Vc by linear prediction until the outputs are equal.
+
+    Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
+    """
+    yield from v_vc_on()
+    yield Settle(settings.settle_s, "gyro settles after the generator came on")
+    points = [(yield from _take_virtual(settings, 0.0))]
+    require_same_zero(table[0], points[0], table[1])
+    v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
+    for number in range(settings.match_iterations):
+        v_vc_v = yield from set_v_vc(settings, v_vc_v)
+        points.append((yield from _take_virtual(settings, v_vc_v)))
+        matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
+        if number > 0 and matching.equal():  # one lucky guess proves nothing
+            break
+        v_vc_v = matching.v_vc_equal_v
+    if not matching.usable():
+        raise _no_match(matching, settings)
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    yield from _confirm(settings, points)
+    matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
+    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    return points, matching
+
+
+def _confirm(settings: VirtualCoriolisSettings, points: list[Point]) -> Routine[None]:
+    """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn, and add them to `points`."""
+    equal_v = previous_v = points[-1].v_vc_v
+    for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
+        v_vc_v = equal_v if pushed else 0.0
+        if v_vc_v != previous_v:
+            yield from set_v_vc(settings, v_vc_v)
+        points.append((yield from _take_virtual(settings, v_vc_v)))
+        require_agreement(points, settings, MATCH_DRIFT)
+        previous_v = v_vc_v
+
+
+def _in_turn(windows: int) -> Iterator[bool]:
+    """Yield `windows` zeros and as many levels as zero, level, level, zero, ...: linear drift cancels, flicker nearly.
+
+    K_Vc hangs on four means 125 mV apart, where one window of ten readings each would leave 0.06 % of noise and a
+    wandering zero half as much again; the sweeps, over 5 V, need no more than one window a level.
+    """
+    for number in range(windows):
+        second = number % 2 == 0
+        yield from (not second, second)
+
+
+def _take_virtual(settings: VirtualCoriolisSettings, v_vc_v: float) -> Routine[Point]:
+    return (yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
+
+
+def _no_match(matching: Matching, settings: VirtualCoriolisSettings) -> MeasurementError:
+    return MeasurementError(
+        f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
+        f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
+        instrument="multimeter",
+        step="2",
+        hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
+    )
+
+
+def _virtual_sweep(
+    settings: VirtualCoriolisSettings, rates: Matching | NullMatching, driven: list[Point]
+) -> Routine[None]:
+    """Step 4: each rate as V_Vc = rate / K_Vc; the point stands for the rate of the V_Vc that was read back.
+
+    The points must agree with those of step 2, `driven`, and so must the zero when all is done.
+    """
+    points: list[Point] = []
+    zeros: list[Point] = []
+    reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
+    yield from v_vc_on()
+    for visit in settings.visits_deg_s:
+        v_vc_v = yield from set_v_vc(settings, 0.0 if visit is None else rates.level_for(visit))
+        own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
+        rate_deg_s = rates.rate_of(v_vc_v)
+        own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
+        others = (each for each in (*points, *zeros) if each is not own[-1])
+        require_agreement([*driven, *others, own[-1]], settings, sweep_drift(settings))
+        require_steady_slope(points[-2:], reference)
+    require_steady_slope(points, reference)
+    yield from set_v_vc(settings, 0.0)
+    points.append((yield from take_zero_again(settings, 4)))
+    require_agreement([*driven, *points], settings, sweep_drift(settings))
+
+
+def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
+    if settings.k_vc_by is KvcBy.ONE_POINT:
+        match, rate_deg_s = settings.match, settings.match_rate_deg_s
+        return virtual_coriolis_results(points, match, rate_deg_s, settings.meter_resolution_v, settings)
+    return null_results(points, settings)
+
+
+VIRTUAL_CORIOLIS = Procedure(
+    name="virtual-coriolis",
+    title=BUILT_IN["virtual-coriolis"][1],
+    method=(
+        "Step 1: the output is read at rest and at the match rate on the rate table. Step 2: the table at rest, V_Vc "
+        "is adjusted until the output changes by as much; rate over V_Vc is K_Vc. Step 3: the turntable calibration. "
+        "Step 4: the same rates again by V_Vc = rate / K_Vc, the table at rest. Each output is the mean of repeated "
+        "readings. Least-squares lines through both columns give scale factors and biases; their comparison tells how "
+        "well the virtual rate stands for a real one. Uncertainties are combined after the GUM (JCGM 100)."
+    ),
+    settings=VirtualCoriolisSettings,
+    plan=virtual_coriolis,
+    results=_results,
+    report=virtual_coriolis_report,
+    uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
+)
+"""The virtual Coriolis calibration."""

@@ -1,0 +1,361 @@
+"""From the points of a run to its results: pure arithmetic, so that a record gives the same results again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+from vcfbench.analysis.column import CalibrationColumn, Quantity
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.procedures.known.levels import at_measured_levels, generator_sheet, standing_for
+from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.procedures.virtual_coriolis.matching import Matching
+from vcfbench.record.schema import pooled_std_v
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
+    from vcfbench.bench.settings import Match
+    from vcfbench.procedures.budget.uncertainty import Statement
+    from vcfbench.procedures.sweep.found import SweepFound
+    from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
+    from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+    from vcfbench.record.schema import Point
+    from vcfbench.specifications import LevelSpecification
+
+__all__ = [
+    "K_VC_UNIT",
+    "NullPair",
+    "NullVirtualCoriolisResult",
+    "SweptTurntableResult",
+    "SweptVirtualCoriolisResult",
+    "TurntableResult",
+    "VirtualCoriolisResult",
+    "noise_std_v",
+    "null_results",
+    "repeat_std_v",
+    "turntable_results",
+    "u_output_v",
+    "virtual_coriolis_results",
+]
+
+K_VC_UNIT = "(deg/s)/V"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurntableResult(CalibrationColumn):
+    """What a calibration on the rate table came to: its one column."""
+
+    uncertainty: Statement | None = None
+    """Combined uncertainties; None where nothing is told of the run but its points."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys."""
+        return _acceptance_values(self)
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return _acceptance_u95(self.uncertainty)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptTurntableResult(TurntableResult):
+    """The same, of a run that did not visit the rates as the paper does."""
+
+    sweep: SweepFound
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualCoriolisResult:
+    """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.
+
+    V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
+    `scale_factor_error_u_percent` is what noise and the resolutions of meter and generator allow, through both slopes
+    and K_Vc; `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
+    Neither knows of the generator's accuracy: a V_Vc that is set and not measured may be off by as much as
+    `k_vc_u_generator` says (standard uncertainty), at step 2 and at each level of step 4 differently.
+    """
+
+    k_vc: Quantity
+    """Rate that one volt of V_Vc stands for."""
+    k_vc_u_generator: float
+    """Standard uncertainty of K_Vc by the generator's accuracy alone, (deg/s)/V; 0 where V_Vc was measured."""
+    v_vc10_v: float
+    """V_Vc that gives the output of `match_rate_deg_s`; the paper's rate is 10 deg/s."""
+    turntable: CalibrationColumn
+    """Step 3: outputs against the table's rates."""
+    virtual: CalibrationColumn
+    """Step 4: outputs against the rates that V_Vc stood for."""
+    scale_factor_error_percent: float
+    """How far the virtual scale factor is from that of the table."""
+    scale_factor_error_u_percent: float
+    scale_factor_error_fit_u_percent: float
+    comparison: Comparison
+    match: Match
+    match_rate_deg_s: float
+    match_residual_v: float
+    """What was left between the two outputs at the best setting of V_Vc."""
+    u_output_v: float
+    """Standard uncertainty of one window's mean."""
+    meter_resolution_v: float
+    uncertainty: Statement | None = None
+    """Combined uncertainties; None where nothing is told of the run but its points."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
+        return {
+            **_acceptance_values(self.turntable),
+            "k_vc_deg_s_per_v": self.k_vc.value,
+            "scale_factor_error_percent": self.scale_factor_error_percent,
+            **({} if self.uncertainty is None or self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
+        }
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return _acceptance_u95(self.uncertainty)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptVirtualCoriolisResult(VirtualCoriolisResult):
+    """The same, of a run that did not visit the rates as the paper does."""
+
+    turntable_sweep: SweepFound
+    virtual_sweep: SweepFound
+
+
+@dataclass(frozen=True, slots=True)
+class NullPair:
+    """A rate of the table, and the V_Vc with the same zero-subtracted output."""
+
+    rate_deg_s: float
+    v_vc_v: float
+    residual_deg_s: float
+    """Rate less what that V_Vc stands for."""
+    left_v: float
+    """What was left between the two outputs, V; it is interpolated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NullVirtualCoriolisResult(SweptVirtualCoriolisResult):
+    """The same, with K_Vc from null comparisons at rates of both signs."""
+
+    k_vc_by: KvcBy
+    coefficients: tuple[float, ...]
+    """The rate that V_Vc stands for is the sum of these times V_Vc, its square, its cube, (deg/s)/V^p."""
+    pairs: tuple[NullPair, ...]
+    lack_of_fit_p: float | None
+    """Of a curve: probability of residuals as large if it is right."""
+    lack_of_fit_deg_s: float | None
+    """What its residuals hold beyond their noise, root mean square; in no uncertainty."""
+
+    def rate_of(self, v_vc_v: float) -> float:
+        """Return the rate that a V_Vc stands for, deg/s."""
+        return math.fsum(each * v_vc_v ** (place + 1) for place, each in enumerate(self.coefficients))
+
+
+def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
+    scale_factor, bias_v = column.scale_factor.value, column.bias.value
+    return {
+        "scale_factor_v_per_deg_s": scale_factor,
+        "bias_v": bias_v,
+        "bias_deg_s": bias_v / scale_factor if scale_factor else None,
+        "nonlinearity_ppm": column.nonlinearity_ppm.max_span,
+    }
+
+
+_STATED = MappingProxyType(
+    {
+        "scale_factor": "scale_factor_v_per_deg_s",
+        "bias": "bias_v",
+        "bias_deg_s": "bias_deg_s",
+        "k_vc": "k_vc_deg_s_per_v",
+        "scale_factor_error_percent": "scale_factor_error_percent",
+    }
+)
+"""The keys of ``[acceptance]`` by the names of stated values, those of the table's column without its name."""
+
+
+def _acceptance_u95(statement: Statement | None) -> dict[str, float]:
+    stated = () if statement is None else statement.values
+    named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
+    return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
+
+
+def turntable_results(
+    points: Sequence[Point], meter_resolution_v: float, settings: ProcedureSettings | None = None
+) -> TurntableResult:
+    """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
+    if settings is None:
+        return TurntableResult(**_fields(_column(points, u_output_v(points, meter_resolution_v)).column()))
+    from vcfbench.procedures.budget.uncertainty import turntable_statement  # noqa: PLC0415  # as above
+    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
+
+    sweep = sweep_of(settings, points, 1)
+    values = _fields(_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
+    values["uncertainty"] = turntable_statement(settings, points)
+    if not _swept(settings):
+        return TurntableResult(**values)
+    from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above
+
+    return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    return {each.name: getattr(value, each.name) for each in fields(value)}
+
+
+def _swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:
+    return isinstance(settings, SweepSettings) and not settings.as_in_the_paper
+
+
+def virtual_coriolis_results(
+    points: Sequence[Point],
+    match: Match,
+    match_rate_deg_s: float,
+    meter_resolution_v: float,
+    settings: ProcedureSettings | None = None,
+) -> VirtualCoriolisResult:
+    """Return the results of a four-step calibration, with `settings` their uncertainties."""
+    points = at_measured_levels(points)
+    matching = Matching.of(points, match, match_rate_deg_s)
+    told = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
+    values = _four_steps(points, matching, meter_resolution_v, settings) | told
+    if settings is None or not _swept(settings):
+        return VirtualCoriolisResult(**values)
+    return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))
+
+
+def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> NullVirtualCoriolisResult:
+    """Return the results of a four-step calibration whose K_Vc is from null comparisons at both signs."""
+    from vcfbench.procedures.virtual_coriolis.null_matching import null_matching  # noqa: PLC0415  # numpy comes with it
+
+    points = at_measured_levels(points)
+    matching = null_matching(settings, points)
+    curve = matching.curve
+    columns = (matching.rate_deg_s, matching.v_vc_v, matching.residuals_deg_s, matching.left_v)
+    return NullVirtualCoriolisResult(
+        **_four_steps(points, matching, settings.meter_resolution_v, settings),
+        **_sweeps(settings, standing_for(points, 4, matching.rate_of)),
+        match=settings.match,
+        match_rate_deg_s=settings.match_rate_deg_s,
+        meter_resolution_v=settings.meter_resolution_v,
+        k_vc_by=settings.k_vc_by,
+        coefficients=tuple(matching.coefficients.tolist()),
+        pairs=tuple(NullPair(*map(float, each)) for each in zip(*columns, strict=True)),
+        lack_of_fit_p=None if curve is None else curve.lack_of_fit_p,
+        lack_of_fit_deg_s=None if curve is None else curve.lack_of_fit_deg_s,
+    )
+
+
+def _sweeps(settings: SweepSettings, points: Sequence[Point]) -> dict[str, Any]:
+    from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above
+    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
+
+    turntable, virtual = (sweep_found(settings, points, sweep_of(settings, points, step)) for step in (3, 4))
+    return {"turntable_sweep": turntable, "virtual_sweep": virtual}
+
+
+def _four_steps(
+    points: Sequence[Point],
+    matching: Matching | NullMatching,
+    meter_resolution_v: float,
+    settings: ProcedureSettings | None,
+) -> dict[str, Any]:
+    """Return K_Vc, both columns and how they differ, from points at the V_Vc that they are known to have."""
+    from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.budget.uncertainty import four_step_statement  # noqa: PLC0415  # as above
+    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
+
+    measured = any(point.v_vc_measured_v is not None for point in points)
+    generator = generator_sheet(settings or ProcedureSettings())
+    u_v, u_level = u_output_v(points, meter_resolution_v), 0.0 if measured else _u_level(generator)
+    points = standing_for(points, 4, matching.rate_of)
+    noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
+    u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
+    table, driven = (sweep_of(settings or ProcedureSettings(), points, step) for step in (3, 4))
+    turntable = _column(table.points, table.u_v(u_v))
+    levels = zip(driven.noise_gains, (u_level * matching.slope * point.v_vc_v for point in driven.points), strict=True)
+    virtual = _column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
+    comparison = compare(turntable, virtual)
+    relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
+    ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
+    set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
+    return {
+        "k_vc": Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
+        "k_vc_u_generator": 0.0 if measured else _u_generator(generator, set_v) * abs(matching.k_vc),
+        "v_vc10_v": matching.v_vc_equal_v,
+        "turntable": turntable.column(),
+        "virtual": virtual.column(),
+        "scale_factor_error_percent": comparison.scale_factor_error_percent,
+        "scale_factor_error_u_percent": 100.0 * ratio * relative,
+        "scale_factor_error_fit_u_percent": comparison.u_scale_factor_error_percent,
+        "comparison": comparison,
+        "match_residual_v": matching.residual_v,
+        "u_output_v": u_v,
+        "uncertainty": None if settings is None else four_step_statement(settings, points, matching),
+    }
+
+
+def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:
+    """Return the standard uncertainty of one window's mean, V: pooled type A, the meter's resolution as type B.
+
+    The resolution is rectangular, a/sqrt(12), and taken to be common to the readings of a window: without enough noise
+    to dither it, averaging does not make it smaller. The meter's gain and the table's rate are common to all points and
+    belong to a budget.
+    """
+    type_a_v = noise_std_v(points) / math.sqrt(_shortest(points))
+    return math.hypot(type_a_v, _u_resolution_v(meter_resolution_v))
+
+
+def noise_std_v(points: Sequence[Point]) -> float:
+    """Return the standard deviation of one reading, V, that the means of windows scatter by.
+
+    Where windows were taken again it is their scatter, since that holds the flicker that readings within a window do
+    not see; it is never less than the readings' own.
+    """
+    return max(pooled_std_v(points), repeat_std_v(points) * math.sqrt(_shortest(points)))
+
+
+def _shortest(points: Sequence[Point]) -> int:
+    return min(point.n for point in points)
+
+
+def repeat_std_v(points: Sequence[Point]) -> float:
+    """Return the standard deviation of the means of windows taken again at the same setting, V; 0 without any."""
+    groups: dict[tuple[int, float, float], list[float]] = {}
+    for point in points:
+        groups.setdefault((point.step, point.rate_deg_s, point.v_vc_v), []).append(point.output_v)
+    degrees = sum(len(group) - 1 for group in groups.values())
+    if not degrees:
+        return 0.0
+    centres = {key: math.fsum(group) / len(group) for key, group in groups.items()}
+    squares = math.fsum((output_v - centres[key]) ** 2 for key, group in groups.items() for output_v in group)
+    return math.sqrt(squares / degrees)
+
+
+def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
+    """Return the relative standard uncertainty of a level that is known by its setting alone, rectangular limits."""
+    return (generator.setting + generator.offset_v / abs(v_vc_v)) / math.sqrt(3.0)
+
+
+def _u_level(generator: LevelSpecification) -> float:
+    """Return what the step of its level adds, over the level, on a bipolar range that ends at most 10 dB above it."""
+    return math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
+
+
+def _u_resolution_v(meter_resolution_v: float) -> float:
+    return meter_resolution_v / math.sqrt(12.0)
+
+
+def _column(points: Sequence[Point], u_v: float | Sequence[float]) -> ScaleFactorResult:
+    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415  # numpy comes with it
+
+    return characterise([point.rate_deg_s for point in points], [point.output_v for point in points], u_v)
+
+
+def _relative_u(column: ScaleFactorResult) -> float:
+    """Return the relative standard uncertainty of a slope from noise alone."""
+    return 0.0 if column.type_a is None else column.type_a.u_scale_factor / column.line.scale_factor

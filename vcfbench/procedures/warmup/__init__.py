@@ -1,0 +1,1 @@
+"""Warm-up: the output at rest from power-on until it is steady."""

@@ -1,0 +1,232 @@
+"""Warm-up: the output at rest from power-on until it is steady, and the exponential that it follows.
+
+First the output is read quickly while the drive loop starts (turn-on), then in means of a minute. The run ends when
+three of them in a row agree and their slope is below the bias instability a minute (after IEEE 952, 6.6), not before
+`shortest_s`, since the end of an exponential is not seen in its middle; or at `longest_s`, and then says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from msgspec import Meta
+
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.clock import sleep
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.step import Reading, StepResult, answer
+from vcfbench.plans.steps import (
+    Acquire,
+    CheckRails,
+    ConfigureMeter,
+    EnableSupply,
+    Note,
+    Outcome,
+    Plan,
+    Window,
+)
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import look_at_drive, rails_of
+from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
+from vcfbench.procedures.zero.plan import (
+    AtRestSettings,
+    held_at_rest,
+    off_afterwards,
+    scale_factor_used,
+    source_off,
+    told_scale_factor,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, Routine
+    from vcfbench.record.schema import Point
+    from vcfbench.report.document import Report
+
+__all__ = ["WARMUP", "SwitchOnAndLog", "SwitchedOn", "WarmupSettings", "warmup"]
+
+_QUICK_NPLC = 1.0
+_QUICK_INTERVAL_S = 0.1
+"""While the drive loop starts: ten readings a second of one power-line cycle."""
+
+
+class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
+    """What the warm-up is told beside what all procedures are."""
+
+    shortest_s: Annotated[
+        float, Meta(ge=180.0, le=86_400.0, description="from power-on, before it may be called steady")
+    ] = 1800.0
+    longest_s: Annotated[float, Meta(ge=180.0, le=86_400.0, description="and at most, steady or not")] = 3600.0
+    window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the means that must agree")] = 60.0
+    bias_instability_deg_h: Annotated[
+        float, Meta(ge=1e-3, le=1e6, description="B of this gyroscope, of its zero record: what steady means")
+    ] = 5.6
+    turn_on_tolerance_deg_s: Annotated[
+        float, Meta(ge=1e-3, le=1e3, description="the output is on when it stays so close to what it comes to")
+    ] = 1.0
+
+    @property
+    def readings_a_window(self) -> int:
+        """How many readings make one mean."""
+        return max(4, round(self.window_s / self.sample_interval_s))
+
+    @property
+    def warm_again_s(self) -> float:
+        """Where it is a part of a run: as long as it takes at least."""
+        return self.shortest_s
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.longest_s < self.shortest_s:
+            yield InvalidValue("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
+        if self.shortest_s < 3.0 * self.window_s:
+            yield InvalidValue("shortest_s", f"at least three windows of {self.window_s:g} s", self.shortest_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchedOn(StepResult):
+    """The bench time at which the supply was told to switch on, s, and the output from then on."""
+
+    t_s: float
+    log: tuple[Reading, ...]
+
+    def describe(self) -> str:
+        """Say how long it was followed."""
+        return f"{len(self.log)} readings from power-on"
+
+
+class SwitchOnAndLog(EnableSupply, frozen=True):
+    """Switch the supply on and read the output from the first instant, one reading every `interval_s`."""
+
+    subject: ClassVar[str] = "supply outputs"
+
+    seconds: float
+    interval_s: float
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"supply outputs on; the output every {self.interval_s:g} s for {self.seconds:g} s"
+
+    @property
+    def physical_s(self) -> float:
+        """The log, s."""
+        return self.seconds
+
+    def perform(self, context: Context) -> Any:
+        """Switch on, and read until the time is over; a meter that is slower gives fewer readings."""
+        clock, meter = context.bench.clock, context.bench.multimeter
+        begun_s = clock.now()
+        context.bench.power.enable_outputs()
+        log = []
+        while (now_s := clock.now()) < begun_s + self.seconds:
+            log.append(Reading(now_s, context.believable(meter.read_voltage_v)))
+            sleep(clock, max(0.0, now_s + self.interval_s - clock.now()))
+        return SwitchedOn(begun_s, tuple(log))
+
+    def predict(self, gyro: LinearGyro) -> Any:
+        """Predict an output that is there at once."""
+        count = max(1, int(self.seconds / self.interval_s))
+        return SwitchedOn(0.0, tuple(Reading(n * self.interval_s, gyro.output_v(0.0)) for n in range(count)))
+
+
+def warmup(settings: WarmupSettings) -> Plan:
+    """Follow the output from power-on: V_Vc off, the table (where there is one) held still under servo."""
+    yield from told_scale_factor(settings)
+    return (yield from off_afterwards(settings, held_at_rest(settings, _from_power_on(settings))))
+
+
+def _from_power_on(settings: WarmupSettings) -> Routine[Outcome]:
+    yield Note("Power-on")
+    yield ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
+    yield from source_off(settings)
+    rails = rails_of(settings)
+    for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
+        yield rail
+    yield SwitchOnAndLog(settings.drive.start_up_s, _QUICK_INTERVAL_S)
+    yield CheckRails(rails, settings.rail_tolerance_v)
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from look_at_drive(settings)
+    yield Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
+    return (yield from _until_steady(settings))
+
+
+def _until_steady(settings: WarmupSettings) -> Routine[Outcome]:
+    """Take means until they are steady or the time is over."""
+    window = _window(settings)
+    points: list[Point] = []
+    while True:
+        points.append(answer((yield window), Window).point)
+        elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
+        steady = is_steady(points[-3:], window.physical_s, _instability_v(settings))
+        if elapsed_s >= settings.shortest_s and steady:
+            return Outcome(f"steady after {len(points)} means")
+        if elapsed_s + window.physical_s > settings.longest_s:
+            return Outcome(f"not seen to be steady in {len(points)} means")
+
+
+def _instability_v(settings: WarmupSettings) -> float:
+    """Return B in volts; of the scale factor its size alone counts, and roughly: a record's is not read for it."""
+    told = settings.scale_factor_v_per_deg_s or settings.expected_gyro().scale_factor
+    return abs(told) * settings.bias_instability_deg_h / 3600.0
+
+
+def _window(settings: WarmupSettings) -> Acquire:
+    return Acquire(
+        step=1,
+        rate_deg_s=0.0,
+        v_vc_v=0.0,
+        table_deg_s=None if settings.station.limits.max_rate_deg_s is None else 0.0,
+        tolerance_deg_s=settings.rate_tolerance_deg_s,
+        rails=rails_of(settings),
+        rail_tolerance_v=settings.rail_tolerance_v,
+        samples=settings.readings_a_window,
+        interval_s=settings.sample_interval_s,
+        resolution_v=settings.meter_resolution_v,
+        noise_v=settings.expected.reading_noise_v,
+    )
+
+
+def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
+    ((_, switched),) = measured.found(SwitchedOn)
+    scale = scale_factor_used(settings, measured)
+    log = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in switched.log]
+    windows = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in measured.readings.windows]
+    length_s = settings.readings_a_window * settings.sample_interval_s
+    return warmup_results(
+        log,
+        windows,
+        interval_s=settings.sample_interval_s,
+        scale=scale,
+        tolerance_deg_s=settings.turn_on_tolerance_deg_s,
+        instability_deg_s=settings.bias_instability_deg_h / 3600.0,
+        steady=is_steady(measured[-3:], length_s, _instability_v(settings)),
+    )
+
+
+def _report(_settings: WarmupSettings, _measured: Measured, results: WarmupResult) -> Report:
+    return warmup_report(results)
+
+
+WARMUP = Procedure(
+    name="warmup",
+    title=BUILT_IN["warmup"][1],
+    method=(
+        "From power-on the output is recorded at rest until three means in a row agree. Turn-on is when the output "
+        "first stays within its tolerance; an exponential fitted to the readings gives amplitude, time constant and "
+        "warm-up time."
+    ),
+    settings=WarmupSettings,
+    plan=warmup,
+    results=_results,
+    report=_report,
+    in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",
+    needs={"power": PowersRails, "multimeter": ReadsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
+)
+"""The warm-up."""

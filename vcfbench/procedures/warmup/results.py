@@ -1,0 +1,280 @@
+"""What a warm-up comes to: when the output is on, how it creeps to its end, and when it is there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.procedures.zero.results import ScaleFactor
+    from vcfbench.record.schema import Point
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["WarmupFigure", "WarmupResult", "is_steady", "warmup_report", "warmup_results"]
+
+_SIGMAS = 3.0
+_FLOOR = 0.6643
+"""Floor of the Allan deviation over the bias instability."""
+_SHOWS = 3.0
+"""An exponential below so many of its uncertainties is not seen, and has no time constant."""
+_FIT_S = 10.0
+"""The curve is fitted to means of so many seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class WarmupFigure:
+    """A value with its standard uncertainty and unit."""
+
+    value: float
+    u: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class WarmupResult:
+    """A warm-up; times count from power-on.
+
+    Of an exponential that is not seen, amplitude, time constant and warm-up are None.
+    """
+
+    turn_on_s: float | None
+    """From then on the output stays within the tolerance; None: it had not come to that when the log ended."""
+    turn_on_resolution_s: float
+    steady: bool
+    """Whether the last three means agreed."""
+    lasted_s: float
+    bias_end: WarmupFigure
+    """b_inf of b_inf + a exp(-t / tau); its u holds the floor of the Allan deviation, by which means wander."""
+    amplitude: WarmupFigure | None
+    time_constant: WarmupFigure | None
+    warm_up: WarmupFigure | None
+    """When the exponential has fallen below the bias instability."""
+    bias_instability_deg_s: float
+    chi_square: float
+    dof: int
+    scale_factor_v_per_deg_s: ScaleFactor
+    means_t_s: tuple[float, ...]
+    means_deg_s: tuple[float, ...]
+    means_u_deg_s: tuple[float, ...]
+
+    def acceptance_values(self) -> dict[str, float | None]:
+        """Return what ``[acceptance]`` limits."""
+        return {"bias_deg_s": self.bias_end.value}
+
+    def curve_deg_s(self, t_s: float) -> float:
+        """Return the fitted output at `t_s` after power-on, deg/s."""
+        if self.amplitude is None or self.time_constant is None:
+            return self.bias_end.value
+        return self.bias_end.value + self.amplitude.value * math.exp(-t_s / self.time_constant.value)
+
+
+def is_steady(points: Sequence[Point], window_s: float, instability_v: float) -> bool:
+    """Tell whether three means in a row agree within three sigma, and move by less than the instability a minute.
+
+    Sigma is that of a mean: its readings' scatter over the root of their number, and the flicker floor.
+    """
+    if len(points) < 3:
+        return False
+    means = [point.output_v for point in points]
+    variance = sum(point.std_v**2 / point.n for point in points) / len(points)
+    sigma_v = math.sqrt(variance + (_FLOOR * instability_v) ** 2)
+    slope_v_min = abs(means[-1] - means[0]) / ((len(means) - 1) * window_s / 60.0)
+    return max(means) - min(means) <= _SIGMAS * sigma_v and slope_v_min <= instability_v
+
+
+def warmup_results(
+    log: Sequence[tuple[float, float]],
+    windows: Sequence[tuple[Floats, Floats]],
+    *,
+    interval_s: float,
+    scale: ScaleFactor,
+    tolerance_deg_s: float,
+    instability_deg_s: float,
+    steady: bool,
+) -> WarmupResult:
+    """Return what a warm-up comes to.
+
+    Args:
+        log: time from power-on (s) and rate (deg/s) of each quick reading.
+        windows: the same of the windows, an array each.
+        interval_s: from reading to reading in a window.
+        scale: what turned volts into rates.
+        tolerance_deg_s: the output is on when it stays so close to what the log ends with.
+        instability_deg_s: B, which correlates the means and is what warm means.
+        steady: whether the last means agreed.
+    """
+    import numpy as np  # noqa: PLC0415  # the plan needs none
+
+    begin_s, end_s, means, u_white = _means(windows, interval_s)
+    fit = _fitted(begin_s, end_s, means, u_white, instability_deg_s)
+    bias, amplitude, tau_s = fit.parameters.tolist()
+    u_bias, u_amplitude, u_tau = np.sqrt(np.diag(fit.covariance)).tolist()
+    seen = abs(amplitude) > _SHOWS * u_amplitude and tau_s > _SHOWS * u_tau
+    if not seen:
+        bias, u_bias = _constant(begin_s, end_s, means, u_white, instability_deg_s)
+    each = [(float(t_s.mean()), float(rate.mean()), float(np.std(rate, ddof=1)), rate.size) for t_s, rate in windows]
+    return WarmupResult(
+        turn_on_s=_turn_on(log, tolerance_deg_s),
+        turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
+        steady=steady,
+        lasted_s=float(end_s[-1]),
+        bias_end=WarmupFigure(bias, math.hypot(u_bias, _FLOOR * instability_deg_s), "deg/s"),
+        amplitude=WarmupFigure(amplitude, u_amplitude, "deg/s") if seen else None,
+        time_constant=WarmupFigure(tau_s, u_tau, "s") if seen else None,
+        warm_up=_warm_up(fit, instability_deg_s) if seen else None,
+        bias_instability_deg_s=instability_deg_s,
+        chi_square=fit.chi_square,
+        dof=fit.dof,
+        scale_factor_v_per_deg_s=scale,
+        means_t_s=tuple(t_s for t_s, _, _, _ in each),
+        means_deg_s=tuple(mean for _, mean, _, _ in each),
+        means_u_deg_s=tuple(std / math.sqrt(n) for _, _, std, n in each),
+    )
+
+
+def _turn_on(log: Sequence[tuple[float, float]], tolerance_deg_s: float) -> float | None:
+    """Return the time from which all readings lie within the tolerance of the median of the last fifth."""
+    from statistics import median  # noqa: PLC0415
+
+    if not log:
+        return None
+    end_deg_s = median(rate for _, rate in log[-max(1, len(log) // 5) :])
+    outside = [place for place, (_, rate) in enumerate(log) if abs(rate - end_deg_s) > tolerance_deg_s]
+    first = outside[-1] + 1 if outside else 0
+    return None if first > len(log) - max(1, len(log) // 5) else log[first][0]
+
+
+def _means(windows: Sequence[tuple[Floats, Floats]], interval_s: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return begin, end, mean and white standard uncertainty of means of some seconds, whole blocks of each window."""
+    import numpy as np  # noqa: PLC0415
+
+    block = max(1, round(_FIT_S / interval_s))
+    begin_s, means, squares, degrees = [], [], 0.0, 0
+    for t_s, rate in windows:
+        size = min(block, rate.size)
+        for first in range(0, rate.size - size + 1, size):
+            part = rate[first : first + size]
+            begin_s.append(float(t_s[first]))
+            means.append(float(part.mean()))
+            squares += float(((part - part.mean()) ** 2).sum())
+            degrees += size - 1
+    std = math.sqrt(squares / max(1, degrees))
+    begin = np.array(begin_s)
+    return begin, begin + size * interval_s, np.array(means), np.full(begin.size, std / math.sqrt(size))
+
+
+def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instability_deg_s: float) -> Floats:
+    """Return the Cholesky factor of the means' covariance: their white noise, and flicker about its own mean.
+
+    Flicker has no mean of its own: what it is over this record counts as part of the bias.
+    """
+    import numpy as np  # noqa: PLC0415
+
+    from vcfbench.analysis.noise_fit import Coefficients  # noqa: PLC0415
+    from vcfbench.analysis.sampling import Sampling  # noqa: PLC0415
+
+    law = Coefficients(bias_instability=instability_deg_s).phase_noise(Sampling.without_gaps(1.0))
+    edges = np.concatenate([end_s, begin_s])
+    lags = edges[:, None] - edges
+    phases = law.covariance(lags.ravel()).reshape(lags.shape)
+    count = begin_s.size
+    share = np.hstack([np.eye(count), -np.eye(count)]) / (end_s - begin_s)[:, None]
+    about = np.eye(count) - 1.0 / count
+    slow = about @ share @ phases @ share.T @ about.T
+    return np.asarray(np.linalg.cholesky(slow + np.diag(u_white**2)), dtype=np.float64)
+
+
+def _fitted(begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float) -> Any:
+    """Fit b_inf + a exp(-t / tau), each mean the integral over its seconds, by generalised least squares."""
+    import numpy as np  # noqa: PLC0415
+
+    from vcfbench.analysis.model_fit import fit_model  # noqa: PLC0415
+
+    root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
+
+    def residuals(parameters: Floats) -> Floats:
+        bias, amplitude, tau_s = parameters
+        tau_s = max(abs(tau_s), 1.0)
+        mean = tau_s * (np.exp(-begin_s / tau_s) - np.exp(-end_s / tau_s)) / (end_s - begin_s)
+        return np.asarray(np.linalg.solve(root, means - bias - amplitude * mean))
+
+    last, first = float(means[-(means.size // 3) :].mean()), float(means[: max(1, means.size // 20)].mean())
+    amplitude = first - last if first != last else float(u_white[0])
+    starts = [np.array([last, amplitude, share * float(end_s[-1])]) for share in (0.02, 0.08, 0.3)]
+    fits = []
+    for start in starts:
+        try:
+            fits.append(fit_model(residuals, start, "warm-up"))
+        except ConfigError:
+            continue
+    if not fits:
+        raise ConfigError(f"warm-up: {means.size} means do not determine an exponential")
+    return min(fits, key=lambda fit: fit.chi_square)
+
+
+def _constant(
+    begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float
+) -> tuple[float, float]:
+    """Return mean and standard uncertainty of what shows no exponential."""
+    import numpy as np  # noqa: PLC0415
+
+    root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
+    ones = np.linalg.solve(root, np.ones(means.size))
+    weight = float(ones @ ones)
+    return float(ones @ np.linalg.solve(root, means)) / weight, 1.0 / math.sqrt(weight)
+
+
+def _warm_up(fit: Any, instability_deg_s: float) -> WarmupFigure:
+    from vcfbench.analysis.model_fit import propagated  # noqa: PLC0415
+
+    def warm_s(parameters: Floats) -> float:
+        return float(parameters[2] * math.log(abs(parameters[1]) / instability_deg_s))
+
+    time_s = warm_s(fit.parameters)
+    return WarmupFigure(time_s, propagated(warm_s, fit), "s") if time_s > 0.0 else WarmupFigure(0.0, 0.0, "s")
+
+
+def warmup_report(results: WarmupResult) -> Report:
+    """Report a warm-up: the figures, what they hold, and the curve."""
+    scale = results.scale_factor_v_per_deg_s
+    columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g"), Column("unit")]
+    rows: list[Any] = [
+        ("turn-on", results.turn_on_s, None, "s"),
+        ("b_inf", results.bias_end.value, results.bias_end.u, results.bias_end.unit),
+    ]
+    named = (("a", results.amplitude, "deg/s"), ("tau", results.time_constant, "s"), ("warm-up", results.warm_up, "s"))
+    rows += [(name, found and found.value, found and found.u, unit) for name, found, unit in named]
+    said = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
+    ended = "three means in a row agree" if results.steady else "NOT steady: the last three means do not agree"
+    said.append(f"{ended}, {results.lasted_s:.0f} s after power-on")
+    if results.time_constant is None:
+        said.append(
+            "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings"
+        )
+    level_deg_h = 3600.0 * results.bias_instability_deg_s
+    said.append(
+        f"warm-up: until a exp(-t / tau) is below the bias instability, {level_deg_h:.3g} deg/h; turn-on is seen to "
+        f"{results.turn_on_resolution_s:.2g} s"
+    )
+    said.append("u: noise of the readings, and flicker of that size (of b_inf its Allan floor); not the scale factor's")
+    return Report([Text("\n".join(said)), Table(columns, rows), _figure(results)])
+
+
+def _figure(results: WarmupResult) -> Figure:
+    times = results.means_t_s
+    means = Series("means", times, results.means_deg_s, results.means_u_deg_s)
+    curve = Series("fit", times, [results.curve_deg_s(t_s) for t_s in times], kind="line")
+    return Figure(
+        "Warm-up of the output at rest", Axis("time from power-on", "s"), Axis("rate", "deg/s"), [means, curve]
+    )

@@ -1,0 +1,1 @@
+"""The static record: output at rest, Allan deviation, noise coefficients, bias stability."""

@@ -1,0 +1,342 @@
+"""The static record: the output at rest for an hour or more, and what it tells of the noise and of the bias.
+
+The multimeter decides what the record shows. One reading a second that averages 0.2 s of it sees white noise as
+strongly as 0.2 s do: sqrt(5) times too much at 1 s, and 2.6 times behind a sense mode whose split lets more through.
+So there are three modes: the record as it stands, the same corrected for its dead time, and readings without gaps.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from msgspec import Meta, Struct
+
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.errors import ConfigError
+from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.step import Step, StepResult
+from vcfbench.plans.steps import (
+    Acquire,
+    AcquireGapless,
+    ConfigureGenerator,
+    ConfigureMeter,
+    DisableSupply,
+    DisableVvc,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+)
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import look_at_drive, rails_of, rails_on, under_servo
+from vcfbench.procedures.zero.results import ScaleFactor, ZeroResult, zero_report, zero_results
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, Routine
+
+__all__ = [
+    "ZERO",
+    "AtRestSettings",
+    "Mode",
+    "ReadScaleFactor",
+    "ScaleFactorRead",
+    "ZeroSettings",
+    "held_at_rest",
+    "off_afterwards",
+    "scale_factor_used",
+    "source_off",
+    "told_scale_factor",
+    "zero",
+]
+
+_LEAST_READINGS = 200
+"""Fewer have no averaging times for four coefficients."""
+_EXACTLY = 1e-6
+
+
+class Mode(Enum):
+    """What is done about the time between readings."""
+
+    DEAD_TIME = "dead-time"
+    CORRECTED = "corrected"
+    GAPLESS = "gapless"
+
+
+class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What turns the output at rest into a rate."""
+
+    scale_factor_v_per_deg_s: Annotated[
+        Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
+        Meta(description="of this gyroscope; default that of a record, else what is expected, else the paper's"),
+    ] = None
+    scale_factor_from: Annotated[
+        str,
+        Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
+    ] = "none"
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.scale_factor_v_per_deg_s == 0.0:
+            expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
+            yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
+
+
+class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
+    """What the static record is told beside what all procedures are."""
+
+    powered_s: Annotated[
+        float, Meta(ge=0.0, le=86_400.0, description="time under power before the record, at least warm_up_s")
+    ] = 1800.0
+    duration_s: Annotated[float, Meta(ge=10.0, le=864_000.0, description="length of the record")] = 3600.0
+    mode: Annotated[
+        Mode,
+        Meta(
+            description="time between readings: as it is, corrected for, or none, the meter sampling by itself",
+            extra={"option": True},
+        ),
+    ] = Mode.CORRECTED
+    noise_bandwidth_hz: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=1e4,
+            description="noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded",
+        ),
+    ] = 0.0
+    noise_bandwidth_nplc: Annotated[
+        Literal[1, 10, 100],
+        Meta(description="integration time for which noise_bandwidth_hz holds; with another nplc it is not known"),
+    ] = 10
+    burst_readings: Annotated[
+        int, Meta(ge=10, le=50_000, description="readings without gaps that the meter's memory holds")
+    ] = 500
+
+    @property
+    def start_up_s(self) -> float:
+        """Wait after power-on, s."""
+        return max(self.powered_s, self.warm_up_s, self.settle_s)
+
+    @property
+    def aperture_s(self) -> float:
+        """How long the meter integrates, s."""
+        return self.nplc / self.station.mains_hz
+
+    @property
+    def passed_hz(self) -> float | None:
+        """Noise bandwidth of one reading at this integration time, Hz; None where it is not known."""
+        return self.noise_bandwidth_hz or None if self.nplc == self.noise_bandwidth_nplc else None
+
+    @property
+    def readings_a_mean(self) -> int:
+        """How many readings without gaps make one mean over the interval."""
+        return max(1, round(self.sample_interval_s / self.aperture_s))
+
+    @property
+    def readings(self) -> int:
+        """How many readings the meter takes."""
+        means = round(self.duration_s / self.sample_interval_s)
+        return means * self.readings_a_mean if self.mode is Mode.GAPLESS else means
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.duration_s < _LEAST_READINGS * self.sample_interval_s * (1.0 - _EXACTLY):
+            least_s = _LEAST_READINGS * self.sample_interval_s
+            expected = f"at least {least_s:g} s, {_LEAST_READINGS} times sample_interval_s"
+            yield InvalidValue("duration_s", expected, self.duration_s)
+        if self.duration_s > 1e6 * self.aperture_s:
+            expected = f"at most {1e6 * self.aperture_s:g} s, a million integration times"
+            yield InvalidValue("duration_s", expected, self.duration_s)
+        least_hz = 0.5 / self.aperture_s
+        if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:
+            expected = f"at least the {least_hz:g} Hz of an integration time of {self.aperture_s:g} s, or 0: not known"
+            yield InvalidValue("noise_bandwidth_hz", expected, self.noise_bandwidth_hz)
+        whole_s = self.readings_a_mean * self.aperture_s
+        if self.mode is Mode.GAPLESS and abs(whole_s - self.sample_interval_s) > _EXACTLY * whole_s:
+            expected = f"a whole number of integration times of {self.aperture_s:g} s, without gaps"
+            yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
+        if self.mode is Mode.GAPLESS and self.readings_a_mean > self.burst_readings:
+            expected = f"at least the {self.readings_a_mean} readings of one interval"
+            yield InvalidValue("burst_readings", expected, self.burst_readings)
+
+
+class ScaleFactorRead(StepResult, Struct, frozen=True):
+    """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and whence it is."""
+
+    value: float
+    u: float | None
+    source: str
+
+    def describe(self) -> str:
+        """Name value and source."""
+        return f"{self.value:.6g} V/(deg/s), {self.source}"
+
+
+class ReadScaleFactor(Step, Struct, frozen=True):
+    """Take the scale factor from the record of a calibration, once, so that this run's record holds it too."""
+
+    record: str
+
+    def describe(self) -> str:
+        """Name the record."""
+        return f"the scale factor is that of {self.record}"
+
+    def perform(self, context: Context) -> ScaleFactorRead:
+        """Read the record's ``result.json``; ConfigError where it has no scale factor."""
+        del context
+        return scale_factor_of(Path(self.record))
+
+    def predict(self, gyro: LinearGyro) -> ScaleFactorRead:
+        """Read it as well: a dry run finds out that there is none."""
+        del gyro
+        return scale_factor_of(Path(self.record))
+
+
+def scale_factor_of(record: Path) -> ScaleFactorRead:
+    """Return the scale factor that stands in the record of a calibration, that on the table first.
+
+    Raises:
+        ConfigError: there is no such record, or no scale factor in it.
+    """
+    import msgspec  # noqa: PLC0415  # needed where a record is named
+
+    path = record / "result.json" if record.is_dir() else record
+    text = read_file(path, "the result of a calibration", MOST_TABLE)
+    try:
+        results: Any = msgspec.json.decode(text, type=dict[str, Any]).get("results") or {}
+        column = results.get("turntable", results)["scale_factor"]
+        return ScaleFactorRead(float(column["value"]), float(column["u"]), f"record {record.name}")
+    except (msgspec.DecodeError, RecursionError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
+
+
+def zero(settings: ZeroSettings) -> Plan:
+    """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
+    yield from told_scale_factor(settings)
+    return (yield from off_afterwards(settings, _warm(settings)))
+
+
+def told_scale_factor(settings: AtRestSettings) -> Routine[None]:
+    """Read the scale factor where a record tells it."""
+    if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
+        yield ReadScaleFactor(settings.scale_factor_from)
+
+
+def _warm(settings: ZeroSettings) -> Routine[Outcome]:
+    """Take the record with the PCB powered and warm, the drive looked at and the table held at rest."""
+    yield Note("Start-up")
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from source_off(settings)
+    yield from rails_on(settings)
+    yield from look_at_drive(settings)
+    return (yield from held_at_rest(settings, _record(settings)))
+
+
+def source_off(settings: ProcedureSettings) -> Routine[None]:
+    """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
+    if _has_source(settings):
+        yield DisableVvc()
+        yield ConfigureGenerator(0.0)
+
+
+def _has_source(settings: ProcedureSettings) -> bool:
+    return settings.station.limits.max_v_vc_v is not None
+
+
+def held_at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work` with the table held at rest under servo, where the bench has one."""
+    held = settings.station.limits.max_rate_deg_s is not None
+    return (yield from (under_servo(settings, work) if held else work))
+
+
+def off_afterwards(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
+    try:
+        return (yield from work)
+    finally:
+        try:
+            if _has_source(settings):
+                yield DisableVvc()
+        finally:
+            yield DisableSupply()
+
+
+def _record(settings: ZeroSettings) -> Routine[Outcome]:
+    yield Note(f"The output at rest for {settings.duration_s:g} s")
+    yield Settle(settings.settle_s, "gyro settles, at rest")
+    table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
+    common: dict[str, Any] = {
+        "step": 1,
+        "rate_deg_s": 0.0,
+        "v_vc_v": 0.0,
+        "table_deg_s": table_deg_s,
+        "tolerance_deg_s": settings.rate_tolerance_deg_s,
+        "rails": rails_of(settings),
+        "rail_tolerance_v": settings.rail_tolerance_v,
+        "samples": settings.readings,
+        "resolution_v": settings.meter_resolution_v,
+        "noise_v": settings.expected.reading_noise_v,
+    }
+    if settings.mode is Mode.GAPLESS:
+        burst = settings.burst_readings // settings.readings_a_mean * settings.readings_a_mean
+        yield AcquireGapless(**common, interval_s=settings.aperture_s, burst=burst)
+    else:
+        yield Acquire(**common, interval_s=settings.sample_interval_s)
+    return Outcome(f"static record of {settings.duration_s:g} s")
+
+
+def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
+    """Return the scale factor that turns volts into rates, and whence it is."""
+    if settings.scale_factor_v_per_deg_s is not None:
+        return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
+    for _, read in measured.found(ScaleFactorRead):
+        return ScaleFactor(read.value, read.u, read.source)
+    told = settings.expected.scale_factor_v_per_deg_s is not None
+    source = "middle of what the bench file expects" if told else "that of the paper: nothing tells this gyroscope's"
+    return ScaleFactor(settings.expected_gyro().scale_factor, None, source)
+
+
+def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
+    from vcfbench.analysis.sampling import Sampling, block_means  # noqa: PLC0415  # they take numpy along
+
+    (window,) = measured.readings.windows
+    scale = scale_factor_used(settings, measured)
+    if settings.mode is Mode.GAPLESS:
+        volts = block_means(window.voltage_v, settings.readings_a_mean)
+        sampling, raw = Sampling.without_gaps(settings.sample_interval_s), (window.voltage_v, settings.readings_a_mean)
+        return zero_results(volts, window.t_s, sampling, scale, settings.mode.value, raw=raw)
+    bandwidth_hz = settings.passed_hz if settings.mode is Mode.CORRECTED else None
+    sampling = Sampling(settings.sample_interval_s, settings.aperture_s, bandwidth_hz)
+    return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value)
+
+
+def _report(settings: ZeroSettings, _measured: Measured, results: ZeroResult) -> Any:
+    return zero_report(results, bandwidth_told=settings.passed_hz is not None)
+
+
+ZERO = Procedure(
+    name="zero",
+    title=BUILT_IN["zero"][1],
+    method=(
+        "After the wait under power the output is recorded at rest, the generator off and the table, where there is "
+        "one, held under servo. Overlapping Allan deviations with 95 % confidence intervals give the noise "
+        "coefficients by a weighted fit; means and slope give bias stability and trend."
+    ),
+    settings=ZeroSettings,
+    plan=zero,
+    results=_results,
+    report=_report,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
+)
+"""The static record."""
