@@ -25,7 +25,7 @@ FLOORS = [
     {"plans"},
     {"bench"},
     {"drivers", "record", "analysis", "sim"},
-    {"interfaces", "models", "specifications", "files", "extras", "errors", "clock", "version"},
+    {"interfaces", "models", "specifications", "files", "extras", "typed", "errors", "clock", "version"},
 ]
 SEALED = {"drivers", "record", "analysis", "sim"}
 KNOW_THE_SIMULATION = (

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
-from msgspec import convert, to_builtins
+from msgspec import to_builtins
 from msgspec.structs import replace
 
 from vcfbench import models
@@ -26,6 +26,7 @@ from vcfbench.models import LANGUAGES, MODELS, Model, TableLanguage, bare_model,
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.specifications import HP_34401A
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 def test_the_errors_of_every_twin_can_be_told_one_by_one(row: Model | TableLanguage) -> None:
     kind = resolve(row.twin).errors_class
     none = kind.none()
-    assert convert(to_builtins(none), kind) == none
+    assert typed(to_builtins(none), kind) == none
 
 
 class Meter(Hp34401A):

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from msgspec import Struct, convert
+from msgspec import Struct
 
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.bench.strict import converted, refusal, unknown_key
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 __all__ = ["Layer", "chosen_settings", "keys_of", "merged", "named", "setting_keys", "shared_layer", "shared_settings"]
 
 S = TypeVar("S", bound=ProcedureSettings)
-
-
-convert({}, ProcedureSettings)  # msgspec works a type out when first used; two threads at once would break that
 
 
 class Layer(Struct, frozen=True):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 import math
-from threading import Lock
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.record.plain import field_names
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["invalid_overrides", "overridden", "part_way"]
 
 T = TypeVar("T")
-
-_CONVERTING: Final = Lock()
-"""Two threads that convert to one class for the first time end the interpreter: msgspec looks it up without care."""
 
 _LEAST, _MOST = 1e-30, 1e30
 """Of anything physical, in SI units: beyond, squares and products are numbers no more."""
@@ -32,15 +29,12 @@ def overridden(base: T, changes: Mapping[str, Any]) -> T:
     """Return `base` with `changes` (nested as `base` is) in place of its values."""
     if not changes:
         return base
-    merged = _merged(msgspec.to_builtins(base), changes)
-    with _CONVERTING:
-        return msgspec.convert(merged, type(base))
+    return typed(_merged(msgspec.to_builtins(base), changes), type(base))
 
 
 def part_way(ideal: T, other: T, share: float) -> T:
     """Return `other` with every real number in it `share` times as far from that of `ideal`; the rest is as it is."""
-    with _CONVERTING:
-        return msgspec.convert(_between(msgspec.to_builtins(ideal), msgspec.to_builtins(other), share), type(other))
+    return typed(_between(msgspec.to_builtins(ideal), msgspec.to_builtins(other), share), type(other))
 
 
 def _between(ideal: Any, other: Any, share: float) -> Any:

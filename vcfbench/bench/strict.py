@@ -15,6 +15,7 @@ from msgspec import inspect
 
 from vcfbench.bench.bounds import ADDRESS_PATTERN, NAME_PATTERN
 from vcfbench.errors import ConfigError
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,7 +40,7 @@ def converted(raw: Mapping[str, Any], kind: type[_T], naming: Naming) -> _T:
         ConfigError: a key is unknown or missing, or a value cannot be.
     """
     try:
-        return msgspec.convert(raw, kind)
+        return typed(raw, kind)
     except msgspec.ValidationError as error:
         raise _explain(str(error), raw, kind, naming) from None
 

@@ -14,6 +14,7 @@ from vcfbench.page.view import View
 from vcfbench.plans.decode import result_of, step_of
 from vcfbench.plans.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
 from vcfbench.plans.steps import Note
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -107,7 +108,7 @@ class JournalFollower:
             case "header":
                 self._begin(values)
             case "step":
-                self._read(msgspec.convert(_readings(values), list[_Reading]))
+                self._read(typed(_readings(values), list[_Reading]))
                 step, result = step_of(values), result_of(values)
                 self.view.finish(values["n"], values["end_s"], step, result, values.get("asked_again", ()))
             case "error":

@@ -13,6 +13,7 @@ from msgspec import Struct
 
 import vcfbench.plans.steps  # noqa: F401  # its kinds make themselves known
 from vcfbench.plans.step import Step, StepResult
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,6 +52,6 @@ def _made(kinds: Mapping[str, type[_T]], kind: str, values: Mapping[str, Any]) -
     if kind not in kinds:
         return Recorded(kind, values)
     try:
-        return msgspec.convert(values, kinds[kind])
+        return typed(values, kinds[kind])
     except msgspec.ValidationError:
         return Recorded(kind, values)

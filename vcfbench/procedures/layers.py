@@ -15,7 +15,7 @@ from __future__ import annotations
 import difflib
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from msgspec import ValidationError, convert, structs, to_builtins
+from msgspec import ValidationError, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
 from vcfbench.bench.settings import V_VC_RANGE_V, Placed, ProcedureSettings, Sources, Station
@@ -23,6 +23,7 @@ from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.models import ROLES, find_model, resolve
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -76,7 +77,7 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
         ConfigError: they are those of another version: a key is missing, unknown, or has another value than it may.
     """
     try:
-        settings = convert(values, procedure.settings)
+        settings = typed(values, procedure.settings)
     except ValidationError as error:
         raise ConfigError(f"its settings are not those of this version: {error}") from None
     written = to_builtins(settings)

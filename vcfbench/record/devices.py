@@ -21,6 +21,7 @@ from msgspec import Meta, Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_SETTINGS, read_text, shown
+from vcfbench.typed import typed
 
 __all__ = [
     "FORMAT",
@@ -407,7 +408,7 @@ def _record(text: str, source: str) -> DeviceRecord:
     if values.pop("format") != FORMAT:
         raise ConfigError(f"{source}: expected format {FORMAT}; it was written by another version of vcfbench")
     try:
-        made: DeviceRecord = msgspec.convert(values, DeviceRecord)
+        made: DeviceRecord = typed(values, DeviceRecord)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{source}: {error}") from error
     return made

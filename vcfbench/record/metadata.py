@@ -136,13 +136,15 @@ def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
     """
     import msgspec  # noqa: PLC0415  # lists of runs do without
 
+    from vcfbench.typed import typed  # noqa: PLC0415  # as above
+
     identities, bench = header.get("identities", {}), header.get("bench", {})
     told = header.get("equipment")
     if told is None:
         told = [_of_before(role, bench.get(role) or {}) for role in identities]
     try:
         rows = [{**each, "identity": identities.get(each["role"])} for each in told]
-        made = msgspec.convert(rows, tuple[Equipment, ...])
+        made = typed(rows, tuple[Equipment, ...])
     except (msgspec.ValidationError, AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"equipment: expected the instruments of a run: {error}") from None
     return made

@@ -16,6 +16,7 @@ from vcfbench.record.plain import plain, read_only
 from vcfbench.report.document import Report, Text
 from vcfbench.report.generic import generic_report, points_table, results_table
 from vcfbench.report.kept import report_from
+from vcfbench.typed import decoder_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -118,9 +119,7 @@ def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Map
 
 @cache
 def _decoder() -> Decoder[_Stored]:
-    from msgspec.json import Decoder  # noqa: PLC0415  # for lists alone
-
-    return Decoder(_Stored)
+    return decoder_of(_Stored)
 
 
 class _Stored(Struct, frozen=True):

@@ -15,6 +15,7 @@ from vcfbench.plans.step import Effect, Outcome
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -165,7 +166,7 @@ class BrokenOff:
 
     def _bench(self, asked: Asked, settings: ProcedureSettings) -> BenchDescription:
         """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
-        from msgspec import ValidationError, convert, to_builtins  # noqa: PLC0415
+        from msgspec import ValidationError, to_builtins  # noqa: PLC0415
 
         from vcfbench.bench.description import BenchDescription  # noqa: PLC0415
         from vcfbench.bench.file import described  # noqa: PLC0415
@@ -174,7 +175,7 @@ class BrokenOff:
 
         header = self.record.header
         try:
-            description = convert(header.get("bench"), BenchDescription)
+            description = typed(header.get("bench"), BenchDescription)
         except ValidationError as error:
             raise ConfigError(f"its bench is not that of this version: {error}") from None
         if asked.bench is not None:

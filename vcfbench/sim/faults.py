@@ -52,6 +52,7 @@ from msgspec import Struct
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 from vcfbench.sim.scpi import INFINITY, ScpiError, ScpiInstrument
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -224,7 +225,7 @@ def fault_from(values: Mapping[str, Any]) -> Fault:
     if values.get("kind") not in get_args(Kind):
         raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {values.get('kind')!r}")
     try:
-        return msgspec.convert(dict(values), Fault)
+        return typed(dict(values), Fault)
     except msgspec.ValidationError as error:
         raise ValueError(" ".join(str(error).replace("`", "").split())) from None
 

@@ -21,6 +21,7 @@ from vcfbench.drivers.rate_table.frames import ByteValue, Frame, Place, frame_by
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 from vcfbench.models import find_language
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -307,7 +308,7 @@ def _convert_parts(raw: dict[str, Any], source: str) -> None:
 
 def _convert(raw: Any, kind: type[_T], path: tuple[str, ...], source: str) -> _T:
     try:
-        return msgspec.convert(raw, kind)
+        return typed(raw, kind)
     except msgspec.ValidationError as error:
         raise _explained(str(error), raw, path, source) from None
 

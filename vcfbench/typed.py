@@ -1,0 +1,39 @@
+"""Plain values into structs, one thread at a time.
+
+msgspec works a type out when it is first asked for, and leaves it half done where another thread may take it meanwhile:
+two runs that begin at once in one process would end the interpreter (msgspec 0.22).
+"""
+
+from __future__ import annotations
+
+from threading import RLock
+from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
+
+import msgspec
+
+if TYPE_CHECKING:
+    from msgspec.json import Decoder
+
+__all__ = ["decoder_of", "typed"]
+
+_T = TypeVar("_T")
+_ONE_AT_A_TIME: Final = RLock()
+"""Entered again by who converts while a struct is made."""
+
+
+@overload
+def typed(values: Any, kind: type[_T]) -> _T: ...
+@overload
+def typed(values: Any, kind: Any) -> Any: ...
+def typed(values: Any, kind: Any) -> Any:
+    """Return `values` as a `kind`; raises msgspec.ValidationError where they are none."""
+    with _ONE_AT_A_TIME:
+        return msgspec.convert(values, kind)
+
+
+def decoder_of(kind: type[_T]) -> Decoder[_T]:
+    """Return what decodes a `kind` from JSON."""
+    from msgspec.json import Decoder  # noqa: PLC0415  # most that converts reads no JSON
+
+    with _ONE_AT_A_TIME:
+        return Decoder(kind)
