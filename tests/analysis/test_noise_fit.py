@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.analysis.noise import flicker, random_walk
+from vcfbench.analysis import phase_noise
 from vcfbench.analysis.allan import AllanPoint, allan_deviation
 from vcfbench.analysis.noise_fit import Coefficients, Term, fit_noise
 from vcfbench.analysis.sampling import Sampling, block_means
@@ -106,6 +107,16 @@ def test_an_uncertain_point_at_the_end_hardly_counts() -> None:
     low = AllanPoint(curve[-1].tau_s, 0.55 * curve[-1].deviation, 1.0, 0.0, 0.0)
     fit = fit_noise([*curve[:-1], low], 10_000, SECONDS, [Term.ANGLE_RANDOM_WALK])
     assert fit.terms[Term.ANGLE_RANDOM_WALK].value == pytest.approx(1.0, rel=0.01)
+
+
+def test_who_fits_a_record_again_sums_nothing_over_its_lags_again() -> None:
+    """The sums are those of the lags alone: a record of a million readings is fitted from many averaging times on."""
+    curve = curve_of(Coefficients(0.0, 1.0, 0.1), 2 ** np.arange(12))
+    fit_noise(curve, 54_321, SECONDS)
+    summed = phase_noise._sums.cache_info().misses
+    for first in (1, 2, 3):
+        fit_noise(curve[first:], 54_321, SECONDS)
+    assert phase_noise._sums.cache_info().misses == summed
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,13 @@ from vcfbench.analysis.sampling import Sampling
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.files import opened
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.executor import Executor
 from vcfbench.plans.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings, scale_factor_of
 from vcfbench.procedures.zero.results import Estimate, ScaleFactor, ZeroResult, zero_report, zero_results
+from vcfbench.record import journal
 from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:
@@ -66,6 +68,18 @@ def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_correct
     text = vcfbench.text_of(hour.report())
     assert "white noise is seen 2.61 times too large" in text
     assert "NOT corrected" not in text
+
+
+def test_a_record_is_read_once_for_its_results_and_readings(hour: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A million readings take a second each time."""
+    opens = []
+    monkeypatch.setattr(journal, "opened", lambda *told: opens.append(told) or opened(*told))
+    assert hour.directory is not None
+    read = vcfbench.load_run(hour.directory)
+    assert read.measured.readings.voltage_v.size == 3600
+    assert len(opens) == 1
+    assert read.measured.broken_off is False
+    assert len(opens) == 2  # what is not kept is on the disk, and not in memory
 
 
 def test_as_it_stands_is_said_to_be_so(hour: Run, tmp_path: Path) -> None:

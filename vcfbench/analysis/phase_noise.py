@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import TYPE_CHECKING, TypeAlias
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 __all__ = ["CorrelatedSquares", "PhaseNoise", "correlated_squares"]
@@ -57,26 +59,55 @@ class PhaseNoise:
             random_walk=self.random_walk * factor**1.5,
         )
 
+    def squares(self) -> Floats:
+        """Return Q^2, N^2, B^2, K^2; every covariance is linear in them."""
+        return np.square([self.quantisation, self.white, self.flicker, self.random_walk])
+
     def covariance(self, lag: Floats) -> Floats:
         """Return the generalised autocovariance of the phase (or of its sums) at `lag` samples."""
-        if self.averaged_over == 1:
-            return np.asarray(self._single(lag) + self.quantisation**2 * (lag == 0.0))
-        count = min(self.averaged_over, _FINEST)
-        stride = self.averaged_over / count
-        offsets = np.arange(1 - count, count)
-        weights = stride**2 * (count - np.abs(offsets))
-        smooth = self._single(lag[:, None] + stride * offsets) @ weights
-        return np.asarray(smooth + self.quantisation**2 * np.maximum(0.0, self.averaged_over - np.abs(lag)))
-
-    def _single(self, lag: Floats) -> Floats:
-        """Return what all but the quantisation give for single phases."""
-        distance = np.abs(lag)
-        total = -0.5 * self.white**2 * distance
-        if self.flicker:
-            total += self.flicker**2 / (2.0 * math.pi) * distance**2 * np.log(np.maximum(distance, 1e-300))
-        if self.random_walk:
-            total += self.random_walk**2 / 12.0 * distance**3
+        total = np.zeros(lag.shape)
+        for square, law in zip(self.squares().tolist(), _LAWS, strict=True):
+            if square:
+                total += square * _summed(law, lag, self.averaged_over)
         return total
+
+
+def _quantisation(distance: Floats) -> Floats:
+    return np.asarray(distance == 0.0, dtype=np.float64)
+
+
+def _white(distance: Floats) -> Floats:
+    return -0.5 * distance
+
+
+def _flicker(distance: Floats) -> Floats:
+    return distance**2 * np.log(np.maximum(distance, 1e-300)) / (2.0 * math.pi)
+
+
+def _random_walk(distance: Floats) -> Floats:
+    return distance * distance * distance / 12.0
+
+
+_LAWS: Final[tuple[Callable[[Floats], Floats], ...]] = (_quantisation, _white, _flicker, _random_walk)
+"""The autocovariances that the coefficient 1 gives at a distance in samples, in the order of `PhaseNoise.squares`."""
+
+
+def _summed(law: Callable[[Floats], Floats], lag: Floats, count: int) -> Floats:
+    """Return what `law` gives at `lag` samples for sums of `count` successive phases."""
+    if count == 1:
+        return law(np.abs(lag))
+    if law is _quantisation:  # it has no width: nothing may be spread
+        return np.asarray(np.maximum(0.0, count - np.abs(lag)))
+    few = min(count, _FINEST)
+    stride = count / few
+    offsets = np.arange(1 - few, few)
+    weights = stride**2 * (few - np.abs(offsets))
+    return np.asarray(law(np.abs(lag[:, None] + stride * offsets)) @ weights)
+
+
+def _each_law(lag: Floats, count: int) -> Floats:
+    """Return what each law gives at `lag` samples for sums of `count` phases, shape (4, n)."""
+    return np.stack([_summed(law, lag, count) for law in _LAWS])
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,35 +131,62 @@ def correlated_squares(
     The first set are `terms_first` successive differences at the stride `first`, the second likewise. Gaussian: the
     covariance of two squares is twice the square of the covariance.
     """
+    sums = _sums((terms_first, first), (terms_second, second), order, noise.averaged_over)
+    squares = noise.squares()
+    scale = float(terms_first) * float(terms_second)
+    return CorrelatedSquares(
+        mean_first=float(sums.first @ squares),
+        mean_second=float(sums.second @ squares),
+        covariance=2.0 * float(squares @ sums.of_products @ squares) / scale,
+        covariance_of_means=float(sums.of_each @ squares) / scale,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """What the covariances of the differences come to for each law with the coefficient 1, over all lags."""
+
+    first: Floats
+    """Expectations of a squared first difference, (4,)."""
+    second: Floats
+    of_each: Floats
+    """Sums of the covariances, (4,)."""
+    of_products: Floats
+    """Sums of the products of those of two laws, (4, 4)."""
+
+
+@lru_cache(maxsize=4096)
+def _sums(of_first: tuple[int, int], of_second: tuple[int, int], order: int, averaged_over: int) -> _Sums:
+    """Return them for terms and stride of either set; who fits a noise asks for the same sums again and again."""
+    (terms_first, first), (terms_second, second) = of_first, of_second
     shifts = _shifts(first, second, order)
     low, high = 1 - terms_first, terms_second - 1
     if high - low < _SINGLY:
         lags, counts = np.arange(low, high + 1, dtype=np.float64), np.ones(high - low + 1)
-        covariance = _at_every_lag(noise, low, high, shifts)
+        covariances = _at_every_lag(low, high, shifts, averaged_over)
     else:
         lags, counts = _lags(low, high, [-shift for shift in shifts])
-        covariance = np.zeros_like(lags)
+        covariances = np.zeros((4, lags.size))
         for shift, weight in shifts.items():
-            covariance += weight * noise.covariance(lags + shift)
+            covariances += weight * _each_law(lags + shift, averaged_over)
     counts *= np.minimum(np.minimum(terms_first, terms_second), np.minimum(terms_second - lags, terms_first + lags))
-    scale = float(terms_first) * float(terms_second)
-    return CorrelatedSquares(
-        mean_first=_variance(noise, first, order),
-        mean_second=_variance(noise, second, order),
-        covariance=2.0 * float(counts @ covariance**2) / scale,
-        covariance_of_means=float(counts @ covariance) / scale,
+    return _Sums(
+        first=_variances(first, order, averaged_over),
+        second=_variances(second, order, averaged_over),
+        of_each=covariances @ counts,
+        of_products=(covariances * counts) @ covariances.T,
     )
 
 
-def _at_every_lag(noise: PhaseNoise, low: int, high: int, shifts: dict[int, int]) -> Floats:
-    """Return the covariance of the differences at each lag; all shifted lags are whole and share one table."""
+def _at_every_lag(low: int, high: int, shifts: dict[int, int], averaged_over: int) -> Floats:
+    """Return the covariances of the differences at each lag; all shifted lags are whole and share one table."""
     first, last = low + min(shifts), high + max(shifts)
-    table = noise.covariance(np.arange(first, last + 1, dtype=np.float64))
-    covariance = np.zeros(high - low + 1)
+    table = _each_law(np.arange(first, last + 1, dtype=np.float64), averaged_over)
+    covariances = np.zeros((4, high - low + 1))
     for shift, weight in shifts.items():
         begin = low + shift - first
-        covariance += weight * table[begin : begin + covariance.size]
-    return covariance
+        covariances += weight * table[:, begin : begin + covariances.shape[1]]
+    return covariances
 
 
 def _shifts(first: int, second: int, order: int) -> dict[int, int]:
@@ -142,9 +200,12 @@ def _shifts(first: int, second: int, order: int) -> dict[int, int]:
     return shifts
 
 
-def _variance(noise: PhaseNoise, stride: int, order: int) -> float:
+def _variances(stride: int, order: int, averaged_over: int) -> Floats:
+    """Return the variance of a difference at `stride` for each law with the coefficient 1."""
     shifts = _shifts(stride, stride, order)
-    return float(np.array(list(shifts.values())) @ noise.covariance(np.array(list(shifts), dtype=np.float64)))
+    return _each_law(np.array(list(shifts), dtype=np.float64), averaged_over) @ np.array(
+        list(shifts.values()), np.float64
+    )
 
 
 @cache  # it is asked for with each of thousands of covariances

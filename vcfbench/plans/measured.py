@@ -69,6 +69,10 @@ class Measured(Sequence[Point]):
         self._points = tuple(points)
         self._lines = lines
 
+    def read_again_from(self, lines: _Lines) -> None:
+        """Read the journal from `lines` from now on; what has been read of it is kept."""
+        self._lines = lines
+
     @overload
     def __getitem__(self, index: int) -> Point: ...
 

@@ -170,6 +170,8 @@ class JournalRecord(Struct, frozen=True):
     damage: str | None = None
     chunks: tuple[Mapping[str, Any], ...] = ()
     restored: tuple[Mapping[str, Any], ...] = ()
+    lines: tuple[Mapping[str, Any], ...] = ()
+    """All of them, in the order of the file."""
 
     @property
     def status(self) -> Status:
@@ -289,6 +291,7 @@ def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> Jo
         torn=torn,
         chunks=_of_type(lines, "readings"),
         restored=_of_type(lines, "restored"),
+        lines=tuple(lines),
     )
 
 
