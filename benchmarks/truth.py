@@ -40,7 +40,7 @@ from vcfbench.studies.truth import truth_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from vcfbench.procedures.budget.uncertainty import Statement
+    from vcfbench.procedures.budget.statement import Statement
 
     Line = dict[str, Any]
 

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import Match, ProcedureSettings, Sources, Station
-from vcfbench.procedures.budget.uncertainty import Statement, four_step_statement, turntable_statement
+from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.sweep.windows import window_times
+from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.budget.statement import Statement
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 SXX = 106_060.0

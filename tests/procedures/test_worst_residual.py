@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,10 +12,15 @@ from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, REA
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
 from vcfbench.bench.settings import Match, Sources
-from vcfbench.procedures.budget.uncertainty import Line, StatedValue, four_step_statement, turntable_statement
+from vcfbench.procedures.budget.line import Line
+from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.budget.worst_residual import Residuals, Spread
+from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.schema import Point
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.budget.statement import StatedValue
 
 K = -0.0125
 U_V = NOISE / np.sqrt(READINGS)

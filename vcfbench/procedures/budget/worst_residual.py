@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.procedures.budget.uncertainty import Line
+    from vcfbench.procedures.budget.line import Line
 
 __all__ = ["Largest", "Residuals", "Spread"]
 

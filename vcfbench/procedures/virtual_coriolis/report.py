@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.procedures.budget.uncertainty import Statement
+    from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.procedures.virtual_coriolis.results import TurntableResult, VirtualCoriolisResult
     from vcfbench.record.schema import Point

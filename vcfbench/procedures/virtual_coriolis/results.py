@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
     from vcfbench.bench.settings import Match
-    from vcfbench.procedures.budget.uncertainty import Statement
+    from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
@@ -190,7 +190,7 @@ def turntable_results(
     """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
     if settings is None:
         return TurntableResult(**_fields(_column(points, u_output_v(points, meter_resolution_v)).column()))
-    from vcfbench.procedures.budget.uncertainty import turntable_statement  # noqa: PLC0415  # as above
+    from vcfbench.procedures.budget.turntable import turntable_statement  # noqa: PLC0415  # as above
     from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
 
     sweep = sweep_of(settings, points, 1)
@@ -266,7 +266,6 @@ def _four_steps(
 ) -> dict[str, Any]:
     """Return K_Vc, both columns and how they differ, from points at the V_Vc that they are known to have."""
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
-    from vcfbench.procedures.budget.uncertainty import four_step_statement  # noqa: PLC0415  # as above
     from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
 
     measured = any(point.v_vc_measured_v is not None for point in points)
@@ -295,8 +294,18 @@ def _four_steps(
         "comparison": comparison,
         "match_residual_v": matching.residual_v,
         "u_output_v": u_v,
-        "uncertainty": None if settings is None else four_step_statement(settings, points, matching),
+        "uncertainty": None if settings is None else _statement(settings, points, matching),
     }
+
+
+def _statement(settings: ProcedureSettings, points: Sequence[Point], matching: Matching | NullMatching) -> Statement:
+    if isinstance(matching, Matching):
+        from vcfbench.procedures.virtual_coriolis.budget import four_step_statement  # noqa: PLC0415  # numpy comes with it
+
+        return four_step_statement(settings, points, matching)
+    from vcfbench.procedures.virtual_coriolis.null_budget import null_statement  # noqa: PLC0415  # as above
+
+    return null_statement(settings, points, matching)
 
 
 def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:

@@ -1,0 +1,178 @@
+"""The non-linearity of lines with its uncertainty: the largest residual, or a bound where errors alone may make it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vcfbench.analysis.budget import Distribution, Source, evaluate
+from vcfbench.procedures.budget.line import noises_of
+from vcfbench.procedures.budget.statement import Circumstances, stated_value
+from vcfbench.procedures.budget.worst_residual import Residuals, Spread
+from vcfbench.procedures.sweep.window_noise import OutputSum, WindowNoise
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.analysis.budget import Model
+    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.procedures.budget.known_levels import KnownLevels
+    from vcfbench.procedures.budget.line import Floats, Line
+    from vcfbench.procedures.budget.statement import StatedValue, Statement
+    from vcfbench.procedures.budget.worst_residual import Largest
+
+__all__ = ["CurvedLine", "ValueModel", "with_nonlinearity"]
+
+
+@dataclass(frozen=True, slots=True)
+class CurvedLine:
+    """The non-linearity of one line: its residuals, and what outputs and V_Vc put into each of them."""
+
+    name: str
+    residuals: Residuals
+    rate_deg_s: Floats
+    derivative: Floats
+    weights: Floats
+    """(n, N): what a volt at the output of each of all windows puts into each residual, ppm/V."""
+    effects: Mapping[str, Floats]
+    """Of sources that others have too: what one unit puts into each residual, ppm."""
+    own: Mapping[str, Floats]
+    """Of what each level has of its own: (n, m), ppm by each level's standard uncertainty."""
+    only_bound: str = ""
+    """Why there is no value, whatever is found; empty where there may be one."""
+
+    @classmethod
+    def of(cls, name: str, line: Line) -> CurvedLine:
+        """Return that of a line whose rates are known but for a common factor, which cancels."""
+        residuals = Residuals.of(line)
+        return cls(name, residuals, line.rate_deg_s, line.derivative, residuals.of_outputs @ line.mixing, {}, {})
+
+    def with_levels(self, k_vc: float, known: KnownLevels) -> CurvedLine:
+        """Return it with errors of V_Vc; that of the one match scales all rates and cancels."""
+        through = self.residuals.of_outputs * self.derivative * k_vc
+        return self.with_errors(known, self.rate_deg_s / k_vc, through)
+
+    def with_errors(
+        self, known: KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()
+    ) -> CurvedLine:
+        """Return it with errors of the levels `volts`, which move the residuals by `through`, ppm/V.
+
+        The first levels have a standard uncertainty of their own, `u_before`, V.
+        """
+        own = np.array([known.range_of(each) for each in volts])
+        effects: dict[str, Floats] = {}
+        for place in np.unique(own).tolist():
+            here, name = own == place, f"{known.ranges_v[place]:g} V range"
+            effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
+            effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)
+        u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
+        return replace(self, effects=effects, own={f"{known.by} {known.besides}": through * u_v})
+
+
+@dataclass(frozen=True, slots=True)
+class ValueModel:
+    """What the values of a statement were made of."""
+
+    sources: Sequence[Source]
+    sums: Sequence[OutputSum]
+    model: Model
+    noise: WindowNoise
+
+
+def with_nonlinearity(
+    settings: ProcedureSettings, stated: Statement, budget: ValueModel, curved: Sequence[CurvedLine]
+) -> Statement:
+    """Return the statement with the non-linearities that stand above what errors make, and a bound for the others.
+
+    The budget is done a second time with one more sum each, so that what stood there keeps its last digit.
+    """
+    curved = [each for each in curved if each.residuals.ppm.size > 2]  # two points lie on any line
+    around, known = Circumstances.of(settings), {source.name: source for source in budget.sources}
+    worst = [WorstResidual.of(each, known, budget.noise) for each in curved]
+    noise, correlations = budget.noise.sources([*budget.sums, *(each.sum for each in worst)])
+    again = {source.name for source in noise}
+    others = [source for source in budget.sources if source.name not in again]
+    own = [source for each in worst for source in each.own]
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {**around.applied(budget.model(q), q), **{each.sum.name: each.value(q) for each in worst}}
+
+    every = evaluate([*noise, *others, *own, *around.sources], model, correlations)
+    values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
+    for number, each in enumerate(worst, len(stated.values)):
+        value = each.moved(stated_value(every.results[number], every, "ppm", _LARGEST))
+        why = each.only_bound or ("" if value.value > each.by_errors_ppm(value) else "errors alone may make as much")
+        if why:
+            said.append(f"{value.name}: {why}; it is below {value.value + value.u95:.2g} ppm (95 %)")
+        else:
+            values.append(value)
+            kept.append(number)
+    correlation = every.correlation[np.ix_(kept, kept)].tolist()
+    for row, old in zip(correlation, stated.correlation, strict=False):
+        row[: len(old)] = old
+    return replace(stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), not_in_u=tuple(said))
+
+
+_LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
+
+
+@dataclass(frozen=True, slots=True)
+class WorstResidual:
+    """The largest residual of a line: a linear functional where one alone may be it, else by trials."""
+
+    size_ppm: float
+    sum: OutputSum
+    """Of the residual that is the largest."""
+    own: tuple[Source, ...]
+    effects: Mapping[str, float]
+    rates_deg_s: tuple[float, ...]
+    """Where the largest may be."""
+    by_trials: Largest | None
+    """None where it is one alone."""
+    only_bound: str
+
+    @classmethod
+    def of(cls, curved: CurvedLine, sources: Mapping[str, Source], noise: WindowNoise) -> WorstResidual:
+        """Return that of a line."""
+        steady = [False] * len(curved.weights)
+        normal = noise.by_flicker(curved.weights, steady) + sum(each @ each.T for each in curved.own.values())
+        shared = [sources[name] for name in curved.effects]
+        common = np.array([curved.effects[each.name] * each.u for each in shared]).reshape(-1, len(steady))
+        rectangular = np.array([each.distribution is Distribution.RECTANGULAR for each in shared], dtype=bool)
+        white = noise.by_readings(curved.weights)
+        spread = Spread(curved.residuals.ppm, white, noise.dof, normal, common, rectangular)
+        places, k = spread.near_largest(), int(np.abs(curved.residuals.ppm).argmax())
+        sign = float(np.sign(curved.residuals.ppm[k]))
+        own = [
+            Source(f"{name}: {curved.name}", 0.0, float(np.linalg.norm(by_level[k])), "ppm")
+            for name, by_level in curved.own.items()
+        ]
+        effects = {name: sign * float(effect[k]) for name, effect in curved.effects.items()}
+        return cls(
+            float(np.abs(curved.residuals.ppm[k])),
+            OutputSum(curved.name, sign * curved.weights[k], "ppm"),
+            tuple(own),
+            effects | {source.name: 1.0 for source in own},
+            tuple(curved.residuals.rate_deg_s[places].tolist()),
+            spread.largest() if places.size > 1 else None,
+            curved.only_bound,
+        )
+
+    def value(self, q: Mapping[str, Any]) -> Any:
+        """Return it as the sources move it, ppm."""
+        return self.size_ppm - noises_of(self.sum.name, q) - sum(size * q[name] for name, size in self.effects.items())
+
+    def moved(self, value: StatedValue) -> StatedValue:
+        """Return the value with the u and U95 of trials where several residuals may be the largest."""
+        if self.by_trials is None or not self.by_trials.u:
+            return value
+        u, u95 = self.by_trials.u, self.by_trials.u95
+        at = ", ".join(f"{rate:+.4g}" for rate in self.rates_deg_s)
+        of = f"{value.of}, at one of {at} deg/s; u by trials, contributions of the one found"
+        return replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
+
+    def by_errors_ppm(self, value: StatedValue) -> float:
+        """Return what errors alone would make of no non-linearity, ppm (95 %)."""
+        return value.u95 if self.by_trials is None else self.by_trials.by_errors

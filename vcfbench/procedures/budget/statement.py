@@ -1,0 +1,223 @@
+"""What a calibration states: values with their combined uncertainty, what that is made of, and what it does not hold.
+
+Model, contributions and what is left out are described in docs/uncertainty.md. Linear sums over the windows (slopes,
+intercepts, the match of step 2) are weights; readings' scatter and flicker go through them with their correlations, and
+the rest is a model for :mod:`~vcfbench.analysis.budget`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.analysis.budget import Distribution, Source, evaluate
+from vcfbench.analysis.convolution import convolved_coverage_factor
+from vcfbench.procedures.sweep.schedule import earth_left_deg_s
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from vcfbench.analysis.budget import Budget, Model, Result
+    from vcfbench.bench.settings import ProcedureSettings
+
+__all__ = ["Circumstances", "StatedContribution", "StatedValue", "Statement", "stated_value", "statement"]
+
+_NEARLY_NORMAL = 0.05
+"""Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedContribution:
+    """What one source adds to one value."""
+
+    source: str
+    distribution: str
+    u_source: float
+    unit: str
+    dof: float | None
+    """None: infinite, for what is known beforehand."""
+    sensitivity: float
+    u: float
+    """Sensitivity times `u_source`, in the unit of the value."""
+    share: float
+    """Of the variance."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedValue:
+    """A value with its combined standard uncertainty and what that is made of; `of` says which value it is."""
+
+    name: str
+    value: float
+    unit: str
+    u: float
+    dof: float | None
+    """Effective degrees of freedom; None: infinite."""
+    coverage_factor: float
+    u95: float
+    """Half width of the interval that holds the true value with 95 %."""
+    of: str
+    contributions: tuple[StatedContribution, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """All values with an uncertainty, their correlations, and what the uncertainties do not hold."""
+
+    values: tuple[StatedValue, ...]
+    correlation: tuple[tuple[float, ...], ...]
+    e_n: float | None
+    """Difference of the methods' scale factors over its expanded uncertainty, correlations included; above 1 they
+    disagree. None where there is one method."""
+    not_in_u: tuple[str, ...]
+
+    def value(self, name: str) -> StatedValue:
+        """Return one value; KeyError when it has no uncertainty."""
+        for each in self.values:
+            if each.name == name:
+                return each
+        raise KeyError(name)
+
+
+def statement(
+    settings: ProcedureSettings,
+    sources: Sequence[Source],
+    model: Model,
+    correlations: Mapping[tuple[str, str], float],
+    meanings: Mapping[str, tuple[str, str]],
+    *,
+    difference: str | None = None,
+    levels_by: str = "",
+) -> Statement:
+    """Return the statement of the values that `model` makes of `sources`.
+
+    Args:
+        settings: those of the run.
+        sources: what is not known exactly.
+        model: the values of these.
+        correlations: between sources, by their names.
+        meanings: unit of each value, and which value it is.
+        difference: value over whose expanded uncertainty E_n is.
+        levels_by: what V_Vc is known by, where there is any.
+    """
+    around = Circumstances.of(settings)
+    budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
+    unit_and_meaning = {name: (unit, _meaning(settings, words)) for name, (unit, words) in meanings.items()}
+    values = tuple(stated_value(result, budget, *unit_and_meaning[result.name]) for result in budget.results)
+    ratio = None
+    if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
+        ratio = abs(stated.value) / stated.u95
+    correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
+    return Statement(values, correlation, ratio, tuple(_not_in_u(settings, levels_by)))
+
+
+def _meaning(settings: ProcedureSettings, words: str) -> str:
+    """Say which value it is: with the Earth's rate added to the table's, none of it is in the bias."""
+    return words if earth_left_deg_s(settings) is None else words.replace("Earth's rate in it", "without Earth's rate")
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What temperature and mounting do to all values alike, as far as the bench file knows it."""
+
+    sources: tuple[Source, ...]
+    scale_factor_per_k: float
+    bias_deg_s_per_k: float
+
+    @classmethod
+    def of(cls, settings: ProcedureSettings) -> Circumstances:
+        """Return what is known; the warm-up as far as it is to go when the first window begins."""
+        known, sources = settings.station.sources, []
+        if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:
+            if known.temperature_k is not None:
+                sources.append(Source.within(_TEMPERATURE, 0.0, known.temperature_k, "K"))
+            if known.warm_up_k is not None:
+                left_k = known.warm_up_k * math.exp(-settings.start_up_s / known.warm_up_time_s)
+                sources.append(Source.within(_WARM_UP, 0.0, left_k, "K"))
+        if known.misalignment_deg is not None:
+            tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
+            sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
+        return cls(tuple(sources), 1e-6 * (known.scale_factor_ppm_k or 0.0), (known.bias_deg_h_k or 0.0) / 3600.0)
+
+    def applied(self, values: Mapping[str, Any], q: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the values of the stated temperature and the gyroscope's own axis."""
+        if not self.sources:
+            return values
+        away_k = q.get(_TEMPERATURE, 0.0) + q.get(_WARM_UP, 0.0)
+        mounted, drifted = 1.0 + q.get(_MISALIGNMENT, 0.0), self.bias_deg_s_per_k * away_k
+        found = dict(values)
+        for name, value in values.items():
+            column, _, kind = name.rpartition(".")
+            if kind == "k_vc":
+                found[name] = value / mounted
+            elif kind == "scale_factor":
+                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k)
+            elif kind == "bias":
+                found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
+            elif kind == "bias_deg_s":
+                found[name] = (value - drifted) / mounted
+        return found
+
+
+_TEMPERATURE, _WARM_UP, _MISALIGNMENT = "temperature", "warm-up", "misalignment"
+
+
+def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
+    """Return the factor of 95 %: Student's t, or by convolution where sources that are not normal prevail."""
+    kinds = {name: source.distribution for name, source in sources.items()}
+    odd = math.fsum(line.share for line in result.contributions if kinds[line.source] is not Distribution.NORMAL)
+    return convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
+
+
+def stated_value(result: Result, budget: Budget, unit: str, of: str) -> StatedValue:
+    """Return a result of a budget as it is stated."""
+    sources = {source.name: source for source in budget.sources}
+    factor = _coverage_factor(result, sources)
+    lines = tuple(
+        StatedContribution(
+            line.source,
+            sources[line.source].distribution.value,
+            line.u_source,
+            sources[line.source].unit,
+            _finite(line.dof),
+            line.sensitivity,
+            abs(line.u),
+            line.share,
+        )
+        for line in result.contributions
+        if line.u
+    )
+    return StatedValue(
+        result.name, result.value, unit, result.u, _finite(result.dof), factor, factor * result.u, of, lines
+    )
+
+
+def _finite(dof: float) -> float | None:
+    return dof if math.isfinite(dof) else None
+
+
+def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
+    """Say what the uncertainties do not hold."""
+    known = settings.station.sources
+    if known.meter_gain is None:
+        yield "the multimeter's accuracy: its data sheet has none for this range"
+    if levels_by == "V_Vc meter" and known.v_vc_gain is None:
+        yield "the accuracy of the meter on V_Vc: its data sheet has none for this range"
+    if known.table_rate is None:
+        yield "the table's accuracy: the bench file does not say it (uncertainty.table_rate_error)"
+    if known.bias_instability_deg_h is None:
+        yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
+    yield "lack of fit: how far the outputs are from a line is in the non-linearity"
+    if known.scale_factor_ppm_k is None or known.bias_deg_h_k is None:
+        yield "temperature and warm-up: the values are those of the gyroscope as it was in the run"
+    else:
+        if known.temperature_k is None:
+            yield "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)"
+        if known.warm_up_k is None:
+            yield "warm-up: the bench file does not say it (uncertainty.warm_up_k)"
+    if known.misalignment_deg is None:
+        yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
+    if earth_left_deg_s(settings) is None:
+        yield "Earth's rate: it is in the bias"
+    yield "what the phase of the carrier does to K_Vc, and any change of the gyroscope after the run"

@@ -1,0 +1,164 @@
+"""The uncertainty budget of a four-step calibration whose K_Vc is from null comparisons at rates of both signs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vcfbench.analysis.budget import Source
+from vcfbench.procedures.budget.known_levels import known_levels
+from vcfbench.procedures.budget.line import (
+    TILT,
+    Line,
+    earth_sources,
+    instrument_sources,
+    limited,
+    line_sums,
+    noises_of,
+)
+from vcfbench.procedures.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
+from vcfbench.procedures.budget.statement import statement
+from vcfbench.procedures.budget.turntable import table_values
+from vcfbench.procedures.sweep.window_noise import OutputSum, WindowNoise
+from vcfbench.procedures.sweep.windows import sweep_of
+from vcfbench.procedures.virtual_coriolis.budget import MEANINGS, four_step_values
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.bench.settings import ProcedureSettings, Sources
+    from vcfbench.procedures.budget.known_levels import KnownLevels
+    from vcfbench.procedures.budget.line import Floats
+    from vcfbench.procedures.budget.statement import Statement
+    from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
+    from vcfbench.record.schema import Point
+
+__all__ = ["null_statement"]
+
+_OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
+
+_OF_CURVE = {
+    "k_vc": "rate over V_Vc at small levels: c1 of the curve through the matches",
+    "virtual.scale_factor": "slope of the line of outputs against the curve's rates at these levels of V_Vc",
+}
+
+_RANGES_ARE_LEFT = "the curve took the modulator out, what is left is the generator's ranges"
+
+
+def null_statement(settings: ProcedureSettings, points: Sequence[Point], matching: NullMatching) -> Statement:
+    """Return the budget where K_Vc is from null comparisons: what they share with the virtual line goes through both.
+
+    A volt of noise in a match, or an error of the V_Vc of one of its ranges, changes the rates that all levels of the
+    virtual line stand for; to first order that is one more sum of outputs, and of errors of ranges, for each value.
+    """
+    sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
+    table, virtual = map(Line.of, sweeps)
+    known = settings.station.sources
+    level_v = np.array([p.v_vc_v for p in sweeps[1].points])
+    levels = _NullLevels.of(virtual, level_v, matching, points, known)
+    sums = [*line_sums("table", table), *line_sums("virtual", virtual), *levels.sums]
+    noise = WindowNoise.of(settings, points, table.scale_factor)
+    sources, correlations = noise.sources(sums)
+    sources += [*instrument_sources(known), *levels.sources, *earth_sources(settings, table.scale_factor)]
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        of_table = table_values(table, q)
+        gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
+        k_vc = (matching.k_vc - noises_of("match", q) - levels.through("k_vc", q)) * rate
+        slope = virtual.scale_factor - noises_of("virtual slope", q) + noises_of("match slope", q)
+        bias = virtual.bias_v - noises_of("virtual bias", q) + noises_of("match bias", q)
+        bias = bias - q["meter offset"] - q.get(TILT, 0.0) - levels.through("bias", q)
+        return four_step_values(k_vc, of_table, (slope - levels.through("slope", q)) / gain / rate, bias / gain)
+
+    of = _OF_CURVE if matching.curve is not None else _OF_PAIR
+    stated = statement(
+        settings,
+        sources,
+        model,
+        correlations,
+        {name: (unit, of.get(name, words)) for name, (unit, words) in MEANINGS.items()},
+        difference="scale_factor_error_percent",
+        levels_by=levels.by,
+    )
+    budget = ValueModel(sources, sums, model, noise)
+    curved = [
+        CurvedLine.of("turntable.nonlinearity", table),
+        _with_matches(CurvedLine.of("virtual.nonlinearity", virtual), level_v, matching, known_levels(points, known)),
+    ]
+    return with_nonlinearity(settings, stated, budget, curved)
+
+
+@dataclass(frozen=True, slots=True)
+class _NullLevels:
+    """What the noise of null comparisons, and the errors of V_Vc in them and in the virtual line, do to each value."""
+
+    sums: tuple[OutputSum, ...]
+    sources: tuple[Source, ...]
+    by: str
+    effects: Mapping[str, Mapping[str, float]]
+    """Of each value: what each source adds to it, per unit of the source."""
+
+    @classmethod
+    def of(
+        cls, line: Line, level_v: Floats, matching: NullMatching, points: Sequence[Point], known: Sources
+    ) -> _NullLevels:
+        levels = known_levels(points, known)
+        sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
+        powers = level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)
+        of_match = matching.weights * matching.slope_of(matching.v_vc_v)  # coefficients per volt of each pair
+        grows = matching.slope_of(level_v)
+        by_pair = {"k_vc": of_match[0], "slope": -sloping @ powers @ of_match, "bias": -shifting @ powers @ of_match}
+        by_level = {"k_vc": 0.0 * level_v, "slope": sloping * grows, "bias": shifting * grows}
+        per_reading = float((np.maximum(matching.left_weights, 0.0) ** 2 / matching.readings).sum(axis=1).max())
+        u_pair = np.array([levels.u_mean_v(volts, per_reading) for volts in matching.taken_v])
+        u_level = np.array([levels.u_besides_v(volts) for volts in level_v])
+        every_v = np.concatenate([matching.taken_v, level_v])  # what is left is interpolated, and has no such error
+        own = np.array([levels.range_of(volts) for volts in every_v])
+        sources, effects = [], {value: dict[str, float]() for value in by_pair}
+        for place in np.unique(own).tolist():
+            here, name = own == place, f"{levels.ranges_v[place]:g} V range"
+            gain, offset = f"{levels.by} gain, {name}", f"{levels.by} offset, {name}"
+            sources += [
+                limited(gain, levels.gain, "1", levels.sigmas),
+                limited(offset, levels.offset_v, "V", levels.sigmas),
+            ]
+            for value, found in effects.items():
+                both = np.concatenate([by_pair[value], by_level[value]])
+                found |= {gain: float((both * every_v)[here].sum()), offset: float(both[here].sum())}
+        for value, unit in (("k_vc", "(deg/s)/V"), ("slope", "V/(deg/s)"), ("bias", "V")):
+            spread = math.hypot(np.linalg.norm(by_pair[value] * u_pair), np.linalg.norm(by_level[value] * u_level))
+            name = f"{levels.by} {levels.besides}: {value}"
+            sources.append(Source(name, 0.0, spread, unit))
+            effects[value][name] = 1.0
+        noise = matching.noise_weights
+        sums = (
+            OutputSum("match", noise[0], "(deg/s)/V"),
+            OutputSum("match slope", sloping @ powers @ noise, "V/(deg/s)"),
+            OutputSum("match bias", shifting @ powers @ noise, "V"),
+        )
+        return cls(sums, tuple(sources), levels.by, effects)
+
+    def through(self, value: str, q: Mapping[str, Any]) -> Any:
+        """Return what the errors of V_Vc add to a value."""
+        return sum(size * q[name] for name, size in self.effects[value].items())
+
+
+def _with_matches(line: CurvedLine, level_v: Floats, matching: NullMatching, known: KnownLevels) -> CurvedLine:
+    """Return a line with errors of V_Vc, in the line and in the matches, and noise of the matches."""
+    powers = level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)
+    by_level = line.residuals.of_outputs * line.derivative * matching.slope_of(level_v)
+    moved = line.residuals.of_rates @ powers
+    by_pair = moved @ (matching.weights * matching.slope_of(matching.v_vc_v))
+    per_reading = float((np.maximum(matching.left_weights, 0.0) ** 2 / matching.readings).sum(axis=1).max())
+    u_pair = [known.u_mean_v(volts, per_reading) for volts in matching.taken_v]
+    every_v = np.concatenate([matching.taken_v, level_v])
+    through = line.with_errors(known, every_v, np.hstack([by_pair, by_level]), u_pair)
+    set_by_curve = matching.curve is not None and known.reading_v is None
+    return replace(
+        through,
+        weights=line.weights + moved @ matching.noise_weights,
+        only_bound=_RANGES_ARE_LEFT if set_by_curve else "",
+    )
