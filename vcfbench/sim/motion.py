@@ -1,4 +1,4 @@
-"""True motion of the rate table: trapezoid, oscillation, rate loop, mean-rate error, angle-locked ripple, coasting.
+"""True motion of the rate table: ramps, oscillation, rate loop, mean-rate error, angle-locked ripple, coasting.
 
 A command makes a plan of segments from now on. In each segment the true rate is a sum of exponentials, known in
 closed form at any time, and the gyro takes exactly that sum as its input. The ripple (*wow*, and the steps of a
@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from vcfbench.sim.s_curve import Piece, ramp
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -29,6 +31,10 @@ _GAUSS = ((0.0469100770306680, 0.1184634425280945), (0.2307653449471585, 0.23931
 _NODES = (*_GAUSS, *((1.0 - place, weight) for place, weight in _GAUSS[:2]))
 """Places and weights of five Gauss-Legendre nodes on 0...1; the last two mirror the first two."""
 _SLIGHT = 1e-4
+_BENT = 0.05
+_SQUARE = ((1, 1.5), (2, -0.15), (3, 1.0 / 90.0))
+"""Weights of exp(k x) and exp(-k x), k each, whose sum less its value at 0 is x^2: to 3e-11 of it up to `_BENT`."""
+_HALVINGS = 60
 MEMORY_S = 1.0
 """For how long the motion before a command can be looked back at."""
 
@@ -127,6 +133,21 @@ class _Profile(Struct, frozen=True):
         t = instant_s - self.start_s
         return self.rate_deg_s + self.slope_deg_s2 * t + sum((a * cmath.exp(s * t)).real for a, s in self.terms)
 
+    def acceleration_at(self, instant_s: float) -> float:
+        """Return by how much the commanded rate changes, deg/s2."""
+        t = instant_s - self.start_s
+        return self.slope_deg_s2 + sum((a * s * cmath.exp(s * t)).real for a, s in self.terms)
+
+
+def _bent(piece: Piece) -> tuple[float, tuple[tuple[complex, complex], ...]]:
+    """Return 1/2 jerk t^2 of a piece as a constant and exponentials, which is what a segment may have."""
+    if not piece.jerk_deg_s3:
+        return 0.0, ()
+    slow = _BENT / piece.lasts_s
+    size = 0.5 * piece.jerk_deg_s3 / slow**2
+    terms = tuple((complex(size * weight), complex(sign * k * slow)) for k, weight in _SQUARE for sign in (1, -1))
+    return -sum([a.real for a, _ in terms]), terms
+
 
 class TableMotion:
     """The table as it really moves; simulated controllers of any dialect act on it.
@@ -143,6 +164,7 @@ class TableMotion:
         self._servo_closed = False
         self._complete_s = -math.inf
         self._goal_deg_s = 0.0
+        self._swings = False
         natural, damping = 2 * math.pi * mechanics.loop_hz, mechanics.loop_damping
         self._lag_s = 2 * damping / natural
         self._pole = complex(-damping * natural, natural * math.sqrt(1 - damping**2))
@@ -161,22 +183,23 @@ class TableMotion:
         """Let the table have more ripple from the next command on: what its motor does, beside the mechanics."""
         self._ripples += ripples
 
-    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Ramp the profile from where it is to `rate_deg_s`, starting now.
+    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = math.inf) -> None:
+        """Ramp the profile from where it is to `rate_deg_s`, starting now, within an acceleration and a jerk.
 
         Raises:
             RuntimeError: the servo is open.
-            ValueError: the acceleration is not positive.
+            ValueError: acceleration or jerk is not positive.
         """
         if not self._servo_closed:
             raise RuntimeError("the servo is open: the table takes no rate demand")
-        if acceleration_deg_s2 <= 0:
-            raise ValueError("the acceleration must be positive")
+        if not min(acceleration_deg_s2, jerk_deg_s3) > 0:
+            raise ValueError("acceleration and jerk must be positive")
         self._before_change()
         now = self._clock.now()
         self._remember(now)
-        angle, profile, loop, loop_slope = self.angle_deg(), self.profile_rate_deg_s(), *self._loop_at(now)
-        self._plan_demand(now, angle, profile, rate_deg_s, acceleration=acceleration_deg_s2, loop=(loop, loop_slope))
+        start, slope = self.profile_rate_deg_s(), self.profile_acceleration_deg_s2()
+        pieces = ramp(start, slope, rate_deg_s, most_deg_s2=acceleration_deg_s2, jerk_deg_s3=jerk_deg_s3)
+        self._plan_demand(now, self.angle_deg(), pieces, rate_deg_s, loop=self._loop_at(now))
 
     def oscillate(self, swing: Swing) -> None:
         """Oscillate from now on about the angle that belongs to `swing`; a table that turns is to be stopped before.
@@ -196,7 +219,7 @@ class TableMotion:
             self._then(_Profile(now, 0.0, 0.0, *loop, swing.growing()), grown_s, angle)
             loop, angle = self._loop_after(self._profiles[-1], grown_s), self._segments[-1].angle_at(grown_s)
         self._then(_Profile(grown_s, 0.0, 0.0, *loop, swing.grown()), math.inf, angle)
-        self._complete_s, self._goal_deg_s = grown_s, 0.0
+        self._complete_s, self._goal_deg_s, self._swings = grown_s, 0.0, True
 
     def close_servo(self) -> None:
         """Close the servo: the profile holds the rate that the table has now."""
@@ -207,7 +230,7 @@ class TableMotion:
         self._remember(now)
         self._servo_closed = True
         loop = rate / (1 + self._mechanics.rate_error)
-        self._plan_demand(now, angle, loop, loop, acceleration=1.0, loop=(loop, 0.0))
+        self._plan_demand(now, angle, [], loop, loop=(loop, 0.0))
 
     def open_servo(self) -> None:
         """Open the servo: dry and viscous friction bring the table to rest."""
@@ -216,7 +239,7 @@ class TableMotion:
         self._before_change()
         now, rate, angle = self._clock.now(), self.rate_deg_s(), self.angle_deg()
         self._remember(now)
-        self._servo_closed = False
+        self._servo_closed = self._swings = False
         self._profiles, self._complete_s = [], -math.inf
         tau, dry = self._mechanics.friction_time_s, math.copysign(self._mechanics.friction_deg_s2, rate)
         stop = now + tau * math.log1p(abs(rate) / (abs(dry) * tau))
@@ -242,29 +265,58 @@ class TableMotion:
         return 0.0
 
     def profile_rate_deg_s(self) -> float:
-        """Return the rate that the trapezoid has reached now, deg/s; with the servo open the true rate."""
+        """Return the rate that the ramp has reached now, deg/s; with the servo open the true rate."""
         now = self._clock.now()
         profile = self._profile_at(now)
         return self.rate_deg_s() if profile is None else profile.rate_at(now)
+
+    def profile_acceleration_deg_s2(self) -> float:
+        """Return by how much the profile's rate changes now, deg/s2; 0 with the servo open."""
+        now = self._clock.now()
+        profile = self._profile_at(now)
+        return 0.0 if profile is None else profile.acceleration_at(now)
 
     def goal_deg_s(self) -> float:
         """Return the rate at which the profile ends, deg/s; 0 of an oscillation, and with the servo open."""
         return self._goal_deg_s if self._servo_closed else 0.0
 
     def beyond_s(self, rate_deg_s: float) -> float:
-        """Return the bench time from when on the trapezoid is above `rate_deg_s`, either way round; inf for never."""
-        if not abs(goal := self.goal_deg_s()) > rate_deg_s:
+        """Return the bench time from when on the ramp is above `rate_deg_s`, either way round; inf for never."""
+        goal = self.goal_deg_s()
+        if not abs(goal) > rate_deg_s:
             return math.inf
-        ramp = self._profiles[0]
-        return self._complete_s - (abs(goal) - rate_deg_s) / abs(ramp.slope_deg_s2) if ramp.slope_deg_s2 else -math.inf
+        stop_s = self._complete_s
+        for profile in reversed(self._profiles[:-1]):
+            if math.copysign(1.0, goal) * profile.rate_at(profile.start_s) <= rate_deg_s:
+                return self._crossed_s(profile, stop_s, math.copysign(rate_deg_s, goal))
+            stop_s = profile.start_s
+        return -math.inf
+
+    @staticmethod
+    def _crossed_s(profile: _Profile, stop_s: float, rate_deg_s: float) -> float:
+        """Return when a piece of the profile, which begins below a rate and ends above it by `stop_s`, crosses it."""
+        early, late = profile.start_s, stop_s
+        if not profile.terms:
+            return early + (rate_deg_s - profile.rate_deg_s) / profile.slope_deg_s2
+        away = math.copysign(1.0, profile.rate_at(stop_s) - rate_deg_s)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (early + late)
+            beyond = away * (profile.rate_at(middle) - rate_deg_s) > 0.0
+            early, late = (early, middle) if beyond else (middle, late)
+        return late
 
     @property
     def oscillating(self) -> bool:
         """Whether the profile is an oscillation."""
-        return any(each.terms for each in self._profiles)
+        return self._swings
+
+    @property
+    def complete_s(self) -> float:
+        """Bench time at which the ramp reaches the demand, the oscillation its amplitude."""
+        return self._complete_s
 
     def profile_complete(self) -> bool:
-        """Tell whether the trapezoid has reached the demand, the oscillation its amplitude."""
+        """Tell whether the ramp has reached the demand, the oscillation its amplitude."""
         return self._clock.now() >= self._complete_s
 
     def _remember(self, now_s: float) -> None:
@@ -313,17 +365,18 @@ class TableMotion:
         return complex(rate, (self._pole.real * rate - slope) / self._pole.imag)
 
     def _plan_demand(
-        self, now: float, angle: float, start: float, goal: float, *, acceleration: float, loop: tuple[float, float]
+        self, now: float, angle: float, pieces: Sequence[Piece], goal: float, *, loop: tuple[float, float]
     ) -> None:
-        duration = abs(goal - start) / acceleration
-        self._complete_s, self._goal_deg_s = now + duration, goal
-        self._profiles, self._segments = [], []
-        if duration > 0:
-            ramp = _Profile(now, start, math.copysign(acceleration, goal - start), *loop)
-            self._then(ramp, self._complete_s, angle)
-            loop = self._loop_after(ramp, self._complete_s)
-            angle = self._segments[-1].angle_at(self._complete_s)
-        self._then(_Profile(self._complete_s, goal, 0.0, *loop), math.inf, angle)
+        """Plan the pieces of a ramp from now on, then the goal's rate for ever."""
+        self._profiles, self._segments, self._swings = [], [], False
+        for piece in pieces:
+            constant, terms = _bent(piece)
+            profile = _Profile(now, piece.rate_deg_s + constant, piece.acceleration_deg_s2, *loop, terms)
+            now += piece.lasts_s
+            self._then(profile, now, angle)
+            loop, angle = self._loop_after(profile, now), self._segments[-1].angle_at(now)
+        self._complete_s, self._goal_deg_s = now, goal
+        self._then(_Profile(now, goal, 0.0, *loop), math.inf, angle)
 
     def _then(self, profile: _Profile, stop_s: float, angle: float) -> None:
         self._profiles.append(profile)

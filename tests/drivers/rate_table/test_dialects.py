@@ -185,6 +185,24 @@ def test_a_late_answer_is_never_taken_for_another(name: str, late_s: float) -> N
         assert rate_deg_s == pytest.approx(10.0, abs=2e-3)
 
 
+def test_at_rate_and_at_rest_are_told_of_a_table_that_was_left_with_a_low_jerk_limit() -> None:
+    """Of 100 deg/s3 a ramp to 60 deg/s at 100 deg/s2 takes 2 sqrt(60/100) = 1.55 s instead of 0.6."""
+    bench = Bench("acl")
+    bench.twin.write(b":Limit:Jerk R,1,100;Jerk Off,1,100\n")
+    bench.wait(0.5)
+    bench.twin.read(1000)
+    bench.driver.enable()
+    start = bench.clock.now()
+    bench.driver.set_rate(60.0, 100.0)
+    while not bench.driver.at_rate():
+        bench.wait(0.01)
+    assert bench.clock.now() - start == pytest.approx(2.0 * math.sqrt(60.0 / 100.0), abs=0.2)
+    assert bench.driver.rate_deg_s() == pytest.approx(60.0, abs=1e-3)
+    report = bench.driver.make_safe(Deadline.after(bench.clock, 10.0))
+    assert report.safe
+    assert bench.clock.now() - start < 5.0
+
+
 @pytest.mark.parametrize("name", DIALECTS)
 def test_a_table_found_turning_is_not_started(name: str) -> None:
     bench = Bench(name)

@@ -28,8 +28,9 @@ class IdealMotion:
         self._angle0, self._rate0, self._t0 = self.angle_deg(), self.rate_deg_s(), self.clock.now()
         self._target, self._acceleration = target, acceleration
 
-    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = math.inf) -> None:
         assert self.servo_closed
+        assert jerk_deg_s3 >= 1e6, "an ideal table follows trapezoids only"
         self._restart(rate_deg_s, acceleration_deg_s2)
 
     def close_servo(self) -> None:
@@ -57,6 +58,13 @@ class IdealMotion:
 
     def profile_rate_deg_s(self) -> float:
         return self.rate_deg_s()
+
+    def profile_acceleration_deg_s2(self) -> float:
+        return 0.0 if self.profile_complete() else math.copysign(self._acceleration, self._target - self._rate0)
+
+    @property
+    def complete_s(self) -> float:
+        return self._t0 + self._ramp_s()
 
     def goal_deg_s(self) -> float:
         return self._target if self.servo_closed else 0.0

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 from msgspec import Struct
 
 from vcfbench.sim.motion import Swing
+from vcfbench.sim.s_curve import peak_deg_s
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,6 +36,7 @@ _LOCKED_DEG_S2 = 1e4
 """How fast an axis that is held, or has lost its steps, comes to rest (chosen)."""
 
 _REACHED_DEG = 1e-4
+_STILL_DEG_S = 1e-9
 _SETTLE_S = 0.15
 """Pause at the end of a ramp for the rate loop, before the position is looked at again."""
 
@@ -52,8 +54,8 @@ class Motion(Protocol):
         """Tell whether the servo holds the table."""
         ...
 
-    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Ramp to a rate from now on."""
+    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = ...) -> None:
+        """Ramp to a rate from now on, within an acceleration and, where one is given, a jerk."""
         ...
 
     def close_servo(self) -> None:
@@ -80,12 +82,21 @@ class Motion(Protocol):
         """Return the profiled rate now."""
         ...
 
+    def profile_acceleration_deg_s2(self) -> float:
+        """Return by how much the profiled rate changes now."""
+        ...
+
     def goal_deg_s(self) -> float:
         """Return the rate at which the profile ends."""
         ...
 
     def profile_complete(self) -> bool:
         """Tell whether the profile has reached the demand."""
+        ...
+
+    @property
+    def complete_s(self) -> float:
+        """Bench time at which the profile reaches the demand."""
         ...
 
     def beyond_s(self, rate_deg_s: float) -> float:
@@ -217,6 +228,7 @@ class PositionMoves:
         self._target_deg = 0.0
         self._rate_deg_s = 0.0
         self._acceleration_deg_s2 = 1.0
+        self._jerk_deg_s3 = math.inf
         self.goal_deg_s = 0.0
         self.due_s: float | None = None
 
@@ -225,10 +237,12 @@ class PositionMoves:
         """Tell whether a move is under way."""
         return self.due_s is not None
 
-    def start(self, target_deg: float, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+    def start(
+        self, target_deg: float, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = math.inf
+    ) -> None:
         """Move to the accumulated angle `target_deg`; a turning table is brought to rest first."""
         self._target_deg, self._rate_deg_s = target_deg, rate_deg_s
-        self._acceleration_deg_s2 = acceleration_deg_s2
+        self._acceleration_deg_s2, self._jerk_deg_s3 = acceleration_deg_s2, jerk_deg_s3
         self._next()
 
     def cancel(self) -> None:
@@ -241,21 +255,21 @@ class PositionMoves:
             self._next()
 
     def _next(self) -> None:
-        rate = abs(self._motion.profile_rate_deg_s())
         left_deg = self._target_deg - self._axis.angle_deg()
-        if rate > 1e-9:
-            self._ramp(0.0, rate / self._acceleration_deg_s2 + _SETTLE_S)
+        if abs(self._motion.profile_rate_deg_s()) > _STILL_DEG_S or not self._motion.profile_complete():
+            self._ramp(0.0)
+            self.due_s = self._motion.complete_s + _SETTLE_S
         elif abs(left_deg) <= _REACHED_DEG:
             self.due_s = None
         else:
-            # up, along and down again: the area of the trapezoid up to its second corner takes distance over rate
-            peak = min(self._rate_deg_s, math.sqrt(self._acceleration_deg_s2 * abs(left_deg)))
-            self._ramp(math.copysign(peak, left_deg), abs(left_deg) / peak)
+            # up, along and down again: from its start to where it begins to brake takes distance over rate
+            peak = min(self._rate_deg_s, peak_deg_s(abs(left_deg), self._acceleration_deg_s2, self._jerk_deg_s3))
+            self._ramp(math.copysign(peak, left_deg))
+            self.due_s = self._clock.now() + abs(left_deg) / peak
 
-    def _ramp(self, rate_deg_s: float, lasts_s: float) -> None:
+    def _ramp(self, rate_deg_s: float) -> None:
         self.goal_deg_s = rate_deg_s
-        self._motion.demand_rate(rate_deg_s, self._acceleration_deg_s2)
-        self.due_s = self._clock.now() + lasts_s
+        self._motion.demand_rate(rate_deg_s, self._acceleration_deg_s2, self._jerk_deg_s3)
 
 
 class ServoAxis(Axis):

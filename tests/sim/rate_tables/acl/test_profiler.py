@@ -97,6 +97,95 @@ def test_a_position_move_is_a_trapezoid(attended: AttendedHost) -> None:
     assert attended.world.table.angle_deg() == pytest.approx(60.0, abs=1e-2)
 
 
+def told(attended: AttendedHost, command: str) -> float:
+    """Give a command that moves the axis; return the instant at which its ramp will be over."""
+    attended.acl.write(command.encode() + b"\n")
+    attended.wait(0.05)
+    attended.acl.read(100)
+    return attended.world.table.complete_s
+
+
+def test_a_run_obeys_the_jerk_limit(attended: AttendedHost) -> None:
+    """From rest 1/2 j t^2: 0.72 deg/s at 0.12 s of 100 deg/s3, where the acceleration alone would give 12."""
+    attended.servo("Rate")
+    attended.ask(":Limit:Acceleration R,1,100;Jerk R,1,100")
+    over = told(attended, ":Demand:Rate 1,100")  # a/j up and a/j down
+    attended.world.clock.sleep_until(over - 2.0 + 0.12)
+    assert attended.world.table.profile_rate_deg_s() == pytest.approx(0.72, rel=1e-6)
+    attended.world.clock.sleep_until(over - 2.0 + 0.5)
+    attended.acl.write(b":Read:Acceleration? 1\n")
+    attended.wait(0.2)
+    assert 50.0 <= float(attended.acl.read(100)[0]) <= 70.0  # it was asked on its way up
+    attended.world.clock.sleep_until(over - 0.12)
+    assert attended.world.table.profile_rate_deg_s() == pytest.approx(100.0 - 0.72, rel=1e-6)
+    assert not attended.world.table.profile_complete()
+    attended.world.clock.sleep_until(over)
+    assert attended.ask(":Status:CSR? A1DYN,9") == "1"
+
+
+def test_a_jerk_within_a_frame_of_the_controller_is_a_step(attended: AttendedHost) -> None:
+    """As at power-on: 100 deg/s2 are there after 0.1 ms of 1e6 deg/s3, one frame of 10 kHz; 4200 deg/s2 are not."""
+    attended.servo("Rate")
+    over = told(attended, ":Demand:Rate 1,50")
+    attended.world.clock.sleep_until(over - 0.25)
+    assert attended.world.table.profile_rate_deg_s() == pytest.approx(25.0, rel=1e-12)
+    attended.wait(2.0)
+    attended.ask(":Limit:Acceleration R,1,4200")
+    over = told(attended, ":Demand:Rate 1,470")
+    attended.world.clock.sleep_until(over - 0.05)
+    assert attended.world.table.profile_rate_deg_s() == pytest.approx(470.0 - 4200.0 * (0.05 - 0.5 * 4.2e-3))
+
+
+def test_the_abort_profile_obeys_its_own_jerk_limit_and_a_loss_of_power_none(attended: AttendedHost) -> None:
+    attended.ask(":Limit:Acceleration Abort,1,100;Jerk Abort,1,100")
+    attended.servo("Rate")
+    attended.ask(":Demand:Rate 1,100")
+    attended.wait(5.0)
+    over = told(attended, ":Interlock:Open 1")
+    attended.world.clock.sleep_until(over - 2.0 + 0.12)
+    assert attended.world.table.profile_rate_deg_s() == pytest.approx(100.0 - 0.72, rel=1e-6)
+    attended.acl.set_interlock("emergency_stop", faulty=True)
+    attended.wait(1.0)
+    assert not attended.world.table.servo_closed  # it coasts from then on
+    mechanics = paper_bench().table
+    braked = mechanics.friction_deg_s2 + 100.0 / mechanics.friction_time_s
+    assert attended.world.table.rate_deg_s() > 100.0 - 0.72 - 100.0 * 0.03 - braked * 1.1
+
+
+@pytest.mark.parametrize("jerk", [100.0, 1e4])
+def test_a_position_move_obeys_the_jerk_limit(attended: AttendedHost, jerk: float) -> None:
+    """Distance over rate, v/a and a/j: what a move takes whose profile has all seven phases."""
+    attended.servo("Position")
+    attended.ask(f":Limit:Rate P,1,20;Acceleration P,1,40;Jerk P,1,{jerk:g}")
+    over = told(attended, ":Demand:Position 1,60") + 60 / 20
+    attended.world.clock.sleep_until(over - 0.05)
+    assert attended.world.table.profile_rate_deg_s() == pytest.approx(
+        0.5 * jerk * 0.05**2 if jerk < 1e3 else 40.0 * (0.05 - 0.5 * 40.0 / jerk), rel=1e-4
+    )
+    attended.world.clock.sleep_until(over + 0.2)
+    assert attended.world.table.angle_deg() == pytest.approx(60.0, abs=1e-2)
+    attended.wait(2.0)
+    assert attended.ask(":Status:CSR? A1DYN,8") == "1"
+
+
+def test_a_run_within_a_jerk_stops_at_the_end_of_travel(attended: AttendedHost) -> None:
+    attended.ask(":Limit:HighPosition P,1,90")
+    attended.servo("Rate")
+    attended.ask(":Limit:Acceleration R,1,50;Jerk R,1,100;:Demand:Rate 1,30")
+    attended.wait(20.0)
+    assert attended.world.table.rate_deg_s() == pytest.approx(0.0, abs=1e-6)
+    assert attended.world.table.angle_deg() == pytest.approx(90.0, abs=0.5)
+
+
+def test_a_zero_jerk_limit_inhibits_every_change(attended: AttendedHost) -> None:
+    attended.servo("Rate")
+    attended.ask(":Demand:Rate 1,20")
+    attended.wait(2.0)
+    attended.ask(":Limit:Jerk R,1,0;:Demand:Rate 1,0")
+    attended.wait(10.0)
+    assert attended.world.table.profile_rate_deg_s() == 20.0
+
+
 def test_a_stale_position_is_executed_on_closing(attended: AttendedHost) -> None:
     attended.ask(":Demand:Position 1,45;:Mode:Position 1;:Interlock:Close 1")
     attended.wait(20.0)

@@ -83,9 +83,9 @@ class Drive:
         self.aborting = True
         self.moves.cancel()
         self.unservo_bit = reason_bit
-        acceleration = self._limits.of("Abort").acceleration_deg_s2
-        if acceleration > 0.0:
-            self.motion.demand_rate(0.0, acceleration)
+        limits = self._limits.of("Abort")
+        if not limits.inhibits:
+            self.motion.demand_rate(0.0, *limits.ramps)
 
     def finish_abort(self) -> None:
         """Open the servo once the ABORT profile has brought the axis to rest."""
@@ -95,10 +95,9 @@ class Drive:
 
     def abort_ends_s(self) -> float | None:
         """Return when the ABORT profile ends, None without one."""
-        acceleration = self._limits.of("Abort").acceleration_deg_s2
-        if not self.aborting or acceleration == 0.0:
+        if not self.aborting or self._limits.of("Abort").inhibits:
             return None
-        return self.clock.now() + max(abs(self.motion.profile_rate_deg_s()) / acceleration, POLL_S)
+        return max(self.motion.complete_s, self.clock.now() + POLL_S)
 
     def drop(self) -> None:
         """Open the servo at once; the table coasts."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from msgspec import Struct
 
 from vcfbench.sim.rate_tables.acl.arguments import MODES, check_within
@@ -9,6 +11,8 @@ from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 
 __all__ = ["FACTORY", "FACTORY_OVERALL", "UNLIMITED_DEG", "AxisLimits", "Limits", "OverallLimits"]
 
+FRAME_S = 1e-4
+"""One frame of the profiler, at its 10 kHz (ACUTROL3000e data sheet): in less than that the acceleration steps."""
 UNLIMITED_DEG = 1e9
 """Where an axis that turns on and on has its ends of travel."""
 
@@ -19,6 +23,20 @@ class AxisLimits(Struct, frozen=True):
     rate_deg_s: float
     acceleration_deg_s2: float
     jerk_deg_s3: float
+
+    @property
+    def ramps(self) -> tuple[float, float]:
+        """The acceleration and jerk of its ramps; an infinite jerk where a frame is enough to reach the acceleration.
+
+        That every mode's profile obeys the jerk limit, ABORT's too, is what the manual's limits say; unverified.
+        """
+        steps = self.acceleration_deg_s2 <= self.jerk_deg_s3 * FRAME_S
+        return self.acceleration_deg_s2, math.inf if steps else self.jerk_deg_s3
+
+    @property
+    def inhibits(self) -> bool:
+        """Whether nothing may change, not even to stop: acceleration or jerk is 0."""
+        return self.acceleration_deg_s2 == 0.0 or self.jerk_deg_s3 == 0.0
 
     def values(self) -> tuple[float, float, float]:
         """Return them in the order in which the controller lists them."""

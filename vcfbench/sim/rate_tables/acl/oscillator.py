@@ -50,10 +50,9 @@ class Oscillator:
 
     def start(self) -> None:
         """Oscillate about the present position; a turning axis is stopped first, for it would have no centre."""
-        rate, acceleration = abs(self._motion.profile_rate_deg_s()), self._limits.of("Synthesis").acceleration_deg_s2
-        if not self._motion.oscillating and rate:
-            self._motion.demand_rate(0.0, acceleration)
-            self.due_s = self._clock.now() + rate / acceleration + _SETTLE_S
+        if not self._motion.oscillating and self._motion.profile_rate_deg_s():
+            self._motion.demand_rate(0.0, *self._limits.of("Synthesis").ramps)
+            self.due_s = self._motion.complete_s + _SETTLE_S
         else:
             self._begin()
 
@@ -87,7 +86,7 @@ class Oscillator:
     def _stand(self) -> None:
         """Stand still: a sinusoid of frequency 0 is a constant."""
         self._swing = None
-        self._motion.demand_rate(0.0, self._limits.of("Synthesis").acceleration_deg_s2)
+        self._motion.demand_rate(0.0, *self._limits.of("Synthesis").ramps)
 
     def _per_degree(self, frequency_hz: float) -> float:
         """Return how much of the regulated state a degree of amplitude is."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from vcfbench.sim.rate_tables.acl.drive import POLL_S
 from vcfbench.sim.rate_tables.acl.limits import UNLIMITED_DEG
 from vcfbench.sim.rate_tables.acl.tracking import TrackTest
+from vcfbench.sim.s_curve import braking_deg
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.demand import Demand
@@ -57,9 +58,9 @@ class Profiler:
         self.follow()
 
     def follow(self) -> None:
-        """Let the profiler act on the demand of the present mode; a zero acceleration limit inhibits every change."""
+        """Let the profiler act on the demand of the present mode; a limit of zero inhibits every change."""
         limits = self.limits
-        if not self._drive.follows or limits.acceleration_deg_s2 == 0.0:
+        if not self._drive.follows or limits.inhibits:
             return
         self._moves.cancel()
         self._oscillator.cancel()
@@ -70,7 +71,7 @@ class Profiler:
         elif self.mode == "Position" and limits.rate_deg_s > 0.0:
             self._go_to_target(limits)
         else:
-            self._motion.demand_rate(self.profiled_rate_deg_s(), limits.acceleration_deg_s2)
+            self._motion.demand_rate(self.profiled_rate_deg_s(), *limits.ramps)
 
     def leave_end(self) -> None:
         """Forget the end of travel, unless the demanded rate goes on towards it."""
@@ -92,10 +93,10 @@ class Profiler:
             return
         wanted = rate + (self._nearest_target_deg() - self._drive.axis.angle_deg()) / _TRACK_REACH_S
         wanted = max(-limits.rate_deg_s, min(limits.rate_deg_s, wanted))
-        self._motion.demand_rate(wanted, limits.acceleration_deg_s2)
+        self._motion.demand_rate(wanted, *limits.ramps)
 
     def _go_to_target(self, limits: AxisLimits) -> None:
-        self._moves.start(self._nearest_target_deg(), limits.rate_deg_s, limits.acceleration_deg_s2)
+        self._moves.start(self._nearest_target_deg(), limits.rate_deg_s, *limits.ramps)
 
     def _nearest_target_deg(self) -> float:
         """Return the accumulated angle nearest to the present one that shows the demanded position (shortest path)."""
@@ -119,8 +120,7 @@ class Profiler:
 
     def acceleration_deg_s2(self) -> float:
         """Return the profiled acceleration now, deg/s2; the real controller estimates it from the encoder."""
-        mode = "Abort" if self._drive.aborting else self.mode
-        return self.ramp_direction() * self._limits.of(mode).acceleration_deg_s2
+        return self._motion.profile_acceleration_deg_s2() if self.ramp_direction() else 0.0
 
     # --- what happens on the way ------------------------------------------------------------------------------
 
@@ -144,7 +144,7 @@ class Profiler:
         rate = self._motion.profile_rate_deg_s()
         if rate * self._motion.goal_deg_s() > 0.0 and self._left_deg(rate) <= 0.0:
             self.at_end = 1 if rate > 0.0 else -1
-            self._motion.demand_rate(0.0, self.limits.acceleration_deg_s2)
+            self._motion.demand_rate(0.0, *self.limits.ramps)
 
     def _end_due_s(self) -> float | None:
         """Return when a rate run must begin to brake before an end of travel, if there is one."""
@@ -152,13 +152,16 @@ class Profiler:
         if not rate or math.isinf(left_deg := self._left_deg(rate)):
             return None
         fastest = max(abs(rate), abs(self.goal_deg_s()))
-        return self._clock.now() + max(left_deg / fastest / 2.0, POLL_S)
+        # while it speeds up, what it needs to brake grows about as fast as it turns, twice that with a limited jerk
+        return self._clock.now() + max(left_deg / fastest / (2.0 if math.isinf(self.limits.ramps[1]) else 4.0), POLL_S)
 
     def _left_deg(self, rate_deg_s: float) -> float:
         """Return the way left until the axis must brake for the end that it turns to, deg; inf where there is none."""
         end = self._limits.overall.high_deg if rate_deg_s > 0.0 else self._limits.overall.low_deg
-        acceleration = self.limits.acceleration_deg_s2
-        if abs(end) >= UNLIMITED_DEG or not acceleration:
+        if abs(end) >= UNLIMITED_DEG or self.limits.inhibits:
             return math.inf
-        braking_deg = rate_deg_s**2 / (2.0 * acceleration) + abs(rate_deg_s) * POLL_S
-        return (end - self._drive.axis.angle_deg()) * math.copysign(1.0, rate_deg_s) - braking_deg
+        most_deg_s2, jerk_deg_s3 = self.limits.ramps
+        growing_deg_s2 = self._motion.profile_acceleration_deg_s2()
+        braked_deg = braking_deg(rate_deg_s, growing_deg_s2, most_deg_s2=most_deg_s2, jerk_deg_s3=jerk_deg_s3)
+        left_deg = (end - self._drive.axis.angle_deg()) * math.copysign(1.0, rate_deg_s)
+        return left_deg - abs(braked_deg) - abs(rate_deg_s) * POLL_S
