@@ -65,7 +65,8 @@ if TYPE_CHECKING:
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
-    from vcfbench.procedures.virtual_coriolis.results import TurntableResult, VirtualCoriolisResult
+    from vcfbench.procedures.turntable import TurntableResult
+    from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
     from vcfbench.record.devices import Device, load_device
     from vcfbench.record.metadata import Equipment, RunMetadata
     from vcfbench.record.schema import Point, Status
@@ -313,10 +314,8 @@ _HOMES = {
         "take",
         "v_vc_on",
     ),
-    "procedures.virtual_coriolis.results": (
-        "TurntableResult",
-        "VirtualCoriolisResult",
-    ),
+    "procedures.turntable": ("TurntableResult",),
+    "procedures.virtual_coriolis.results": ("VirtualCoriolisResult",),
     "bench.settings": ("ProcedureSettings",),
     "plans.step": (
         "Outcome",

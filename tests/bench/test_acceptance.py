@@ -7,7 +7,8 @@ import pytest
 
 from vcfbench.bench.acceptance import judged
 from vcfbench.bench.settings import Limit, Match
-from vcfbench.procedures.virtual_coriolis.results import turntable_results, virtual_coriolis_results
+from vcfbench.procedures.turntable import turntable_results
+from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.record.schema import Point
 
 K, K_VC = -0.0125, 150.0

@@ -21,7 +21,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from vcfbench.cli.main import app
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.keys import settable_keys
-from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 
 if TYPE_CHECKING:
     from typer.testing import Result

@@ -19,7 +19,8 @@ from vcfbench.plans.executor import Executor
 from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.virtual_coriolis.results import TurntableResult, VirtualCoriolisResult
+from vcfbench.procedures.turntable import TurntableResult
+from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:

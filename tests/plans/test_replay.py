@@ -31,7 +31,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.routines import energised, power_up, take, window_of
-from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.record.journal import JournalRecord
 from vcfbench.record.schema import Status
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+    from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 
 QUICK: dict[str, Any] = {
     "samples": 3,

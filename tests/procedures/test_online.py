@@ -27,7 +27,7 @@ from vcfbench.plans.steps import (
     SetSine,
 )
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.online.plan import ONLINE, OnlineSettings
+from vcfbench.procedures.online.plan import ONLINE
 from vcfbench.procedures.online.results import online_results
 from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.report.document import Figure, Table
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.procedures.online.settings import OnlineSettings
 
 FIELD = vcfbench.load_bench("examples/field-bench.toml")
 QUIET = still(LAB)

@@ -12,8 +12,9 @@ from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
-from vcfbench.procedures.power.plan import POWER, By, PowerSettings, RailOnAndLog, SuppliedAndLogged
+from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged
 from vcfbench.procedures.power.results import valid_output
+from vcfbench.procedures.power.settings import By, PowerSettings
 
 if TYPE_CHECKING:
     from vcfbench.plans.step import Step

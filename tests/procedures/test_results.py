@@ -14,12 +14,9 @@ from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.bench.settings import Match
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.virtual_coriolis.results import (
-    repeat_std_v,
-    turntable_results,
-    u_output_v,
-    virtual_coriolis_results,
-)
+from vcfbench.procedures.column.results import repeat_std_v, u_output_v
+from vcfbench.procedures.turntable import turntable_results
+from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point, pooled_std_v
 from vcfbench.sim.instruments.agilent33220a import GeneratorErrors

@@ -18,7 +18,7 @@ from vcfbench.bench.parts import Acceptance
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.self_calibration.plan import level_for
+from vcfbench.procedures.known.device import level_for
 from vcfbench.record.devices import DeviceStore, SelfCalibration
 
 if TYPE_CHECKING:

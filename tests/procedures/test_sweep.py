@@ -15,7 +15,7 @@ from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import Sources, Station
 from vcfbench.procedures.sweep.schedule import EARTH_DEG_S, Order, SweepSettings, Zeros
 from vcfbench.procedures.sweep.windows import sweep_of
-from vcfbench.procedures.virtual_coriolis.results import SweptTurntableResult, TurntableResult, turntable_results
+from vcfbench.procedures.turntable import SweptTurntableResult, TurntableResult, turntable_results
 from vcfbench.record.schema import Point
 from vcfbench.testing import simulated
 

@@ -24,8 +24,9 @@ from vcfbench.plans.steps import (
     SetTemperature,
     StopFlow,
 )
-from vcfbench.procedures.temperature.plan import TEMPERATURE, By, TemperatureSettings, directions, stands_still
+from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
+from vcfbench.procedures.temperature.settings import By, TemperatureSettings
 from vcfbench.record.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
 

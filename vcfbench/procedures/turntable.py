@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.plans.steps import Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.column.report import line_words, outputs_figure, residuals_figure, statement_tables, sweep_text
+from vcfbench.procedures.column.results import (
+    acceptance_u95,
+    acceptance_values,
+    field_values,
+    fitted_column,
+    is_swept,
+    u_output_v,
+)
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
 from vcfbench.procedures.sweep.agreement import (
@@ -21,16 +32,27 @@ from vcfbench.procedures.sweep.schedule import (
     sweep_words,
     window_grid,
 )
-from vcfbench.procedures.virtual_coriolis.report import turntable_report
-from vcfbench.procedures.virtual_coriolis.results import TurntableResult, turntable_results
+from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.plans.step import Routine
+    from vcfbench.procedures.budget.statement import Statement
+    from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.record.schema import Point
 
-__all__ = ["STEP", "TURNTABLE", "table_sweep", "turntable"]
+__all__ = [
+    "STEP",
+    "TURNTABLE",
+    "SweptTurntableResult",
+    "TurntableResult",
+    "table_sweep",
+    "turntable",
+    "turntable_report",
+    "turntable_results",
+]
 
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""
@@ -86,8 +108,68 @@ def _announced(settings: SweepSettings) -> Routine[None]:
                 yield Note(no_whole_turn(settings, rate_deg_s))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurntableResult(CalibrationColumn):
+    """What a calibration on the rate table came to: its one column."""
+
+    uncertainty: Statement | None = None
+    """Combined uncertainties; None where nothing is told of the run but its points."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits, by its keys."""
+        return acceptance_values(self)
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return the expanded uncertainties of these, by the same keys."""
+        return acceptance_u95(self.uncertainty)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweptTurntableResult(TurntableResult):
+    """The same, of a run that did not visit the rates as the paper does."""
+
+    sweep: SweepFound
+
+
+def turntable_results(
+    points: Sequence[Point], meter_resolution_v: float, settings: ProcedureSettings | None = None
+) -> TurntableResult:
+    """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
+    if settings is None:
+        return TurntableResult(**field_values(fitted_column(points, u_output_v(points, meter_resolution_v)).column()))
+    from vcfbench.procedures.budget.turntable import turntable_statement  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
+
+    sweep = sweep_of(settings, points, 1)
+    values = field_values(fitted_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
+    values["uncertainty"] = turntable_statement(settings, points)
+    if not is_swept(settings):
+        return TurntableResult(**values)
+    from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above
+
+    return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
+
+
 def _results(settings: SweepSettings, points: Sequence[Point]) -> TurntableResult:
     return turntable_results(points, settings.meter_resolution_v, settings)
+
+
+def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
+    """Report a turntable calibration: its column, its line, and what it leaves over."""
+    points = [point for point in points if point.step == 1]
+    columns = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
+    rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]
+    lines = [("turntable", points, results)]
+    return Report(
+        [
+            Table(columns, rows),
+            Text(line_words("turntable", results)),
+            *([sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
+            *statement_tables(results.uncertainty),
+            outputs_figure("Output against the table's rate", lines),
+            residuals_figure(lines),
+        ]
+    )
 
 
 TURNTABLE = Procedure(

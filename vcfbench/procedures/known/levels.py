@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 __all__ = [
+    "K_VC_UNIT",
     "at_measured_levels",
     "generator_sheet",
     "ready_v_vc_meter",
@@ -30,6 +31,9 @@ __all__ = [
     "take_driven",
     "v_vc_tolerance_v",
 ]
+
+K_VC_UNIT = "(deg/s)/V"
+"""Of the rate that a volt of V_Vc stands for."""
 
 
 def has_v_vc_meter(settings: ProcedureSettings) -> bool:

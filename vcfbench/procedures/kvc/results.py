@@ -15,10 +15,10 @@ from vcfbench.errors import ConfigError
 from vcfbench.plans.measured import Measured
 from vcfbench.plans.steps import MeasureVvc, VvcMeasured
 from vcfbench.procedures.known.device import UNSEEN
+from vcfbench.procedures.known.levels import K_VC_UNIT
 from vcfbench.procedures.known.v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
 from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.procedures.virtual_coriolis.results import K_VC_UNIT
 from vcfbench.record.devices import Certificate, CurveShare, Kept, KvcCurve
 from vcfbench.record.schema import pooled_std_v
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
-    from vcfbench.procedures.kvc.plan import KVcSettings
+    from vcfbench.procedures.kvc.settings import KVcSettings
     from vcfbench.procedures.procedure import Made
     from vcfbench.record.schema import Point
 

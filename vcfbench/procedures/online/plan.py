@@ -8,13 +8,8 @@ before and after. Neither a table nor an oscilloscope is needed; where there is 
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
-from msgspec import Meta
-
-from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import rate_words
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.plans.steps import (
     CheckRails,
@@ -28,9 +23,9 @@ from vcfbench.plans.steps import (
     move_leads,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.device import KnownDeviceSettings, level_for
 from vcfbench.procedures.known.v_vc import ready_meters
 from vcfbench.procedures.online.results import online_report, online_results
+from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     energised,
@@ -42,109 +37,9 @@ from vcfbench.procedures.routines import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from vcfbench.plans.step import Routine
 
-__all__ = ["ONLINE", "OnlineSettings", "online"]
-
-_MEMORY = 512
-"""Readings that every meter keeps (34401A)."""
-_LEAST_READINGS = 8
-"""A period, so that its third harmonic is held."""
-_LEAST_PERIODS = 3.0
-"""A window."""
-_LEAST_BURST = 8.0
-"""Periods of what is taken at once, so that the noise shows between its harmonics."""
-_LEAST_BURSTS = 3
-
-
-class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
-    """What the calibration is told beside what a self-calibration is; the gyroscope is warm, as in service."""
-
-    rates_key: ClassVar[str] = "virtual_rate_deg_s"
-
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
-    modulation_hz: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="frequency of the sine on V_Vc, far below the mode split")
-    ] = 0.25
-    virtual_rate_deg_s: Annotated[
-        float, Meta(ge=0.1, le=300.0, description="amplitude of the rate that the sine stands for")
-    ] = 50.0
-    window_s: Annotated[float, Meta(ge=1.0, le=102.4, description="a scale factor every so many seconds")] = 20.0
-    duration_s: Annotated[
-        float, Meta(ge=10.0, le=1e6, description="of the modulation, in whole bursts, at least three")
-    ] = 1800.0
-    rate_deg_s: Annotated[Rate, Meta(description="rate of the table meanwhile, where there is one")] = 0.0
-    split_hz: Annotated[
-        float, Meta(ge=5.0, le=1000.0, description="mode split, as `bandwidth` finds it, for the response to the sine")
-    ] = 24.8
-    u_split_hz: Annotated[float, Meta(ge=0.0, le=100.0, description="standard uncertainty of the split")] = 0.5
-    in_phase_split_hz: Annotated[
-        float, Meta(ge=10.0, le=2000.0, description="drive less in-phase sense frequency, roughly")
-    ] = 147.0
-    in_phase_share: Annotated[
-        float, Meta(ge=0.0, le=0.9, description="of the in-phase mode in the response at rest, as `bandwidth` finds it")
-    ] = 0.147
-
-    @property
-    def magnitudes_deg_s(self) -> tuple[float, ...]:
-        """The peak of the virtual rate."""
-        return (self.virtual_rate_deg_s,)
-
-    @property
-    def aperture_s(self) -> float:
-        """How long a reading integrates, s; the next begins when it ends."""
-        return self.nplc / self.station.mains_hz
-
-    @property
-    def window_readings(self) -> int:
-        """Readings a window."""
-        return max(1, round(self.window_s / self.aperture_s))
-
-    @property
-    def windows_a_burst(self) -> int:
-        """Windows that a meter takes at once."""
-        return max(1, _MEMORY // self.window_readings)
-
-    @property
-    def burst_readings(self) -> int:
-        """Readings that a meter takes at once, in whole windows."""
-        return self.windows_a_burst * self.window_readings
-
-    @property
-    def bursts(self) -> int:
-        """How often they are taken."""
-        return max(_LEAST_BURSTS, round(self.duration_s / (self.burst_readings * self.aperture_s)))
-
-    @property
-    def amplitude_v(self) -> float:
-        """Amplitude of the sine on V_Vc, V."""
-        return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s, self.rates_key))
-
-    def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
-        yield from super().contradictions()
-        most_hz = 1.0 / (_LEAST_READINGS * self.aperture_s)
-        burst_s = self.burst_readings * self.aperture_s
-        least_hz = max(_LEAST_PERIODS / self.window_s, _LEAST_BURST / burst_s)
-        if not least_hz <= self.modulation_hz <= most_hz:
-            expected = (
-                f"{least_hz:.3g} to {most_hz:.3g} Hz: {_LEAST_PERIODS:g} periods a window and {_LEAST_BURST:g} a burst "
-                f"of {burst_s:g} s, {_LEAST_READINGS} readings of {self.aperture_s:g} s a period (nplc)"
-            )
-            yield InvalidValue("modulation_hz", expected, self.modulation_hz)
-        if self.window_readings > _MEMORY:
-            yield InvalidValue("window_s", f"at most {_MEMORY} readings of {self.aperture_s:g} s", self.window_s)
-        if self.modulation_hz > 0.1 * self.split_hz:
-            yield InvalidValue(
-                "modulation_hz", f"at most a tenth of split_hz, {self.split_hz:g} Hz", self.modulation_hz
-            )
-        limit_deg_s = self.station.limits.max_rate_deg_s
-        if self.rate_deg_s and limit_deg_s is None and self.station.instruments:
-            yield InvalidValue("rate_deg_s", "0 on a bench without a rate table", self.rate_deg_s)
-        if limit_deg_s is not None and abs(self.rate_deg_s) > limit_deg_s:
-            yield InvalidValue("rate_deg_s", rate_words(limit_deg_s), self.rate_deg_s)
+__all__ = ["ONLINE", "online"]
 
 
 def online(settings: OnlineSettings) -> Plan:

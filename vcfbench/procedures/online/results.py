@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.plans.measured import Measured
-    from vcfbench.procedures.online.plan import OnlineSettings
+    from vcfbench.procedures.online.settings import OnlineSettings
 
 __all__ = ["AllanOfScaleFactor", "OnlineResult", "WindowFactor", "online_report", "online_results"]
 

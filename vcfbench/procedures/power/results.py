@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.chopped import BlockNoise
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Step
-    from vcfbench.procedures.power.plan import PowerSettings
+    from vcfbench.procedures.power.settings import PowerSettings
     from vcfbench.procedures.zero.results import ScaleFactor
 
 __all__ = [

@@ -7,17 +7,13 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
-
-from msgspec import Meta
+from typing import TYPE_CHECKING
 
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings, Reference, level_for
+from vcfbench.procedures.known.device import level_for
 from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
@@ -28,46 +24,14 @@ from vcfbench.procedures.self_calibration.results import (
     self_calibration_report,
     self_calibration_results,
 )
+from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
 from vcfbench.procedures.sweep.agreement import MATCH_DRIFT, require_agreement
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "SELF_CALIBRATION",
-    "KnownDevice",
-    "Reference",
-    "SelfCalibrationSettings",
-    "level_for",
-    "self_calibration",
-]
-
-
-class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
-    """What a self-calibration is told beside what all procedures are."""
-
-    virtual_rates_deg_s: Annotated[
-        tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")
-    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
-    max_drift_ppm: Annotated[
-        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
-        Meta(description="of the scale factor since the last entry, for the verdict; without it E_n decides"),
-    ] = None
-
-    @property
-    def magnitudes_deg_s(self) -> tuple[float, ...]:
-        """The rates without sign, each once, rising."""
-        return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
-
-    def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
-        yield from super().contradictions()
-        if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
-            expected = "at least two rates of different size, none of them 0"
-            yield InvalidValue("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
+__all__ = ["SELF_CALIBRATION", "self_calibration"]
 
 
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:

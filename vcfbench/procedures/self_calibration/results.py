@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.known.device import Reference
     from vcfbench.procedures.procedure import Made
-    from vcfbench.procedures.self_calibration.plan import SelfCalibrationSettings
+    from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
     from vcfbench.record.devices import KvcCurve, Measured, Share
     from vcfbench.record.schema import Point
 

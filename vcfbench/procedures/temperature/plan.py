@@ -8,15 +8,11 @@ measured where there is an oscilloscope. In the end the air is off, or the perso
 from __future__ import annotations
 
 import math
-from enum import Enum
 from itertools import pairwise
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated
-
-from msgspec import Meta, structs
+from typing import TYPE_CHECKING
 
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import (
     ForcesTemperature,
@@ -45,7 +41,7 @@ from vcfbench.plans.steps import (
     Window,
     set_air_by_hand,
 )
-from vcfbench.procedures.bandwidth import BandwidthSettings, sweep
+from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
@@ -59,114 +55,19 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
-from vcfbench.procedures.zero.plan import AtRestSettings, told_scale_factor
+from vcfbench.procedures.temperature.settings import STEADY_MEANS, By, TemperatureSettings
+from vcfbench.procedures.zero.plan import told_scale_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["TEMPERATURE", "AtTemperature", "By", "TemperatureSettings", "plan"]
+__all__ = ["TEMPERATURE", "AtTemperature", "plan"]
 
 _DRIVE_RECORDS = 8
-_LAST = 3
-"""So many means in a row must stand still."""
 _SIGMAS = 3.0
-
-Celsius = Annotated[float, Meta(ge=-100.0, le=200.0)]
-
-
-class By(Enum):
-    """What the scale factor is taken with."""
-
-    V_VC = "v-vc"
-    TABLE = "table"
-
-
-class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
-    """What the run over temperature is told beside what all procedures are."""
-
-    temperatures_c: Annotated[
-        tuple[Celsius, ...], Meta(min_length=3, max_length=100, description="temperatures of the air, in their order")
-    ] = (0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0)
-    reference_c: Annotated[float, Meta(ge=-100.0, le=200.0, description="where the coefficients hold")] = 20.0
-    room_c: Annotated[float, Meta(ge=-50.0, le=60.0, description="where a person brings a chamber in the end")] = 20.0
-    ramp_k_min: Annotated[float, Meta(ge=0.1, le=1000.0, description="of the air, at most")] = 10.0
-    window_k: Annotated[float, Meta(ge=0.1, le=9.9, description="of the air about a temperature that is reached")] = 1.0
-    chamber_takes_s: Annotated[
-        float, Meta(ge=0.0, le=86_400.0, description="beyond the ramp, for a temperature to be reached")
-    ] = 900.0
-    soak_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="at a temperature, at least")] = 3600.0
-    longest_soak_s: Annotated[float, Meta(ge=0.0, le=864_000.0, description="and at most, else the run ends")] = (
-        14_400.0
-    )
-    steady_ppm_min: Annotated[
-        float, Meta(ge=0.1, le=1e5, description="the soak is over when the output at level_deg_s moves less than this")
-    ] = 10.0
-    soak_window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the three means that tell it")] = (
-        60.0
-    )
-    by: Annotated[
-        By, Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True})
-    ] = By.V_VC
-    level_deg_s: Annotated[
-        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
-    ] = 200.0
-    cycles: Annotated[int, Meta(ge=1, le=100, description="chopped blocks at each temperature")] = 2
-    split: Annotated[bool, Meta(description="whether the mode split is measured too, as bandwidth does")] = False
-    u_temperature_k: Annotated[
-        float, Meta(ge=0.0, le=20.0, description="standard uncertainty of the temperatures, the same at all")
-    ] = 0.5
-    u_each_temperature_k: Annotated[
-        float, Meta(ge=0.0, le=20.0, description="and of each by itself: regulation, resolution")
-    ] = 0.0
-    bias_instability_deg_h: Annotated[
-        float, Meta(ge=0.0, le=1e6, description="B of this gyroscope, of its zero record: how its bias wanders")
-    ] = 5.6
-
-    @property
-    def level_v(self) -> float:
-        """The V_Vc that stands for the rate, V."""
-        return self.level_deg_s / self.k_vc_guess_deg_s_per_v
-
-    @property
-    def chamber(self) -> str | None:
-        """The model of the chamber, None where a person sets the temperature."""
-        placed = self.station.instruments.get("chamber")
-        return None if placed is None else placed.model
-
-    @property
-    def sweep(self) -> BandwidthSettings:
-        """What the sweep at a temperature is told: as `bandwidth`, fewer frequencies."""
-        shared = {each: getattr(self, each) for each in structs.asdict(BandwidthSettings()) if hasattr(self, each)}
-        return BandwidthSettings(
-            **{
-                **shared,
-                "frequencies_hz": (1.0, 4.5, 9.0, 16.0, 20.0, 25.0, 31.0, 48.0),
-                "around_split": (0.7, 0.9, 0.97, 1.0, 1.03, 1.1, 1.2, 1.5),
-            }
-        )
-
-    def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
-        yield from super().contradictions()
-        limits = self.station.limits
-        if len(set(self.temperatures_c)) < 3:
-            yield InvalidValue("temperatures_c", "at least three different ones", list(self.temperatures_c))
-        low_c, high_c = limits.min_temperature_c, limits.max_temperature_c
-        for index, each_c in enumerate(self.temperatures_c):
-            if low_c is not None and high_c is not None and not low_c <= each_c <= high_c:
-                yield InvalidValue(f"temperatures_c[{index}]", f"{low_c:g} to {high_c:g} degC (limits)", each_c)
-        if limits.max_ramp_k_min is not None and self.ramp_k_min > limits.max_ramp_k_min:
-            yield InvalidValue("ramp_k_min", f"at most {limits.max_ramp_k_min:g} K/min (limits)", self.ramp_k_min)
-        if self.longest_soak_s < self.soak_s + _LAST * self.soak_window_s:
-            least_s = self.soak_s + _LAST * self.soak_window_s
-            yield InvalidValue("longest_soak_s", f"at least {least_s:g} s: soak_s and three means", self.longest_soak_s)
-        if self.by is By.TABLE and limits.max_rate_deg_s is None:
-            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
-        if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
-            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
 
 
 def plan(settings: TemperatureSettings) -> Plan:
@@ -245,7 +146,7 @@ def _soak(settings: TemperatureSettings) -> Routine[None]:
         **{**window_of(settings), "samples": samples},
     )
     points: list[Point] = []
-    while not stands_still(points[-_LAST:], settings):
+    while not stands_still(points[-STEADY_MEANS:], settings):
         if settings.soak_s + (len(points) + 1) * window.physical_s > settings.longest_soak_s:
             raise MeasurementError(
                 f"the output has not come to rest after {settings.longest_soak_s:g} s at the temperature",
@@ -261,7 +162,7 @@ def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool
 
     The level itself is about the output; what the noise of the readings alone would move it by is let through.
     """
-    if len(points) < _LAST:
+    if len(points) < STEADY_MEANS:
         return False
     level_v = abs(settings.level_deg_s * settings.expected_gyro().scale_factor)
     minutes = (len(points) - 1) * settings.soak_window_s / 60.0

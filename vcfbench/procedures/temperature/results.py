@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context
-    from vcfbench.procedures.temperature.plan import TemperatureSettings
+    from vcfbench.procedures.temperature.settings import TemperatureSettings
     from vcfbench.procedures.zero.results import ScaleFactor
     from vcfbench.record.schema import Point
 

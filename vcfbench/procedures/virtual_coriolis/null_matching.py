@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.k_vc_curve import KVcCurve
-    from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+    from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.record.schema import Point
 
 __all__ = ["NullMatching", "null_matching"]

@@ -7,15 +7,10 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 
 from __future__ import annotations
 
-import math
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from msgspec import Meta
-
-from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import V_VC_RANGE_V, Match, rate_words
+from vcfbench.bench.settings import V_VC_RANGE_V
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
@@ -39,11 +34,12 @@ from vcfbench.procedures.sweep.agreement import (
     require_same_zero,
     require_steady_slope,
 )
-from vcfbench.procedures.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, SweepSettings, sweep_drift, sweep_words
+from vcfbench.procedures.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_drift, sweep_words
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -52,78 +48,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.record.schema import Point
 
-__all__ = ["VIRTUAL_CORIOLIS", "VirtualCoriolisSettings", "virtual_coriolis"]
-
-
-class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
-    """What the virtual Coriolis calibration is told beside what all procedures are."""
-
-    match: Annotated[
-        Match,
-        Meta(
-            description="how step 2 compares outputs: each from its own zero, or as they are (the paper's words)",
-            extra={"option": True},
-        ),
-    ] = Match.ZERO
-    match_rate_deg_s: Annotated[Rate, Meta(description="rate at which K_Vc is found")] = 10.0
-    match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that step 2 may take")] = 4
-    match_windows: Annotated[int, Meta(ge=1, le=1000, description="windows of each mean that K_Vc hangs on")] = 4
-    k_vc_by: Annotated[
-        KvcBy,
-        Meta(description="K_Vc by one match, half the difference at both signs, or a curve", extra={"option": "--kvc"}),
-    ] = KvcBy.ONE_POINT
-    match_rates_deg_s: Annotated[
-        tuple[Rate, ...],
-        Meta(min_length=3, max_length=100, description="rates at which a curve is matched, each with both signs"),
-    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
-
-    @property
-    def as_in_the_paper(self) -> bool:
-        """Whether rates are visited, and K_Vc is found, as the paper does it."""
-        return super().as_in_the_paper and self.k_vc_by is KvcBy.ONE_POINT
-
-    @property
-    def magnitudes_deg_s(self) -> tuple[float, ...]:
-        """The rates at which V_Vc is matched, without sign, rising."""
-        rates = self.match_rates_deg_s if self.k_vc_by is KvcBy.CURVE else (self.match_rate_deg_s,)
-        return tuple(sorted({abs(rate) for rate in rates}))
-
-    @property
-    def null_cycles(self) -> int:
-        """How often the null comparisons are made: each has two windows of a level."""
-        return max(1, self.match_windows // 2)
-
-    @property
-    def fastest_deg_s(self) -> float:
-        """The fastest that the table is asked to turn, deg/s, either way."""
-        return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
-
-    def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say; every rate must have a V_Vc within the limits, |rate| / |K_Vc|."""
-        yield from super().contradictions()
-        limits, guess, match_deg_s = self.station.limits, self.k_vc_guess_deg_s_per_v, abs(self.match_rate_deg_s)
-        most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
-        if not self.rate_tolerance_deg_s < match_deg_s <= most_deg_s:
-            at_rest = f"above {self.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
-            yield InvalidValue("match_rate_deg_s", f"{rate_words(most_deg_s)}, and {at_rest}", self.match_rate_deg_s)
-        limit_v, largest = limits.max_v_vc_v, max(map(abs, self.rates_deg_s))
-        if limit_v is not None and abs(guess) * limit_v < largest:
-            expected = f"at least {largest / limit_v:g}, so that {largest:g} deg/s needs at most {limit_v:g} V of V_Vc"
-            yield InvalidValue("k_vc_guess_deg_s_per_v", f"{expected} (limits.max_v_vc_v)", guess)
-        if abs(guess) * LEAST_V_VC_V > match_deg_s:
-            needs = f"{match_deg_s:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
-            yield InvalidValue(
-                "k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess
-            )
-        if self.k_vc_by is not KvcBy.ONE_POINT and self.match is Match.ABSOLUTE:
-            yield InvalidValue("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
-        if self.k_vc_by is KvcBy.CURVE:
-            from vcfbench.procedures.null_comparison.plan import invalid_match_rates  # noqa: PLC0415  # numpy comes with it
-
-            yield from invalid_match_rates(self, self.match_rates_deg_s, 3)
-            if self.magnitudes_deg_s[-1] < largest:
-                expected = f"at least one of {largest:g} deg/s or more: a curve tells nothing beyond its rates"
-                yield InvalidValue("match_rates_deg_s", expected, list(self.match_rates_deg_s))
+__all__ = ["VIRTUAL_CORIOLIS", "virtual_coriolis"]
 
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:

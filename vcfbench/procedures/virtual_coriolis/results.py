@@ -1,18 +1,24 @@
-"""From the points of a run to its results: pure arithmetic, so that a record gives the same results again."""
+"""From the points of a four-step calibration to its results: pure arithmetic, the same again from a record."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeGuard
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.procedures.known.levels import at_measured_levels, generator_sheet, standing_for
-from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.procedures.column.results import (
+    acceptance_u95,
+    acceptance_values,
+    fitted_column,
+    is_swept,
+    noise_std_v,
+    u_output_v,
+    u_resolution_v,
+)
+from vcfbench.procedures.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.record.schema import pooled_std_v
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,51 +27,20 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import Match
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
+    from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
-    from vcfbench.procedures.virtual_coriolis.plan import VirtualCoriolisSettings
+    from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.record.schema import Point
     from vcfbench.specifications import LevelSpecification
 
 __all__ = [
-    "K_VC_UNIT",
     "NullPair",
     "NullVirtualCoriolisResult",
-    "SweptTurntableResult",
     "SweptVirtualCoriolisResult",
-    "TurntableResult",
     "VirtualCoriolisResult",
-    "noise_std_v",
     "null_results",
-    "repeat_std_v",
-    "turntable_results",
-    "u_output_v",
     "virtual_coriolis_results",
 ]
-
-K_VC_UNIT = "(deg/s)/V"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TurntableResult(CalibrationColumn):
-    """What a calibration on the rate table came to: its one column."""
-
-    uncertainty: Statement | None = None
-    """Combined uncertainties; None where nothing is told of the run but its points."""
-
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys."""
-        return _acceptance_values(self)
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of these, by the same keys."""
-        return _acceptance_u95(self.uncertainty)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweptTurntableResult(TurntableResult):
-    """The same, of a run that did not visit the rates as the paper does."""
-
-    sweep: SweepFound
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +82,7 @@ class VirtualCoriolisResult:
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
         return {
-            **_acceptance_values(self.turntable),
+            **acceptance_values(self.turntable),
             "k_vc_deg_s_per_v": self.k_vc.value,
             "scale_factor_error_percent": self.scale_factor_error_percent,
             **({} if self.uncertainty is None or self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
@@ -115,7 +90,7 @@ class VirtualCoriolisResult:
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys."""
-        return _acceptance_u95(self.uncertainty)
+        return acceptance_u95(self.uncertainty)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,61 +131,6 @@ class NullVirtualCoriolisResult(SweptVirtualCoriolisResult):
         return math.fsum(each * v_vc_v ** (place + 1) for place, each in enumerate(self.coefficients))
 
 
-def _acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
-    scale_factor, bias_v = column.scale_factor.value, column.bias.value
-    return {
-        "scale_factor_v_per_deg_s": scale_factor,
-        "bias_v": bias_v,
-        "bias_deg_s": bias_v / scale_factor if scale_factor else None,
-        "nonlinearity_ppm": column.nonlinearity_ppm.max_span,
-    }
-
-
-_STATED = MappingProxyType(
-    {
-        "scale_factor": "scale_factor_v_per_deg_s",
-        "bias": "bias_v",
-        "bias_deg_s": "bias_deg_s",
-        "k_vc": "k_vc_deg_s_per_v",
-        "scale_factor_error_percent": "scale_factor_error_percent",
-    }
-)
-"""The keys of ``[acceptance]`` by the names of stated values, those of the table's column without its name."""
-
-
-def _acceptance_u95(statement: Statement | None) -> dict[str, float]:
-    stated = () if statement is None else statement.values
-    named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
-    return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
-
-
-def turntable_results(
-    points: Sequence[Point], meter_resolution_v: float, settings: ProcedureSettings | None = None
-) -> TurntableResult:
-    """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
-    if settings is None:
-        return TurntableResult(**_fields(_column(points, u_output_v(points, meter_resolution_v)).column()))
-    from vcfbench.procedures.budget.turntable import turntable_statement  # noqa: PLC0415  # as above
-    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
-
-    sweep = sweep_of(settings, points, 1)
-    values = _fields(_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
-    values["uncertainty"] = turntable_statement(settings, points)
-    if not _swept(settings):
-        return TurntableResult(**values)
-    from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above
-
-    return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
-
-
-def _fields(value: Any) -> dict[str, Any]:
-    return {each.name: getattr(value, each.name) for each in fields(value)}
-
-
-def _swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:
-    return isinstance(settings, SweepSettings) and not settings.as_in_the_paper
-
-
 def virtual_coriolis_results(
     points: Sequence[Point],
     match: Match,
@@ -223,7 +143,7 @@ def virtual_coriolis_results(
     matching = Matching.of(points, match, match_rate_deg_s)
     told = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
     values = _four_steps(points, matching, meter_resolution_v, settings) | told
-    if settings is None or not _swept(settings):
+    if settings is None or not is_swept(settings):
         return VirtualCoriolisResult(**values)
     return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))
 
@@ -272,12 +192,12 @@ def _four_steps(
     generator = generator_sheet(settings or ProcedureSettings())
     u_v, u_level = u_output_v(points, meter_resolution_v), 0.0 if measured else _u_level(generator)
     points = standing_for(points, 4, matching.rate_of)
-    noise_k_vc = matching.u_k_vc(noise_std_v(points), _u_resolution_v(meter_resolution_v))
+    noise_k_vc = matching.u_k_vc(noise_std_v(points), u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
     table, driven = (sweep_of(settings or ProcedureSettings(), points, step) for step in (3, 4))
-    turntable = _column(table.points, table.u_v(u_v))
+    turntable = fitted_column(table.points, table.u_v(u_v))
     levels = zip(driven.noise_gains, (u_level * matching.slope * point.v_vc_v for point in driven.points), strict=True)
-    virtual = _column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
+    virtual = fitted_column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
@@ -308,43 +228,6 @@ def _statement(settings: ProcedureSettings, points: Sequence[Point], matching: M
     return null_statement(settings, points, matching)
 
 
-def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:
-    """Return the standard uncertainty of one window's mean, V: pooled type A, the meter's resolution as type B.
-
-    The resolution is rectangular, a/sqrt(12), and taken to be common to the readings of a window: without enough noise
-    to dither it, averaging does not make it smaller. The meter's gain and the table's rate are common to all points and
-    belong to a budget.
-    """
-    type_a_v = noise_std_v(points) / math.sqrt(_shortest(points))
-    return math.hypot(type_a_v, _u_resolution_v(meter_resolution_v))
-
-
-def noise_std_v(points: Sequence[Point]) -> float:
-    """Return the standard deviation of one reading, V, that the means of windows scatter by.
-
-    Where windows were taken again it is their scatter, since that holds the flicker that readings within a window do
-    not see; it is never less than the readings' own.
-    """
-    return max(pooled_std_v(points), repeat_std_v(points) * math.sqrt(_shortest(points)))
-
-
-def _shortest(points: Sequence[Point]) -> int:
-    return min(point.n for point in points)
-
-
-def repeat_std_v(points: Sequence[Point]) -> float:
-    """Return the standard deviation of the means of windows taken again at the same setting, V; 0 without any."""
-    groups: dict[tuple[int, float, float], list[float]] = {}
-    for point in points:
-        groups.setdefault((point.step, point.rate_deg_s, point.v_vc_v), []).append(point.output_v)
-    degrees = sum(len(group) - 1 for group in groups.values())
-    if not degrees:
-        return 0.0
-    centres = {key: math.fsum(group) / len(group) for key, group in groups.items()}
-    squares = math.fsum((output_v - centres[key]) ** 2 for key, group in groups.items() for output_v in group)
-    return math.sqrt(squares / degrees)
-
-
 def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
     """Return the relative standard uncertainty of a level that is known by its setting alone, rectangular limits."""
     return (generator.setting + generator.offset_v / abs(v_vc_v)) / math.sqrt(3.0)
@@ -353,16 +236,6 @@ def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
 def _u_level(generator: LevelSpecification) -> float:
     """Return what the step of its level adds, over the level, on a bipolar range that ends at most 10 dB above it."""
     return math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
-
-
-def _u_resolution_v(meter_resolution_v: float) -> float:
-    return meter_resolution_v / math.sqrt(12.0)
-
-
-def _column(points: Sequence[Point], u_v: float | Sequence[float]) -> ScaleFactorResult:
-    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415  # numpy comes with it
-
-    return characterise([point.rate_deg_s for point in points], [point.output_v for point in points], u_v)
 
 
 def _relative_u(column: ScaleFactorResult) -> float:

@@ -1,0 +1,1 @@
+"""One column of a calibration: outputs against rates, real or virtual."""

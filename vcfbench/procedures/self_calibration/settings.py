@@ -1,0 +1,39 @@
+"""What can be set of a self-calibration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
+
+from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.procedures.known.device import KnownDeviceSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+__all__ = ["SelfCalibrationSettings"]
+
+
+class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
+    """What a self-calibration is told beside what all procedures are."""
+
+    virtual_rates_deg_s: Annotated[
+        tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")
+    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
+    max_drift_ppm: Annotated[
+        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
+        Meta(description="of the scale factor since the last entry, for the verdict; without it E_n decides"),
+    ] = None
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The rates without sign, each once, rising."""
+        return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
+            expected = "at least two rates of different size, none of them 0"
+            yield InvalidValue("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
