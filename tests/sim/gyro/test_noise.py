@@ -10,6 +10,8 @@ from scipy.linalg import expm
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import noise_matrices
+from vcfbench.sim.gyro.chain import ChainDesign
+from vcfbench.sim.gyro.course import chain_at
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.drive import locked
 from vcfbench.sim.gyro.gyro import NOISE_STEP_K, Gyro
@@ -80,7 +82,7 @@ def test_half_a_step_of_temperature_hardly_changes_the_noise(temperature_c: floa
     sizes = []
     for each in (temperature_c, temperature_c + 0.5 * NOISE_STEP_K):
         drive = locked(PAPER.drive_loop.amplitude_m, gyro._mode_at(each).natural_rad_s)
-        chain = NoisyChain(gyro._build(each, drive), gyro._flicker, gyro._white)
+        chain = NoisyChain(chain_at(ChainDesign(PAPER), PAPER, each, drive), gyro._flicker, gyro._white)
         sizes.append([math.sqrt(chain.covariance(0.2)[-1, -1]), math.sqrt(chain.variance_v2(0.2))])
     np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-3)
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.parameters import BenchParameters, DriveLoop
 
 __all__ = ["CONTROL_STEP_S", "DriveSegment", "Motion", "Supplied", "locked", "resting", "ring_down", "start_up"]
 
@@ -95,31 +95,37 @@ def resting(drive_rad_s: float) -> DriveSegment:
     return DriveSegment(math.inf, drive_rad_s, 0j, 0j, locked=False, motions=())
 
 
-class _Loop(Struct):
+class _Loop:
     """AGC and PLL with their integrators; amplitudes relative to the set one, forces to the one that holds it."""
 
-    bench: BenchParameters
-    mode: Resonance
-    free_running_rad_s: float
-    agc: float
-    pll: float
+    __slots__ = (
+        *("_agc", "_agc_integral", "_agc_proportional", "_free_running_rad_s"),
+        *("_natural_rad_s", "_pll_integral", "_pll_proportional_per_s", "_pll_rad_s"),
+    )
+
+    def __init__(self, loop: DriveLoop, mode: Resonance) -> None:
+        self._natural_rad_s = mode.natural_rad_s
+        self._free_running_rad_s = mode.natural_rad_s + 2 * math.pi * loop.pll_free_running_offset_hz
+        self._agc_proportional, self._pll_proportional_per_s = loop.agc_proportional, loop.pll_proportional_per_s
+        self._agc_integral, self._pll_integral = loop.agc_integral_per_s, loop.pll_integral_per_s2
+        self._agc, self._pll_rad_s = 0.0, 0.0
 
     def control(self, displacement_m: complex, amplitude_m: float, limit: float) -> tuple[float, float, bool]:
         """Return relative force, VCO frequency and whether the loop has settled; then integrate over one step.
 
         `amplitude_m` and the relative force `limit` are those of the rails in this step.
         """
-        loop = self.bench.drive_loop
         error = 1 - abs(displacement_m) / amplitude_m
         phase = cmath.phase(-displacement_m) if displacement_m else 0.0
-        wanted = loop.agc_proportional * error + self.agc
-        force = min(max(wanted, 0.0), limit)
+        wanted = self._agc_proportional * error + self._agc
+        force = 0.0 if wanted < 0.0 else min(wanted, limit)
         if wanted == force:
-            self.agc += loop.agc_integral_per_s * error * CONTROL_STEP_S
-        self.pll += loop.pll_integral_per_s2 * phase * CONTROL_STEP_S
-        frequency = self.free_running_rad_s + loop.pll_proportional_per_s * phase + self.pll
-        quiet = abs(frequency - self.mode.natural_rad_s) < SETTLED * self.mode.natural_rad_s
-        return force, frequency, quiet and abs(error) < SETTLED and abs(phase) < SETTLED
+            self._agc += self._agc_integral * error * CONTROL_STEP_S
+        self._pll_rad_s += self._pll_integral * phase * CONTROL_STEP_S
+        frequency = self._free_running_rad_s + self._pll_proportional_per_s * phase + self._pll_rad_s
+        if abs(error) >= SETTLED or abs(phase) >= SETTLED:
+            return force, frequency, False
+        return force, frequency, abs(frequency - self._natural_rad_s) < SETTLED * self._natural_rad_s
 
 
 def start_up(
@@ -137,8 +143,7 @@ def start_up(
     `LONGEST_START_S`, it is taken as locked then.
     """
     stiffness = mode.natural_rad_s**2
-    offset = 2 * math.pi * bench.drive_loop.pll_free_running_offset_hz
-    loop = _Loop(bench, mode, mode.natural_rad_s + offset, 0.0, 0.0)
+    loop = _Loop(bench.drive_loop, mode)
     motions, known = list[Motion](), None
     for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
         allowed = supplied(start_s + step * CONTROL_STEP_S)
@@ -174,9 +179,9 @@ def _chunks(mode: Resonance, motions: Sequence[Motion], steady_m: float) -> Iter
 def _mean(mode: Resonance, motions: Sequence[Motion]) -> DriveSegment:
     """Return the segment of one chunk of control steps, its envelopes averaged over them."""
     count = len(motions)
-    displacement = sum(mode.displacement(each.parts) for each in motions) / count
-    velocity = sum(mode.velocity(each.parts) for each in motions) / count
-    frequency = sum(each.drive_rad_s for each in motions) / count
+    parts = sum([each.parts[0] for each in motions]) / count, sum([each.parts[1] for each in motions]) / count
+    displacement, velocity = mode.displacement(parts), mode.velocity(parts)
+    frequency = sum([each.drive_rad_s for each in motions]) / count
     stop = motions[-1].start_s + CONTROL_STEP_S
     return DriveSegment(stop, frequency, displacement, velocity, locked=False, motions=tuple(motions))
 

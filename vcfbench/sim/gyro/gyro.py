@@ -10,7 +10,6 @@ chain depends on, follows it in steps.
 
 from __future__ import annotations
 
-import cmath
 import copy
 import math
 from typing import TYPE_CHECKING
@@ -19,13 +18,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from vcfbench.sim.gyro.bridge import NoisePath
-from vcfbench.sim.gyro.chain import ChainDesign, ChainState, Forcing
-from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
+from vcfbench.sim.gyro.chain import ChainDesign
+from vcfbench.sim.gyro.course import Acting, Course, chain_at
 from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
 from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
-from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.sources import NOTHING_V, Approach
@@ -33,8 +31,6 @@ from vcfbench.sim.sources import NOTHING_V, Approach
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.gyro.chain import Chain
-    from vcfbench.sim.gyro.drive import DriveSegment
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
@@ -42,7 +38,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Gyro"]
 
-FORGOTTEN_DEG_S = 1e-18
 COLDEST_C, HOTTEST_C = -55.0, 125.0
 AMPLITUDE_STEP = 1e-4
 """Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""
@@ -82,8 +77,8 @@ class Gyro:
         self._source: Drive | Played | None = None
         self._passage = passage(None, bench.virtual_path, now_s)
         self._phase = 0.0
-        self._since_s = now_s
-        """When the present response began: `_modal` and `_phase` are those of then."""
+        """The carrier's when what acts on the chain changed last."""
+        self._acting: Acting | None = None
         self._given: Situation | None = None
         self._rate: RateSegment | None = None
         self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
@@ -91,12 +86,12 @@ class Gyro:
         self._drive_mode = self._mode_at(self._temperature_c())
         self._drive = [resting(self._drive_mode.natural_rad_s)]
         self._design = ChainDesign(bench)
-        self._chain = self._build(self._temperature_c(), self._drive[0])
+        self._course = Course(self._design, bench)
         self._noisy_chains: dict[tuple[int, complex], tuple[NoisyChain, Flutter | None]] = {}
         self._noisy_chain: NoisyChain | None = None
         self._flutter: Flutter | None = None
-        self._modal = self._chain.modal(ChainState.at_rest(bench.sense_path.low_pass_order), 0j)
-        self._noise = NoiseState.of(np.zeros_like(self._modal), self._flicker.drawn(self._random))
+        self._quiet = np.zeros(4 + bench.sense_path.low_pass_order, complex)
+        self._noise = NoiseState.of(self._quiet, self._flicker.drawn(self._random))
         self._noise_s = now_s
 
     def imagined(self) -> Gyro:
@@ -108,6 +103,8 @@ class Gyro:
     def part(self) -> None:
         """Have nothing in common any more with what this was copied from that would change there."""
         self._drive, self._bands = list(self._drive), list(self._bands)
+        self._course = copy.copy(self._course)
+        self._course.part()
         key = (self._seed, _IMAGINED, round(self.now_s * 1e9))
         self._random, self._shaking = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
 
@@ -120,7 +117,7 @@ class Gyro:
 
     def _follow_rails(self) -> None:
         """Start or stop the drive loop and the warm-up as the rails have crossed their thresholds."""
-        self._end_response()
+        self._end_acting()
         positive, negative = (replace(pin, approach=pin.approach.later(self.now_s)) for pin in self._pins)
         self._pins = (positive, negative)
         supply, was_running = self._bench.supply, self._running
@@ -138,14 +135,14 @@ class Gyro:
 
         What it does to the drive amplitude, 1e-7 of it for a millivolt, is left out.
         """
-        self._end_response()
+        self._end_acting()
         positive, negative = self._pins
         with_ripple = replace(self._pins[rail], ripple=ripple)
         self._pins = (with_ripple, negative) if rail == 0 else (positive, with_ripple)
 
     def connect_v_vc(self, source: Drive | Played | None) -> None:
         """Connect a generator to the V_Vc input, or leave it to the pull-down with the modulator's switch open."""
-        self._end_response()
+        self._end_acting()
         self._source = source
         self._passage = passage(source, self._bench.virtual_path, self.now_s)
 
@@ -190,52 +187,65 @@ class Gyro:
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`, as it will be without noise but that of now; goes nowhere."""
-        given = self._responding(rate)
+        acting = self._act(rate)
         self._bring_noise_up()
-        return self._stretch(given, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
+        return self._stretch(acting, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
 
     def go(self, rate: RateSegment, stop_s: float) -> None:
         """Go to `stop_s`, not beyond the next event, with nobody looking."""
-        self._responding(rate)
+        self._act(rate)
         self._arrive(stop_s)
 
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
-        given = self._responding(rate)
+        acting = self._act(rate)
         self._bring_noise_up()
         noise, integral, shaking = self._noise_at(stop_s)
         path = self._path(noise, integral, stop_s - self.now_s, shaking)
-        stretch = self._stretch(given, stop_s, path, integral)
+        stretch = self._stretch(acting, stop_s, path, integral)
         self._noise, self._noise_s = noise, stop_s
         self._arrive(stop_s)
         return stretch
 
-    def _responding(self, rate: RateSegment) -> Situation:
-        """Return the situation with the chain's response to what forces it now; it began at `_since_s`."""
+    def _act(self, rate: RateSegment) -> Acting:
+        """Return what acts on the chain; where it has changed, it acts from now on."""
         if rate is not self._rate:
             self._bring_noise_up()  # the flutter goes by the rate
-            self._end_response()
+            self._end_acting()
             self._rate = rate
-        if self._given is None:
-            self._since_s = self.now_s
-            self._given = Situation(
+        if self._acting is None:
+            self._acting = Acting(
+                self.now_s,
+                self._phase,
                 self._bench,
-                self._chain.respond(self._modal, self._forcing(rate), self._turn()),
-                self._drive_mode,
+                self._temperature_c(),
                 self._drive[0],
+                rate,
+                self._warm_up,
                 self._passage,
+            )
+            self._course.note(self._acting)
+        return self._acting
+
+    def _situation(self, acting: Acting) -> Situation:
+        """Return what holds while it acts, the chain's response with it; somebody looks."""
+        if self._given is None:
+            self._given = Situation(
+                acting.bench,
+                self._course.response(self.now_s),
+                self._drive_mode,
+                acting.drive,
+                acting.passage,
                 self._pins,
-                self._weaker_rail() >= self._bench.supply.dead_v,
+                self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
                 self._electronic,
             )
         return self._given
 
-    def _end_response(self) -> None:
-        """Take down what the response has come to by now, before something changes what forces the chain."""
-        given, elapsed = self._given, self.now_s - self._since_s
-        if given is not None:
-            self._modal, self._given = given.response.modal(elapsed), None
-            self._phase = _later_phase(self._phase, given.drive.drive_rad_s, elapsed)
+    def _end_acting(self) -> None:
+        """Have what acts on the chain so far end now, before something changes it."""
+        self._phase = self._phase_now()
+        self._acting = self._given = None
 
     def _arrive(self, stop_s: float) -> None:
         self.now_s = stop_s
@@ -244,15 +254,12 @@ class Gyro:
 
     def _phase_now(self) -> float:
         """Return the carrier's phase, rad."""
-        if self._given is None:
+        if self._acting is None:
             return self._phase
-        return _later_phase(self._phase, self._chain.drive_rad_s, self.now_s - self._since_s)
-
-    def _turn(self) -> complex:
-        return cmath.exp(2j * self._phase_now())
+        return _later_phase(self._phase, self._acting.drive.drive_rad_s, self.now_s - self._acting.since_s)
 
     def _pass_events(self) -> None:
-        self._end_response()
+        self._end_acting()
         changed = False
         if self._passage.stop_s <= self.now_s:
             self.connect_v_vc(self._source)
@@ -273,10 +280,7 @@ class Gyro:
         self._held_v, self._rail_event_s = self._rails_ahead()
         if self._drive[0].locked:
             self._drive = [locked(self._amplitude_m(self._held_v), self._drive_mode.natural_rad_s)]
-        self._end_response()
-        turn = self._turn()
-        chain = self._build(self._temperature_c(), self._drive[0])
-        self._chain, self._modal = chain, self._chain.handed_over(self._modal, turn, chain)
+        self._end_acting()
         self._settle_noise()
 
     def _settle_noise(self) -> None:
@@ -285,7 +289,7 @@ class Gyro:
         if noisy is self._noisy_chain:
             return
         self._bring_noise_up()
-        modal = np.zeros_like(self._modal)
+        modal = self._quiet
         if noisy is not None and self._noisy_chain is not None:
             modal = self._noisy_chain.chain.handed_over(self._noise.modal, 0j, noisy.chain)
         self._noise = NoiseState.of(modal, self._noise.rates_rad_s)
@@ -338,31 +342,10 @@ class Gyro:
             key=(self._seed, _LOOKS, round(self.now_s * 1e9)),
         )
 
-    def _stretch(self, given: Situation, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float) -> Stretch:
+    def _stretch(self, acting: Acting, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`."""
-        since_s = self.now_s - self._since_s
+        since_s, given = self.now_s - acting.since_s, self._situation(acting)
         return Stretch(given, self.now_s, stop_s, since_s, self._phase_now(), noise, noise_integral_v_s)
-
-    # -- what acts on the chain --
-
-    def _forcing(self, rate: RateSegment) -> Forcing:
-        since = self.now_s - rate.start_s
-        bench, scale = self._bench, math.pi / 180
-        earth = EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg))
-        warm, drift = self._bias()
-        constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
-        terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
-        moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
-        virtual = self._passage.modulated(self.now_s)
-        pushed = real_terms(virtual.terms)
-        return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, pushed, virtual.slope_v_s)
-
-    def _bias(self) -> tuple[float, list[tuple[complex, complex]]]:
-        """Return the bias rate by temperature, deg/s: its goal, and what is left of the warm-up."""
-        thermal, warm_up = self._bench.thermal, self._warm_up
-        goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
-        left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.now_s) - warm_up.goal_c)
-        return goal, [(complex(left), complex(-1 / warm_up.time_constant_s))]
 
     # -- power --
 
@@ -491,17 +474,11 @@ class Gyro:
         if key not in self._noisy_chains:
             temperature = step * NOISE_STEP_K
             speed = self._mode_at(temperature).natural_rad_s
-            chain = self._build(temperature, locked(abs(drive.displacement_m), speed))
+            held = locked(abs(drive.displacement_m), speed)
+            chain = chain_at(self._design, self._bench, temperature, held)
             flutter = Flutter(chain) if self._bench.table.flutter_per_sqrt_hz else None
             self._noisy_chains[key] = NoisyChain(chain, self._flicker, self._white), flutter
         return self._noisy_chains[key]
-
-    def _build(self, temperature_c: float, drive: DriveSegment) -> Chain:
-        bench = self._bench
-        in_phase = resonance_at(bench.sense_in_phase, bench.thermal, temperature_c)
-        anti_phase = resonance_at(bench.sense_anti_phase, bench.thermal, temperature_c)
-        resonances = in_phase, anti_phase
-        return self._design.chain(resonances, drive.drive_rad_s, drive.displacement_m, drive.velocity_m_s)
 
 
 def _later_phase(phase_rad: float, speed_rad_s: float, elapsed_s: float) -> float:

@@ -55,8 +55,8 @@ class Resonance(Struct, frozen=True, dict=True):
         self, parts: tuple[complex, complex], force: complex, drive_rad_s: float, duration_s: float
     ) -> tuple[complex, complex]:
         """Return the two parts after `duration_s` under a constant force envelope (force per mass, m/s^2)."""
-        turning = 1j * drive_rad_s
-        rate, other = self.poles[0] - turning, self.poles[1] - turning
+        turning, (plus, minus) = 1j * drive_rad_s, self.poles
+        rate, other = plus - turning, minus - turning
         steady, opposite = -force / rate, -force / other
         return (
             steady + (parts[0] - steady) * cmath.exp(rate * duration_s),

@@ -1,0 +1,173 @@
+"""What acts on the sense chain, one thing after another, and what the chain has come to.
+
+What acts is only noted. The chain's response is worked out when somebody looks, and no further back than the chain
+remembers: a start-up that nobody watches costs next to nothing, and so does a long way down to rest.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.sim.gyro.chain import Forcing
+from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
+from vcfbench.sim.gyro.signals import real_terms
+from vcfbench.sim.gyro.thermal import resonance_at
+
+if TYPE_CHECKING:
+    from vcfbench.sim.gyro.chain import Chain, ChainDesign, Response
+    from vcfbench.sim.gyro.drive import DriveSegment
+    from vcfbench.sim.gyro.electronics import Passage
+    from vcfbench.sim.gyro.modes import Resonance
+    from vcfbench.sim.gyro.thermal import WarmUp
+    from vcfbench.sim.motion import RateSegment
+    from vcfbench.sim.parameters import BenchParameters
+
+__all__ = ["Acting", "Course", "chain_at"]
+
+FORGOTTEN_DEG_S = 1e-18
+FORGOTTEN_NEPERS = 46.0
+"""What has decayed by so much, to 1e-20, is no more: it is less than the rounding of what came later."""
+
+
+class Acting(Struct, frozen=True):
+    """What acts on the chain from `since_s` on, the carrier's phase being `phase_rad` then."""
+
+    since_s: float
+    phase_rad: float
+    bench: BenchParameters
+    temperature_c: float
+    drive: DriveSegment
+    rate: RateSegment
+    warm_up: WarmUp
+    passage: Passage
+
+    @property
+    def turn(self) -> complex:
+        """Twice the carrier's phase when it began, as e^{2j th}."""
+        return cmath.exp(2j * self.phase_rad)
+
+    def chain(self, design: ChainDesign) -> Chain:
+        """Return the chain that it acts on."""
+        return chain_at(design, self.bench, self.temperature_c, self.drive)
+
+    def has_chain_of(self, other: Acting) -> bool:
+        """Tell whether it acts on the same chain as another."""
+        same_modes = self.temperature_c == other.temperature_c and self.bench is other.bench
+        return same_modes and self.drive == other.drive
+
+    def forcing(self) -> Forcing:
+        """Return rate and modulator voltage from `since_s` on."""
+        since, rate = self.since_s - self.rate.start_s, self.rate
+        bench, scale = self.bench, math.pi / 180
+        earth = EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg))
+        warm, drift = self._bias()
+        constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
+        terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
+        moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
+        virtual = self.passage.modulated(self.since_s)
+        pushed = real_terms(virtual.terms)
+        return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, pushed, virtual.slope_v_s)
+
+    def _bias(self) -> tuple[float, list[tuple[complex, complex]]]:
+        """Return the bias rate by temperature, deg/s: its goal, and what is left of the warm-up."""
+        thermal, warm_up = self.bench.thermal, self.warm_up
+        goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
+        left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.since_s) - warm_up.goal_c)
+        return goal, [(complex(left), complex(-1 / warm_up.time_constant_s))]
+
+
+class _Noted(Struct, frozen=True):
+    """What acts, with how fast the chain forgets meanwhile, and by how much it had decayed since the course began."""
+
+    acting: Acting
+    nepers_s: float
+    decayed: float
+
+    def decayed_by(self, instant_s: float) -> float:
+        return self.decayed + self.nepers_s * (instant_s - self.acting.since_s)
+
+
+class _Followed(Struct, frozen=True):
+    """What acts, and the chain's response to it."""
+
+    acting: Acting
+    response: Response
+
+
+class Course:
+    """The chain's course; it begins at rest, with what is noted first."""
+
+    def __init__(self, design: ChainDesign, bench: BenchParameters) -> None:
+        path = bench.sense_path
+        self._design = design
+        self._at_rest = np.zeros(4 + path.low_pass_order, complex)
+        self._filter_nepers_s = 2 * math.pi * path.low_pass_hz * math.sin(math.pi / (2 * path.low_pass_order))
+        self._noted: deque[_Noted] = deque()
+        """What was not worked out yet, in order."""
+        self._latest: _Noted | None = None
+        self._followed: _Followed | None = None
+        """The last that was worked out; None is a chain at rest before the first that is noted."""
+
+    def part(self) -> None:
+        """Have nothing in common any more with what this was copied from that would change there."""
+        self._noted = self._noted.copy()
+
+    def note(self, acting: Acting) -> None:
+        """Note what acts from now on."""
+        modes = _resonances(acting.bench, acting.temperature_c)
+        nepers_s = min(*(-mode.poles[0].real for mode in modes), self._filter_nepers_s)
+        decayed = 0.0 if self._latest is None else self._latest.decayed_by(acting.since_s)
+        self._latest = _Noted(acting, nepers_s, decayed)
+        self._noted.append(self._latest)
+        self._forget(decayed)
+
+    def response(self, now_s: float) -> Response:
+        """Return the chain's response to what was noted last, from when that began.
+
+        Raises:
+            RuntimeError: nothing was noted.
+        """
+        if self._latest is not None and self._noted:
+            self._forget(self._latest.decayed_by(now_s))
+        while self._noted:
+            self._followed = self._follow(self._noted.popleft().acting)
+        if self._followed is None:
+            raise RuntimeError("nothing acts on the chain yet")
+        return self._followed.response
+
+    def _forget(self, decayed: float) -> None:
+        """Leave out what the chain does not remember by now: it might as well have been at rest."""
+        while len(self._noted) > 1 and decayed - self._noted[1].decayed > FORGOTTEN_NEPERS:
+            self._noted.popleft()
+            self._followed = None
+
+    def _follow(self, acting: Acting) -> _Followed:
+        """Work out the response to what acts, from what the chain has come to by then."""
+        turn, before = acting.turn, self._followed
+        if before is None:
+            chain = acting.chain(self._design)
+            modal = self._at_rest
+        else:
+            modal = before.response.modal(acting.since_s - before.acting.since_s)
+            chain = before.response.chain
+            if not acting.has_chain_of(before.acting):
+                chain = acting.chain(self._design)
+                modal = before.response.chain.handed_over(modal, turn, chain)
+        return _Followed(acting, chain.respond(modal, acting.forcing(), turn))
+
+
+def chain_at(design: ChainDesign, bench: BenchParameters, temperature_c: float, drive: DriveSegment) -> Chain:
+    """Return the sense chain at a temperature, under a drive."""
+    return design.chain(_resonances(bench, temperature_c), drive.drive_rad_s, drive.displacement_m, drive.velocity_m_s)
+
+
+def _resonances(bench: BenchParameters, temperature_c: float) -> tuple[Resonance, Resonance]:
+    """Return the sense modes at a temperature."""
+    in_phase = resonance_at(bench.sense_in_phase, bench.thermal, temperature_c)
+    return in_phase, resonance_at(bench.sense_anti_phase, bench.thermal, temperature_c)
