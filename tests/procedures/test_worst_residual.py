@@ -74,16 +74,14 @@ def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
         assert found == pytest.approx(of_outputs.of_outputs[:, place], rel=1e-4, abs=1.0)
 
 
-def test_where_two_residuals_are_equal_u95_still_holds_the_largest() -> None:
-    """Odd curvature: +100 and -100 deg/s. The largest that is found lies too high, U95 holds it."""
+def test_where_two_residuals_are_equal_the_largest_that_is_found_lies_too_high() -> None:
+    """Odd curvature: +100 and -100 deg/s."""
     true = curved(0.0, 3e-3)
     drawn = true + U_V * np.random.default_rng(2).standard_normal((1000, true.size))
     errors = largest_ppm(drawn) - largest_ppm(true)
     stated = turntable_statement(settings(Sources()), points_of(true)).value("nonlinearity")
     assert "at one of +100, -100 deg/s" in stated.of
-    assert 2.0 < stated.coverage_factor < 2.5
     assert 0.2 < errors.mean() / stated.u < 0.8
-    assert np.mean(np.abs(errors) <= stated.u95) > 0.94
 
 
 def test_what_does_not_stand_above_its_u95_is_no_value_but_a_bound() -> None:
@@ -113,7 +111,6 @@ def spread(found: list[float], normal: np.ndarray, common: np.ndarray | None = N
 def test_only_what_lies_near_the_largest_may_be_it() -> None:
     found, opposite = [-100.0, 90.0, 10.0], np.outer([1.0, -1.0, 0.0], [1.0, -1.0, 0.0])
     assert spread(found, 9.0 * np.eye(3)).near_largest().tolist() == [0, 1]
-    assert spread(found, 9.0 * np.eye(3)).near_largest(0.5).tolist() == [0]
     assert spread(found, 100.0 * opposite).near_largest().tolist() == [0]  # both grow alike
 
 
@@ -165,6 +162,62 @@ def test_the_non_linearity_of_the_virtual_line_scatters_as_stated_when_generator
     assert "u by trials" in stated.of
     assert stated.u == pytest.approx(drawn.std(), rel=0.06)
     assert 0.93 < np.mean(np.abs(drawn - stated.value) <= stated.u95) < 0.97
+
+
+MODULATOR_PPM = [
+    *(-10442, 2551, 3193, 2373, 1955, 1724, 1579, 1530, 1480),
+    *(1430, 1379, 1225, 958, 398, -1417, -4332, -5585),
+]
+"""Residuals of the modulator of the bench `paper` at K_Vc times 200 to -200 deg/s, at levels as they are told."""
+
+
+def of_generators() -> Spread:
+    """Return these residuals, and what 2 % and 4 mV of each range of a generator put into them."""
+    level = np.array(RATES) / K_VC
+    own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
+    span = np.ptp(RATES)
+    residuals = Residuals.of(line_of(RATES, K * (np.array(RATES) - 1e-6 * span * np.array(MODULATOR_PPM))))
+    through = residuals.of_outputs * K * K_VC
+    moved = [
+        (through * effect)[:, own == place].sum(axis=1)
+        for effect in (0.02 * level, np.full(level.size, 4e-3))
+        for place in range(3)
+    ]
+    return spread(residuals.ppm.tolist(), np.zeros((level.size, level.size)), np.array(moved) / np.sqrt(3.0))
+
+
+def held(true: Spread, count: int) -> tuple[float, float]:
+    """Return how often U95 of what is found holds the truth, and the standard deviation of the error over its u."""
+    rng, size = np.random.default_rng(8), float(np.abs(true.residuals).max())
+    z, within = [], []
+    for _ in range(count):
+        moved = rng.uniform(-1.0, 1.0, len(true.common)) * np.sqrt(3.0) @ true.common
+        moved += rng.multivariate_normal(np.zeros(true.residuals.size), true.normal, method="eigh")
+        found = replace(true, residuals=true.residuals + moved)
+        off, stated = float(np.abs(found.residuals).max()) - size, found.largest()
+        z.append(off / stated.u)
+        within.append(abs(off) <= stated.u95)
+    return float(np.mean(within)), float(np.std(z))
+
+
+def test_u95_of_what_is_found_holds_the_truth_when_ranges_of_generators_are_drawn() -> None:
+    share, sd = held(of_generators(), 250)
+    assert 0.93 <= share <= 0.97
+    assert 0.93 <= sd <= 1.07
+
+
+@pytest.mark.parametrize(("apart", "least", "most"), [(0.0, 0.90, 0.95), (1.0, 0.93, 0.97), (3.0, 0.92, 0.97)])
+def test_u95_of_what_is_found_where_two_residuals_are_nearly_equal(apart: float, least: float, most: float) -> None:
+    """`apart` are standard deviations of either: two that are just equal are held a little less often."""
+    share, _ = held(spread([-100.0, 100.0 - apart], np.eye(2)), 300)
+    assert least <= share <= most
+
+
+def test_u95_does_not_jump_where_two_residuals_become_equal() -> None:
+    apart = np.linspace(0.0, 5.0, 51)
+    u95 = [spread([-100.0, 100.0 - each], np.eye(2)).largest().u95 for each in apart.tolist()]
+    assert float(np.abs(np.diff(u95)).max()) < 0.06
+    assert u95[-1] == pytest.approx(1.96, abs=0.06)  # one alone
 
 
 def test_a_meter_on_v_vc_puts_its_scatter_into_the_non_linearity() -> None:

@@ -1,10 +1,10 @@
 """The largest residual of a line over its span, and how far errors of outputs and of rates can move it.
 
 A residual is a linear functional of the outputs, the largest of several is not. Where more than one may be it, trials
-(JCGM 101) around what was found tell how far it moves. What was found lies too high already, and trials around it lie
-higher still: half of their own shift counts as an error. The coverage factor is that of the errors of the residual that
-was found: long tails of the trials are those of ties that they make themselves. Where several are as good as equal, an
-interval that holds the largest of their errors holds its.
+(JCGM 101) around what was found tell how far it moves. They lie higher than it, since errors make one residual or
+another the largest; what was found may lie as much too high itself, for the same reason. So the shift of the truth is
+known to lie between that of the trials and its opposite and no better: an input of its own, with a rectangular
+distribution in the place of the trials' mean.
 """
 
 from __future__ import annotations
@@ -30,8 +30,6 @@ _ONE_RATE = 1e-5
 """Share of the span within which two levels are one: V_Vc that is measured differs by its noise."""
 _MAY_BE_LARGEST = 3.0
 """Standard deviations of its distance from the largest within which a residual may truly be the largest."""
-_AS_GOOD_AS_EQUAL = 0.25
-"""The same, within which nothing tells two of them apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,32 +103,26 @@ class Spread:
         """That of the residuals by everything, (n, n), ppm^2."""
         return np.asarray(self.scattered + self.normal + self.common.T @ self.common)
 
-    def near_largest(self, within: float = _MAY_BE_LARGEST) -> Places:
-        """Return the places of the residuals that may truly be the largest, that which was found among them.
-
-        `within` are standard deviations of their distance from it.
-        """
+    def near_largest(self) -> Places:
+        """Return the places of the residuals that may truly be the largest, that which was found among them."""
         covariance = self.covariance
         sign = np.sign(self.residuals)
         variance, size = np.diag(covariance), np.abs(self.residuals)
         k = int(size.argmax())
         apart = np.sqrt(np.maximum(variance + variance[k] - 2.0 * sign * sign[k] * covariance[k], 0.0))
-        near = size[k] - size <= within * apart
+        near = size[k] - size <= _MAY_BE_LARGEST * apart
         near[k] = True
         return np.flatnonzero(near)
 
     def largest(self) -> Largest:
         """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
-        errors = self._drawn(np.random.default_rng(0))
-        sizes = np.abs(self.residuals)
-        moved = np.abs(self.residuals - errors).max(axis=1) - sizes.max()
-        u = math.hypot(moved.std(), moved.mean() / 2.0)
-        own = errors[:, int(sizes.argmax())]
-        u95 = u * _quantile_95(np.abs(own)) / float(own.std())
-        equal = self.near_largest(_AS_GOOD_AS_EQUAL)
-        if equal.size > 1:
-            u95 = max(u95, _quantile_95(np.abs((errors[:, equal] * np.sign(self.residuals[equal])).max(axis=1))))
-        return Largest(u, u95, _quantile_95(np.abs(errors).max(axis=1)))
+        rng = np.random.default_rng(0)
+        errors = self._drawn(rng)
+        moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
+        shift = float(moved.mean())
+        off = moved - shift + shift * rng.uniform(-1.0, 1.0, moved.size)
+        u = math.hypot(moved.std(), shift / math.sqrt(3.0))
+        return Largest(u, _quantile_95(np.abs(off)), _quantile_95(np.abs(errors).max(axis=1)))
 
     def _drawn(self, rng: np.random.Generator) -> Floats:
         """Return errors of the residuals, a row a trial."""
