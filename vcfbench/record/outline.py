@@ -7,6 +7,7 @@ that a point is not the mean of its readings is found by who reads the record it
 
 from __future__ import annotations
 
+import sys
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ import msgspec
 from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError
-from vcfbench.files import opened
+from vcfbench.files import read_file
 from vcfbench.record.schema import READABLE, Status
 
 if TYPE_CHECKING:
@@ -97,8 +98,7 @@ _FOOTER = msgspec.json.Decoder(_Footer)
 def outline_of(path: Path) -> Outline | None:
     """Return the outline of a whole journal; None for any other, which is to be read in full."""
     try:
-        with opened(path, "the journal of a run") as file:
-            data = file.read()
+        data = read_file(path, "the journal of a run", sys.maxsize)
         first, last = data.find(b"\n") + 1, data.rfind(b"\n", 0, -1) + 1
         if not 0 < first < last or not data.endswith(b"\n"):
             return None

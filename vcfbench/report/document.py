@@ -141,6 +141,8 @@ def _as_value(value: Any) -> Any:
 
 
 def _require_printable(value: object, column: Column, number: int) -> None:
+    if isinstance(value, str):
+        return
     held = value.value if isinstance(value, Cell) else value
     if not isinstance(held, float | int | str | None):
         words = f"expected a number, a text or None, came {held!r}"
@@ -152,6 +154,8 @@ def _require_printable(value: object, column: Column, number: int) -> None:
 
 
 def _printed(value: Any, column: Column) -> str:
+    if isinstance(value, str):
+        return value
     cell = value if isinstance(value, Cell) else Cell(value, column.format)
     if cell.value is None:
         return "-"
