@@ -32,7 +32,9 @@ __all__ = [
     "read_file",
     "read_text",
     "shown",
+    "try_lock",
     "unfit_numbers",
+    "unlock",
 ]
 
 MOST_SETTINGS = 1 << 20
@@ -127,6 +129,49 @@ _KINDS = {
     stat.S_IFBLK: "a device",
     stat.S_IFSOCK: "a socket",
 }
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    _FAR = 1 << 30
+    """Past the end of any file that is locked: a locked byte cannot be read by others on Windows."""
+
+    def try_lock(descriptor: int) -> bool:
+        """Lock a file that is open for writing until it is closed, or its process ends; False if it is locked.
+
+        Raises:
+            OSError: the file system has no locks (elsewhere than on Windows, which does not say).
+        """
+        os.lseek(descriptor, _FAR, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        return True
+
+    def unlock(descriptor: int) -> None:
+        """Let a file go before it is closed."""
+        os.lseek(descriptor, _FAR, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
+else:
+    import fcntl
+
+    def try_lock(descriptor: int) -> bool:
+        """Lock a file that is open for writing until it is closed, or its process ends; False if it is locked.
+
+        Raises:
+            OSError: the file system has no locks.
+        """
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def unlock(descriptor: int) -> None:
+        """Let a file go before it is closed."""
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
 
 
 def shown(path: Path | str) -> str:

@@ -19,6 +19,7 @@ from tests.cells import few
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.studies.asked import Study, read_study
 from vcfbench.studies.conduct import Quiet
+from vcfbench.studies.table import write_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +38,7 @@ bias_v = [-0.0415, 0.0]
 settings.samples = [3, 4]
 "simulation.override.table.rate_error" = { uniform = [-1e-5, 1e-5], label = "rate error" }
 """
-FILES = ("t.csv", "t.summary.json", "t.svg")
+FILES = ("t.csv", "t.summary.json", "t.svg", "t.parquet")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study done in this process: what every other way must give, byte for byte."""
     folder = tmp_path_factory.mktemp("whole")
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
-    vcfbench.study(folder / "study.toml", output=folder / "t.csv", workers=1)
+    done = vcfbench.study(folder / "study.toml", output=folder / "t.csv", workers=1)
+    write_table(folder / "t.parquet", done.columns)
     return folder
 
 
@@ -55,7 +57,9 @@ def of(folder: Path) -> dict[str, bytes]:
 
 def again(whole: Path, folder: Path, **how: Any) -> vcfbench.StudyResult:
     (folder / "study.toml").write_text((whole / "study.toml").read_text("utf-8"), encoding="utf-8")
-    return vcfbench.study(folder / "study.toml", output=folder / "t.csv", **how)
+    done = vcfbench.study(folder / "study.toml", output=folder / "t.csv", **how)
+    write_table(folder / "t.parquet", done.columns)
+    return done
 
 
 def test_a_row_a_run_and_a_case_a_value(whole: Path) -> None:
@@ -156,6 +160,30 @@ def test_what_is_no_journal_is_not_written_over(whole: Path, tmp_path: Path, tex
     with pytest.raises(ConfigError, match=r"t\.journal\.jsonl: "):
         again(whole, tmp_path, workers=1)
     assert (tmp_path / "t.journal.jsonl").read_text("utf-8") == text
+
+
+class Second(Quiet):
+    """Begins the same study once more while it goes."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.refused: list[str] = []
+
+    def done(self, row: Row) -> None:  # noqa: ARG002
+        for how in ({}, {"restart": True}):
+            with pytest.raises(BenchError) as found:
+                vcfbench.study(self.file, output=self.file.with_name("t.parquet"), workers=1, **how)  # type: ignore[arg-type]
+            self.refused.append(str(found.value))
+
+
+def test_a_second_study_into_the_same_files_is_refused(whole: Path, tmp_path: Path) -> None:
+    """Also with --restart, which would take the journal away from the first; it is free when the first has ended."""
+    second = Second(tmp_path / "study.toml")
+    again(whole, tmp_path, workers=1, progress=second)
+    assert len(second.refused) == 12
+    assert all("t.journal.jsonl: another study writes this journal now" in each for each in second.refused)
+    assert of(tmp_path) == of(whole)
+    again(whole, tmp_path, workers=1)
 
 
 class Killer(Quiet):

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final
 from vcfbench.bench.resources import resource_key
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError
+from vcfbench.files import try_lock, unlock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -32,35 +33,6 @@ __all__ = ["InUse", "instrument_locks", "lock_directory", "lock_path"]
 _VARIABLE: Final = "VCFBENCH_LOCKS"
 _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
 _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-
-if sys.platform == "win32":
-    import msvcrt
-
-    _FAR = 1 << 30  # a locked byte cannot be read by others on Windows: lock one beyond the text
-
-    def _try_lock(file: int) -> bool:
-        os.lseek(file, _FAR, os.SEEK_SET)
-        try:
-            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        return True
-
-    def _unlock(file: int) -> None:
-        os.lseek(file, _FAR, os.SEEK_SET)
-        msvcrt.locking(file, msvcrt.LK_UNLCK, 1)
-else:
-    import fcntl
-
-    def _try_lock(file: int) -> bool:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
-    def _unlock(file: int) -> None:
-        fcntl.flock(file, fcntl.LOCK_UN)
 
 
 class InUse(BenchError):
@@ -120,7 +92,7 @@ def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[None]:
             os.ftruncate(file, 0)
             path.unlink()
         with suppress(OSError):
-            _unlock(file)  # a forked process may have the file too
+            unlock(file)  # a forked process may have the file too
         os.close(file)
 
 
@@ -129,7 +101,7 @@ def _locked(path: Path, role: str, resource: str) -> int:
     while True:
         file = _opened(path)
         try:
-            taken = _try_lock(file)
+            taken = try_lock(file)
         except OSError as error:  # a file system without locks
             os.close(file)
             raise BenchError(f"lock file {path} cannot be locked: {error.strerror}") from None

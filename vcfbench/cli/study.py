@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,6 +43,9 @@ def study(
         Path | None, typer.Option("--keep-records", metavar="DIR", help="Keep the record of every run there.")
     ] = None,
     *,
+    trace: Annotated[
+        Path | None, typer.Option(metavar="FILE", hidden=True, help="Refused: a run is traced alone.")
+    ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Begin anew, whatever was done before.")] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check all of it, list the cases, and estimate the time.")
@@ -53,10 +57,16 @@ def study(
 
     A study that was stopped, or killed, goes on where it was with the same command.
     """
-    from vcfbench.studies.asked import read_study  # noqa: PLC0415  # nothing heavy is imported before a command runs
+    from vcfbench.files import shown  # noqa: PLC0415  # nothing heavy is imported before a command runs
+    from vcfbench.studies.asked import read_study  # noqa: PLC0415
     from vcfbench.studies.conduct import How, conduct, plan_of  # noqa: PLC0415
 
     asked = read_study(file)
+    if trace is not None:
+        raise ConfigError(
+            "--trace: a study writes no trace, its runs go on side by side in other processes",
+            hint=f"trace one of them: vcfbench run {asked.procedure} --seed {asked.seeds[0]} --trace {shown(trace)}",
+        )
     table = Path(f"{file.stem}.parquet") if output is None else output
     how = How(table, workers, scheduler, restart, keep_records)
     with _shown(how, quiet=quiet) as progress:

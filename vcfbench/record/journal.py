@@ -23,7 +23,7 @@ from msgspec.structs import replace
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import opened, shown
+from vcfbench.files import opened, shown, try_lock, unlock
 from vcfbench.record.damage import first_damage, own_readings
 from vcfbench.record.schema import FORMAT, READABLE, Point, Status
 
@@ -50,29 +50,6 @@ _sync = os.fsync if sys.platform in {"darwin", "win32"} else os.fdatasync
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-if sys.platform == "win32":
-    import msvcrt
-
-    _FAR = 1 << 30
-    """Past the end of any journal: what is locked there cannot be read, and nobody wants to."""
-
-    def _lock(descriptor: int) -> None:
-        os.lseek(descriptor, _FAR, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-
-    def _unlock(descriptor: int) -> None:
-        os.lseek(descriptor, _FAR, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
-else:
-    import fcntl
-
-    def _lock(descriptor: int) -> None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-    def _unlock(descriptor: int) -> None:
-        fcntl.flock(descriptor, fcntl.LOCK_UN)
-
-
 class Journal:
     """An append-only file; never opens one that is there already.
 
@@ -86,7 +63,7 @@ class Journal:
         self.path = path
         self._descriptor = os.open(path, _FLAGS, 0o644)
         with suppress(OSError):  # a file system without locks; nobody is kept from anything by it
-            _lock(self._descriptor)
+            try_lock(self._descriptor)
 
     def header(self, values: Mapping[str, Any]) -> None:
         """Write the first line."""
@@ -226,13 +203,12 @@ def being_written(path: Path) -> bool:
     try:
         if os.fstat(descriptor).st_size == 0:  # it may be about to be locked, and nobody is to come in between
             return False
-        _lock(descriptor)
-    except BlockingIOError:
-        return True
-    except OSError:  # Windows says no more than that it is locked; a file system without locks tells nothing
-        return sys.platform == "win32"
+        if not try_lock(descriptor):
+            return True
+        unlock(descriptor)
+    except OSError:  # a file system without locks tells nothing
+        return False
     else:
-        _unlock(descriptor)
         return False
     finally:
         os.close(descriptor)

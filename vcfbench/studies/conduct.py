@@ -13,7 +13,7 @@ from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.studies.asked import Study, read_study, study_of
-from vcfbench.studies.journal import Begun, kept
+from vcfbench.studies.journal import Begun, kept, rows_of
 from vcfbench.studies.one_run import Work, perform
 from vcfbench.studies.result import beside, of_rows
 from vcfbench.studies.table import require_writable
@@ -164,8 +164,8 @@ def plan_of(asked: Study, how: How, progress: Progress) -> Plan:
         progress.checked(number, len(asked.cases))
     had = 0
     if how.output is not None and journal_of(how.output).exists() and not how.restart:
-        with kept(journal_of(how.output), begun_by(asked), restart=False) as (_, rows):
-            had = sum(key in rows for key in asked.runs)
+        rows, _ = rows_of(journal_of(how.output), begun_by(asked))
+        had = sum(key in rows for key in asked.runs)
     work = Work(asked.of(0), asked.seeds[0])
     perform(work)  # what a process loads once
     clock = WallClock()

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import opened, shown
+from vcfbench.files import opened, shown, try_lock
 from vcfbench.studies.one_run import Row
 from vcfbench.studies.vary import Drawn  # noqa: TC001  # msgspec reads the annotation
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-__all__ = ["Begun", "StudyJournal", "read_rows"]
+__all__ = ["Begun", "StudyJournal", "kept", "read_rows", "rows_of"]
 
 FORMAT = 1
 
@@ -80,20 +80,12 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
 
     Raises:
         ConfigError: it is that of another study, or no journal, and `restart` is not asked for.
-        BenchError: it cannot be written.
+        BenchError: it cannot be written, or a study that goes on writes it.
     """
-    had: dict[tuple[int, int], Row] = {}
-    whole = 0
-    if path.exists() and not restart:
-        found, had, whole = _read(path)
-        if found is not None and found.fingerprint != begun.fingerprint:
-            raise ConfigError(
-                f"{shown(path)}: expected the journal of this study, it is that of another: procedure, bench, "
-                "settings, what varies, metrics or version have changed",
-                hint="--restart begins anew; or another -o keeps both",
-            )
     try:
-        with path.open("ab" if whole else "wb") as file:
+        with path.open("ab") as file:
+            _require_alone(file, path)
+            had, whole = ({}, 0) if restart else rows_of(path, begun)
             file.truncate(whole)
             journal = StudyJournal(path, file)
             if not whole:
@@ -101,6 +93,33 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
             yield journal, had
     except OSError as error:
         raise BenchError(f"{shown(path)}: the journal cannot be written: {error.strerror}") from error
+
+
+def _require_alone(file: IO[bytes], path: Path) -> None:
+    """Hold the journal as long as the study goes; the system lets it go with the process, however that ends."""
+    try:
+        alone = try_lock(file.fileno())
+    except OSError:  # a file system without locks
+        return
+    if not alone:
+        words = f"{shown(path)}: another study writes this journal now"
+        raise BenchError(words, hint="wait for its end, or choose another -o")
+
+
+def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], Row], int]:
+    """Return the rows that are there of the study that `begun` says, and how many bytes of the journal are whole.
+
+    Raises:
+        ConfigError: it is that of another study, or no journal.
+    """
+    found, had, whole = _read(path)
+    if found is not None and found.fingerprint != begun.fingerprint:
+        raise ConfigError(
+            f"{shown(path)}: expected the journal of this study, it is that of another: procedure, bench, "
+            "settings, what varies, metrics or version have changed",
+            hint="--restart begins anew; or another -o keeps both",
+        )
+    return had, whole
 
 
 def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], Row]]:
