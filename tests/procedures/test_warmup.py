@@ -19,9 +19,9 @@ from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import ConfigError
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import Acquire, DisableSupply, EnableTable
+from vcfbench.procedures.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
 from vcfbench.procedures.warmup.results import WarmupFigure, WarmupResult, is_steady, warmup_results
-from vcfbench.procedures.zero.results import ScaleFactor
 from vcfbench.record.schema import Point
 
 if TYPE_CHECKING:

@@ -23,8 +23,9 @@ from vcfbench.files import opened
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.executor import Executor
 from vcfbench.plans.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
-from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings, scale_factor_of
-from vcfbench.procedures.zero.results import Estimate, ScaleFactor, ZeroResult, zero_report, zero_results
+from vcfbench.procedures.known.scale_factor import ScaleFactor, scale_factor_of
+from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
+from vcfbench.procedures.zero.results import Estimate, ZeroResult, zero_report, zero_results
 from vcfbench.record import journal
 from vcfbench.sim.gyro.design import paper_bench
 

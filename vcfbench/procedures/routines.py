@@ -21,6 +21,7 @@ from vcfbench.plans.steps import (
     EnableVvc,
     NotChecked,
     Note,
+    Outcome,
     SetRate,
     Settle,
     SetVvc,
@@ -181,3 +182,32 @@ def power_down() -> Routine[None]:
         yield DisableVvc()
     finally:
         yield DisableSupply()
+
+
+def source_off(settings: ProcedureSettings) -> Routine[None]:
+    """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
+    if _has_source(settings):
+        yield DisableVvc()
+        yield ConfigureGenerator(0.0)
+
+
+def _has_source(settings: ProcedureSettings) -> bool:
+    return settings.station.limits.max_v_vc_v is not None
+
+
+def held_at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work` with the table held at rest under servo, where the bench has one."""
+    held = settings.station.limits.max_rate_deg_s is not None
+    return (yield from (under_servo(settings, work) if held else work))
+
+
+def off_afterwards(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
+    try:
+        return (yield from work)
+    finally:
+        try:
+            if _has_source(settings):
+                yield DisableVvc()
+        finally:
+            yield DisableSupply()

@@ -18,7 +18,8 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
-from vcfbench.plans.steps import MeasureVvc, move_leads
+from vcfbench.plans.measured import Measured
+from vcfbench.plans.steps import MeasureVvc, VvcMeasured, move_leads
 from vcfbench.procedures.known.levels import generator_sheet, ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.routines import take
 from vcfbench.record.devices import Conditions, DeviceStore
@@ -33,10 +34,17 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 __all__ = [
-    "InstrumentError",
+    "METER_GAIN",
+    "METER_OFFSET",
+    "READINGS",
+    "V_VC_GAIN",
+    "V_VC_NOISE",
+    "V_VC_OFFSET",
+    "InstrumentAccuracy",
     "KnownVvcSettings",
     "VvcKnown",
     "conditions",
+    "levels_by_hand",
     "measured_level",
     "measured_levels",
     "meter_error",
@@ -45,6 +53,15 @@ __all__ = [
     "temperature_errors",
     "v_vc_error",
 ]
+
+READINGS = "readings"
+METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
+V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
+    "gain of what V_Vc is known by",
+    "offset of what V_Vc is known by",
+    "V_Vc's scatter",
+)
+"""Sources of uncertainty that several procedures name, by which what they share cancels in differences."""
 
 
 _OVER_RANGE = 1.2
@@ -128,7 +145,7 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True)
-class InstrumentError:
+class InstrumentAccuracy:
     """How far an instrument may be off, as standard uncertainties, and which instrument it is."""
 
     name: str
@@ -149,7 +166,7 @@ def conditions(settings: KnownVvcSettings, made: Made) -> Conditions:
     )
 
 
-def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
+def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentAccuracy:
     """Return how far the meter of `role` may be off, on its range and so long after its calibration.
 
     Raises:
@@ -168,7 +185,7 @@ def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentError:
         u = sheet.standard_deviation(range_v, age_days)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    return InstrumentError(placed.name, u.reading, u.range * range_v)
+    return InstrumentAccuracy(placed.name, u.reading, u.range * range_v)
 
 
 def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:
@@ -189,13 +206,13 @@ def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, fl
     return found
 
 
-def v_vc_error(settings: KnownVvcSettings) -> InstrumentError:
+def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
     """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
     if settings.v_vc_role is not None:
         return meter_error(settings, settings.v_vc_role)
     placed = settings.station.instruments["rate_source"]
     sheet = generator_sheet(settings)
-    return InstrumentError(placed.name, sheet.setting / math.sqrt(3.0), sheet.offset_v / math.sqrt(3.0))
+    return InstrumentAccuracy(placed.name, sheet.setting / math.sqrt(3.0), sheet.offset_v / math.sqrt(3.0))
 
 
 def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
@@ -236,3 +253,18 @@ def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> f
     if seen:
         return math.fsum(seen) / len(seen)
     return by_hand.get(points[0].v_vc_v, points[0].v_vc_v)
+
+
+def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mapping[float, float]:
+    """Return V_Vc as the one multimeter measured it, V, by its setting; empty where it was known otherwise.
+
+    Raises:
+        ConfigError: it was not measured.
+    """
+    if settings.v_vc_role != "multimeter":
+        return {}
+    found = points.found(VvcMeasured) if isinstance(points, Measured) else ()
+    known = {step.v_vc_v: result.mean_v for step, result in found if isinstance(step, MeasureVvc)}
+    if not known:
+        raise ConfigError("V_Vc was not measured, and its setting was not said to be believed")
+    return known

@@ -9,18 +9,35 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
+from vcfbench.analysis.chopped import Block, BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
-from vcfbench.plans.measured import Measured
-from vcfbench.plans.steps import MeasureVvc, VvcMeasured
 from vcfbench.procedures.known.device import UNSEEN
 from vcfbench.procedures.known.levels import K_VC_UNIT
-from vcfbench.procedures.known.v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
+from vcfbench.procedures.known.v_vc import (
+    METER_GAIN,
+    V_VC_GAIN,
+    V_VC_NOISE,
+    V_VC_OFFSET,
+    conditions,
+    levels_by_hand,
+    measured_level,
+    meter_error,
+    temperature_errors,
+    v_vc_error,
+)
 from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.null_comparison.blocks import (
+    bias_at_rest,
+    block_covariance,
+    blocks_of,
+    derivative_of,
+    dof_of,
+    noise_of,
+    nulled_levels,
+)
 from vcfbench.procedures.null_comparison.plan import block
 from vcfbench.record.devices import Certificate, CurveShare, Kept, KvcCurve
-from vcfbench.record.schema import pooled_std_v
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -28,8 +45,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.procedures.kvc.settings import KVcSettings
     from vcfbench.procedures.procedure import Made
     from vcfbench.record.schema import Point
@@ -109,12 +124,6 @@ _HOLDS_NOT = (
 
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
 RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
-V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
-    "gain of what V_Vc is known by",
-    "offset of what V_Vc is known by",
-    "V_Vc's scatter",
-)
-METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +148,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     matched_v, per_v = nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
     noise = block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
     slopes, _, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
-    per_deg_s = np.polynomial.polynomial.polyval(levels.rate, _derivative(slopes))
+    per_deg_s = np.polynomial.polynomial.polyval(levels.rate, derivative_of(slopes))
     in_rate = noise / np.outer(per_deg_s, per_deg_s)
     of_rate = {
         READ_TABLE: in_rate,
@@ -177,33 +186,6 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     )
 
 
-def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
-    """Return the V_Vc at which nothing would be left, V, and what the output does per volt there, V/V.
-
-    Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
-    where a generator changes its range, and the slope is good to some parts in a thousand.
-
-    Args:
-        v_vc_v: V_Vc of each window, V.
-        zero_v_vc_v: V_Vc of the zeros, V.
-        driven_v: what V_Vc moved the output by, from the zeros, V.
-        left_v: that less what the table moved it by, V.
-    """
-    at = v_vc_v - zero_v_vc_v
-    response, _, _ = polynomial_through_zero(at, driven_v, np.eye(at.size), min(5, at.size - 1))
-    slopes = _derivative(response)
-    matched: Floats = at
-    for _ in range(3):
-        matched = at - left_v / np.polynomial.polynomial.polyval(0.5 * (at + matched), slopes)
-    per_v = np.polynomial.polynomial.polyval(matched, slopes)
-    return matched + zero_v_vc_v, np.asarray(per_v)
-
-
-def _derivative(from_first: Floats) -> Floats:
-    """Return the derivative of a polynomial without a constant."""
-    return np.asarray(np.polynomial.polynomial.polyder(np.array([0.0, *from_first])))
-
-
 def _u_earth(settings: KVcSettings) -> float:
     """Return what the Earth's horizontal rate leaves of a zero that is taken at one heading, deg/s, at most."""
     return _EARTH_DEG_S * math.sin(math.radians(settings.axis_tilt_deg)) / math.sqrt(2.0)
@@ -224,11 +206,6 @@ def _dof(name: str, noise: BlockNoise) -> float | None:
     return dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
 
 
-def dof_of(noise: BlockNoise) -> float | None:
-    """Return the degrees of freedom of the noise, None where they are as many as one likes."""
-    return noise.dof if math.isfinite(noise.dof) else None
-
-
 def _known_by(settings: KVcSettings, name: str) -> str:
     if settings.v_vc_role is None:
         return f"the setting of the {name}"
@@ -247,51 +224,6 @@ def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows
         *(Part(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
     ]
     return measurand(slope, "V/(deg/s)", parts)
-
-
-def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: BlockNoise) -> Measurand:
-    """Return the mean of `zeros_v`, outputs at rest with the generator off, V, in the order of time."""
-    count = len(zeros_v)
-    mean_v = math.fsum(zeros_v) / count
-    time = np.arange(count) - 0.5 * (count - 1)
-    drift_v = abs(float(time @ np.array(zeros_v)) / float(time @ time) * (count - 1)) if count > 2 else 0.0
-    meter = meter_error(settings, "multimeter")
-    dof = dof_of(noise)
-    parts = [
-        Part("readings at rest", noise.white_v / math.sqrt(count), dof),
-        Part("flicker", noise.u_zero_v, dof),
-        Part("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
-        Part(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
-        Part(METER_OFFSET, meter.u_offset_v, None, meter.name),
-    ]
-    return measurand(mean_v, "V", parts)
-
-
-def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:
-    """Return the covariance of the differences of `blocks` blocks, each the mean of `cycles`, V^2: +, -, +, -, ..."""
-    return np.asarray(np.kron(np.eye(blocks), np.array(noise.covariance_v2)) / cycles)
-
-
-def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
-    """Return the points in blocks.
-
-    Raises:
-        ConfigError: they are no whole blocks.
-    """
-    size = len(CHOPPED)
-    blocks = [points[at : at + size] for at in range(0, len(points), size)]
-    if not blocks or len(blocks[-1]) != size:
-        raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
-    return blocks
-
-
-def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
-    """Return the noise of a run from its blocks and from the scatter within all of its windows."""
-    window_s = settings.samples * settings.sample_interval_s
-    readings = min(point.n for point in points)
-    resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
-    std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
-    return block_noise(blocks, std_v, readings, window_s, window_s + settings.settle_s)
 
 
 def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
@@ -325,21 +257,6 @@ def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
         noise_of(settings, [*of_table, *of_driven], points),
         tuple(of_table),
     )
-
-
-def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mapping[float, float]:
-    """Return V_Vc as the one multimeter measured it, V, by its setting; empty where it was known otherwise.
-
-    Raises:
-        ConfigError: it was not measured.
-    """
-    if settings.v_vc_role != "multimeter":
-        return {}
-    found = points.found(VvcMeasured) if isinstance(points, Measured) else ()
-    known = {step.v_vc_v: result.mean_v for step, result in found if isinstance(step, MeasureVvc)}
-    if not known:
-        raise ConfigError("V_Vc was not measured, and its setting was not said to be believed")
-    return known
 
 
 def certificate(settings: KVcSettings, results: KVcResult, made: Made) -> Kept | None:

@@ -19,10 +19,9 @@ from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
-from vcfbench.procedures.known.v_vc import meter_error, v_vc_error
-from vcfbench.procedures.kvc.results import METER_GAIN, V_VC_GAIN, V_VC_NOISE
+from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
+from vcfbench.procedures.known.v_vc import METER_GAIN, READINGS, V_VC_GAIN, V_VC_NOISE, meter_error, v_vc_error
 from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
-from vcfbench.procedures.self_calibration.results import READINGS, Drift, drift_of, drift_parts, shares_of
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:

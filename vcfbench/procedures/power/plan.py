@@ -29,11 +29,21 @@ from vcfbench.plans.steps import (
     Settle,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.scale_factor import told_scale_factor
 from vcfbench.procedures.power.results import Drawn, RailsDrawn, RailsLogged, power_report, power_results
 from vcfbench.procedures.power.settings import By, Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import go_to_rate, look_at_drive, rails_of, set_v_vc, take, v_vc_on
-from vcfbench.procedures.zero.plan import held_at_rest, off_afterwards, source_off, told_scale_factor
+from vcfbench.procedures.routines import (
+    go_to_rate,
+    held_at_rest,
+    look_at_drive,
+    off_afterwards,
+    rails_of,
+    set_v_vc,
+    source_off,
+    take,
+    v_vc_on,
+)
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro

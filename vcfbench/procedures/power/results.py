@@ -12,8 +12,8 @@ from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
 from vcfbench.plans.step import Reading, StepResult
 from vcfbench.plans.steps import Acquire, Window
+from vcfbench.procedures.known.scale_factor import scale_factor_used
 from vcfbench.procedures.measurand import Measurand, Part, measurand
-from vcfbench.procedures.zero.plan import scale_factor_used
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from vcfbench.analysis.chopped import BlockNoise
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Step
+    from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.power.settings import PowerSettings
-    from vcfbench.procedures.zero.results import ScaleFactor
 
 __all__ = [
     "Drawn",

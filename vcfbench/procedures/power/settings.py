@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.procedures.zero.plan import AtRestSettings
+from vcfbench.procedures.known.scale_factor import AtRestSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

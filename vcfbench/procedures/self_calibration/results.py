@@ -14,22 +14,23 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
-from vcfbench.analysis.conformity import conformity, e_n
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.known.v_vc import conditions, measured_level, meter_error, temperature_errors, v_vc_error
-from vcfbench.procedures.kvc.results import (
+from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
+from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
+    READINGS,
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
-    bias_at_rest,
-    block_covariance,
-    blocks_of,
-    dof_of,
+    conditions,
     levels_by_hand,
-    noise_of,
+    measured_level,
+    meter_error,
+    temperature_errors,
+    v_vc_error,
 )
 from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.null_comparison.blocks import bias_at_rest, block_covariance, blocks_of, dof_of, noise_of
 from vcfbench.procedures.null_comparison.plan import block
 from vcfbench.record.devices import Kept, SelfCalibration
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -40,10 +41,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.procedures.known.device import Reference
     from vcfbench.procedures.procedure import Made
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-    from vcfbench.record.devices import KvcCurve, Measured, Share
+    from vcfbench.record.devices import KvcCurve
     from vcfbench.record.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
@@ -51,7 +51,6 @@ Floats: TypeAlias = "NDArray[np.float64]"
 AT_REST, DRIVEN = 1, 2
 """The steps, as in its points: generator off, and the blocks of V_Vc."""
 
-READINGS = "readings"
 ORDER = 3
 """Of the polynomial whose slope at rest is the scale factor of small signals."""
 
@@ -70,23 +69,6 @@ class Level:
     rate_deg_s: float
     v_vc_v: float
     output_v: float
-
-
-@dataclass(frozen=True, slots=True)
-class Drift:
-    """How far the scale factor is from that of an earlier entry."""
-
-    since: str
-    """Which entry, and when."""
-    change_ppm: Measurand
-    """Of the earlier one; what both share has cancelled."""
-    cancelled: tuple[str, ...]
-    """What both share."""
-    e_n: float
-    """Change over its expanded uncertainty: above 1 the scale factor has changed."""
-    limit_ppm: float | None
-    verdict: str
-    """``pass``, ``marginal`` or ``fail``: by the limit with the expanded uncertainty as guard band, or by E_n."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -274,13 +256,6 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
     return found
 
 
-def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
-    """Return what the covariance of a curve is made of: source, whose it is, degrees of freedom, its covariance."""
-    if not curve.shares:
-        return [("its covariance", None, None, np.array(curve.covariance))]
-    return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
-
-
 def _jacobian(of: Callable[[Floats], Floats], at: Floats, sizes: Floats) -> Floats:
     """Return the derivatives of each estimate by each input, by central differences."""
     columns = []
@@ -298,68 +273,6 @@ def _u_of(by: Floats, covariance: Floats) -> Floats:
 def _signed(effect: _Effect, of: str | None, place: int) -> Part:
     name, u, dof = effect
     return Part(name, float(u[place]), dof, of)
-
-
-def drift_of(scale_factor: Measurand, reference: Reference, limit_ppm: float | None) -> Drift:
-    """Return how far `scale_factor` is from that of an earlier entry; parts of the same owner cancel."""
-    earlier = reference.scale_factor_v_per_deg_s
-    change = 1e6 * (scale_factor.value / earlier.value - 1.0)
-    now, then = _relative(scale_factor), _relative_kept(reference)
-    parts, cancelled = _difference(now, then)
-    found = measurand(change, "ppm", parts)
-    if limit_ppm is None:
-        verdict = "pass" if abs(change) <= found.expanded_u else "fail"
-    else:
-        verdict = conformity(change, found.expanded_u, -limit_ppm, limit_ppm).value
-    since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
-    return Drift(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u), limit_ppm, verdict)
-
-
-def _relative(found: Measurand) -> list[Part]:
-    size = abs(found.value)
-    return [Part(part.source, 1e6 * part.u / size, part.dof, part.of) for part in found.parts]
-
-
-def _relative_kept(reference: Reference) -> list[Part]:
-    kept: Measured = reference.scale_factor_v_per_deg_s
-    size = abs(kept.value)
-    if not kept.shares:
-        return [Part("the earlier entry", 1e6 * kept.u / size, kept.dof)]
-    return [
-        Part(f"then: {share.source}", 1e6 * share.u / size, share.dof, _owner(reference, share))
-        for share in kept.shares
-    ]
-
-
-def _owner(reference: Reference, share: Share) -> str | None:
-    """Return whose a part is; those of a certificate's own are in every result by its curve."""
-    if share.of is None and reference.kind == "certificate":
-        return f"certificate {reference.name}: {share.source}"
-    return share.of
-
-
-def _difference(now: Sequence[Part], then: Sequence[Part]) -> tuple[list[Part], tuple[str, ...]]:
-    """Return the parts of the difference, and what of them has cancelled."""
-    owners: dict[str, list[Part]] = {}
-    for part in then:
-        if part.of is not None:
-            owners.setdefault(_key(part), []).append(part)
-    left: list[Part] = [part for part in then if part.of is None]
-    cancelled = []
-    for part in now:
-        same = owners.pop(_key(part), None) if part.of is not None else None
-        if same is None:
-            left.append(part)
-            continue
-        left.append(Part(part.source, part.u - math.fsum(each.u for each in same), None, part.of))
-        cancelled.append(f"{part.source} ({part.of})")
-    left += [part for parts in owners.values() for part in parts]
-    return left, tuple(cancelled)
-
-
-def _key(part: Part) -> str:
-    """Return what two parts must share to be one: the owner, and gain or offset of it."""
-    return f"{part.of}: {part.source.rsplit(': ', maxsplit=1)[-1]}"
 
 
 def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, made: Made) -> Kept | None:
@@ -413,17 +326,3 @@ def self_calibration_report(
     if results.unseen:
         parts.append(Text("what this method cannot see:\n" + "\n".join(f"  {each}" for each in results.unseen)))
     return Report(parts)
-
-
-def drift_parts(drift: Drift | None) -> list[Any]:
-    """Return what is reported of the drift since an earlier entry."""
-    if drift is None:
-        return [Text("drift: nothing earlier is known of the device")]
-    found = drift.change_ppm
-    limit = "by E_n" if drift.limit_ppm is None else f"limit {drift.limit_ppm:g} ppm, guard band U95"
-    change = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}"
-    words = [
-        f"drift since {drift.since}: {change}; E_n {drift.e_n:.2f}: {drift.verdict.upper()} ({limit})",
-        *(f"  cancels: {each}" for each in drift.cancelled),
-    ]
-    return [Text("\n".join(words))]

@@ -43,6 +43,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.scale_factor import told_scale_factor
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     energised,
@@ -56,7 +57,6 @@ from vcfbench.procedures.routines import (
 )
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, By, TemperatureSettings
-from vcfbench.procedures.zero.plan import told_scale_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,9 +17,9 @@ from vcfbench.plans.step import Step
 from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.known.levels import generator_sheet
+from vcfbench.procedures.known.scale_factor import scale_factor_used
 from vcfbench.procedures.measurand import Measurand, Part, measurand
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
-from vcfbench.procedures.zero.plan import scale_factor_used
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context
+    from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
-    from vcfbench.procedures.zero.results import ScaleFactor
     from vcfbench.record.schema import Point
 
     Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.procedures.bandwidth import BandwidthSettings
-from vcfbench.procedures.zero.plan import AtRestSettings
+from vcfbench.procedures.known.scale_factor import AtRestSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

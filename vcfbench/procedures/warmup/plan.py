@@ -27,17 +27,10 @@ from vcfbench.plans.steps import (
     Window,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.scale_factor import AtRestSettings, scale_factor_used, told_scale_factor
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import look_at_drive, rails_of
+from vcfbench.procedures.routines import held_at_rest, look_at_drive, off_afterwards, rails_of, source_off
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
-from vcfbench.procedures.zero.plan import (
-    AtRestSettings,
-    held_at_rest,
-    off_afterwards,
-    scale_factor_used,
-    source_off,
-    told_scale_factor,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from vcfbench.procedures.zero.results import ScaleFactor
+    from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.record.schema import Point
 
     Floats = NDArray[np.float64]

@@ -8,55 +8,41 @@ So there are three modes: the record as it stands, the same corrected for its de
 from __future__ import annotations
 
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.plans.step import Step, StepResult
 from vcfbench.plans.steps import (
     Acquire,
     AcquireGapless,
-    ConfigureGenerator,
     ConfigureMeter,
-    DisableSupply,
-    DisableVvc,
     Note,
     Outcome,
     Plan,
     Settle,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.known.scale_factor import AtRestSettings, scale_factor_used, told_scale_factor
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import look_at_drive, rails_of, rails_on, under_servo
-from vcfbench.procedures.zero.results import ScaleFactor, ZeroResult, zero_report, zero_results
+from vcfbench.procedures.routines import (
+    held_at_rest,
+    look_at_drive,
+    off_afterwards,
+    rails_of,
+    rails_on,
+    source_off,
+)
+from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, Routine
+    from vcfbench.plans.step import Routine
 
-__all__ = [
-    "ZERO",
-    "AtRestSettings",
-    "Mode",
-    "ReadScaleFactor",
-    "ScaleFactorRead",
-    "ZeroSettings",
-    "held_at_rest",
-    "off_afterwards",
-    "scale_factor_used",
-    "source_off",
-    "told_scale_factor",
-    "zero",
-]
+__all__ = ["ZERO", "Mode", "ZeroSettings", "zero"]
 
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""
@@ -69,26 +55,6 @@ class Mode(Enum):
     DEAD_TIME = "dead-time"
     CORRECTED = "corrected"
     GAPLESS = "gapless"
-
-
-class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
-    """What turns the output at rest into a rate."""
-
-    scale_factor_v_per_deg_s: Annotated[
-        Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
-        Meta(description="of this gyroscope; default that of a record, else what is expected, else the paper's"),
-    ] = None
-    scale_factor_from: Annotated[
-        str,
-        Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
-    ] = "none"
-
-    def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
-        yield from super().contradictions()
-        if self.scale_factor_v_per_deg_s == 0.0:
-            expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
-            yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
 
 
 class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
@@ -170,66 +136,10 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
-class ScaleFactorRead(StepResult, Struct, frozen=True):
-    """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and whence it is."""
-
-    value: float
-    u: float | None
-    source: str
-
-    def describe(self) -> str:
-        """Name value and source."""
-        return f"{self.value:.6g} V/(deg/s), {self.source}"
-
-
-class ReadScaleFactor(Step, Struct, frozen=True):
-    """Take the scale factor from the record of a calibration, once, so that this run's record holds it too."""
-
-    record: str
-
-    def describe(self) -> str:
-        """Name the record."""
-        return f"the scale factor is that of {self.record}"
-
-    def perform(self, context: Context) -> ScaleFactorRead:
-        """Read the record's ``result.json``; ConfigError where it has no scale factor."""
-        del context
-        return scale_factor_of(Path(self.record))
-
-    def predict(self, gyro: LinearGyro) -> ScaleFactorRead:
-        """Read it as well: a dry run finds out that there is none."""
-        del gyro
-        return scale_factor_of(Path(self.record))
-
-
-def scale_factor_of(record: Path) -> ScaleFactorRead:
-    """Return the scale factor that stands in the record of a calibration, that on the table first.
-
-    Raises:
-        ConfigError: there is no such record, or no scale factor in it.
-    """
-    import msgspec  # noqa: PLC0415  # needed where a record is named
-
-    path = record / "result.json" if record.is_dir() else record
-    text = read_file(path, "the result of a calibration", MOST_TABLE)
-    try:
-        results: Any = msgspec.json.decode(text, type=dict[str, Any]).get("results") or {}
-        column = results.get("turntable", results)["scale_factor"]
-        return ScaleFactorRead(float(column["value"]), float(column["u"]), f"record {record.name}")
-    except (msgspec.DecodeError, RecursionError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
-
-
 def zero(settings: ZeroSettings) -> Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
     yield from told_scale_factor(settings)
     return (yield from off_afterwards(settings, _warm(settings)))
-
-
-def told_scale_factor(settings: AtRestSettings) -> Routine[None]:
-    """Read the scale factor where a record tells it."""
-    if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
-        yield ReadScaleFactor(settings.scale_factor_from)
 
 
 def _warm(settings: ZeroSettings) -> Routine[Outcome]:
@@ -240,35 +150,6 @@ def _warm(settings: ZeroSettings) -> Routine[Outcome]:
     yield from rails_on(settings)
     yield from look_at_drive(settings)
     return (yield from held_at_rest(settings, _record(settings)))
-
-
-def source_off(settings: ProcedureSettings) -> Routine[None]:
-    """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
-    if _has_source(settings):
-        yield DisableVvc()
-        yield ConfigureGenerator(0.0)
-
-
-def _has_source(settings: ProcedureSettings) -> bool:
-    return settings.station.limits.max_v_vc_v is not None
-
-
-def held_at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
-    """Do `work` with the table held at rest under servo, where the bench has one."""
-    held = settings.station.limits.max_rate_deg_s is not None
-    return (yield from (under_servo(settings, work) if held else work))
-
-
-def off_afterwards(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
-    """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
-    try:
-        return (yield from work)
-    finally:
-        try:
-            if _has_source(settings):
-                yield DisableVvc()
-        finally:
-            yield DisableSupply()
 
 
 def _record(settings: ZeroSettings) -> Routine[Outcome]:
@@ -293,17 +174,6 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
     else:
         yield Acquire(**common, interval_s=settings.sample_interval_s)
     return Outcome(f"static record of {settings.duration_s:g} s")
-
-
-def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
-    """Return the scale factor that turns volts into rates, and whence it is."""
-    if settings.scale_factor_v_per_deg_s is not None:
-        return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
-    for _, read in measured.found(ScaleFactorRead):
-        return ScaleFactor(read.value, read.u, read.source)
-    told = settings.expected.scale_factor_v_per_deg_s is not None
-    source = "middle of what the bench file expects" if told else "that of the paper: nothing tells this gyroscope's"
-    return ScaleFactor(settings.expected_gyro().scale_factor, None, source)
 
 
 def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:

@@ -22,17 +22,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.allan import AllanPoint
+    from vcfbench.procedures.known.scale_factor import ScaleFactor
 
-__all__ = [
-    "AllanRow",
-    "Estimate",
-    "NoiseCoefficient",
-    "ScaleFactor",
-    "Stability",
-    "ZeroResult",
-    "zero_report",
-    "zero_results",
-]
+__all__ = ["AllanRow", "Estimate", "NoiseCoefficient", "Stability", "ZeroResult", "zero_report", "zero_results"]
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -55,15 +47,6 @@ _UNITS = {
     Term.RATE_RAMP: (_DEG_H**2, "(deg/h)/h"),
 }
 """From the units of the fit, seconds and degrees, to those that data sheets have."""
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleFactor:
-    """What turns volts into rates, V/(deg/s); `u` None where nobody tells it; `source` is whence it is."""
-
-    value: float
-    u: float | None
-    source: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,128 @@
+"""The scale factor that turns the output at rest into a rate: told, read from a record, or expected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from msgspec import Meta, Struct
+
+from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.errors import ConfigError
+from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.plans.step import Step, StepResult
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.plans.measured import Measured
+    from vcfbench.plans.step import Context, Routine
+
+__all__ = [
+    "AtRestSettings",
+    "ReadScaleFactor",
+    "ScaleFactor",
+    "ScaleFactorRead",
+    "scale_factor_of",
+    "scale_factor_used",
+    "told_scale_factor",
+]
+
+
+class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What turns the output at rest into a rate."""
+
+    scale_factor_v_per_deg_s: Annotated[
+        Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
+        Meta(description="of this gyroscope; default that of a record, else what is expected, else the paper's"),
+    ] = None
+    scale_factor_from: Annotated[
+        str,
+        Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
+    ] = "none"
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield what the ranges cannot say."""
+        yield from super().contradictions()
+        if self.scale_factor_v_per_deg_s == 0.0:
+            expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
+            yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleFactor:
+    """What turns volts into rates, V/(deg/s); `u` None where nobody tells it; `source` is whence it is."""
+
+    value: float
+    u: float | None
+    source: str
+
+
+class ScaleFactorRead(StepResult, Struct, frozen=True):
+    """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and whence it is."""
+
+    value: float
+    u: float | None
+    source: str
+
+    def describe(self) -> str:
+        """Name value and source."""
+        return f"{self.value:.6g} V/(deg/s), {self.source}"
+
+
+class ReadScaleFactor(Step, Struct, frozen=True):
+    """Take the scale factor from the record of a calibration, once, so that this run's record holds it too."""
+
+    record: str
+
+    def describe(self) -> str:
+        """Name the record."""
+        return f"the scale factor is that of {self.record}"
+
+    def perform(self, context: Context) -> ScaleFactorRead:
+        """Read the record's ``result.json``; ConfigError where it has no scale factor."""
+        del context
+        return scale_factor_of(Path(self.record))
+
+    def predict(self, gyro: LinearGyro) -> ScaleFactorRead:
+        """Read it as well: a dry run finds out that there is none."""
+        del gyro
+        return scale_factor_of(Path(self.record))
+
+
+def scale_factor_of(record: Path) -> ScaleFactorRead:
+    """Return the scale factor that stands in the record of a calibration, that on the table first.
+
+    Raises:
+        ConfigError: there is no such record, or no scale factor in it.
+    """
+    import msgspec  # noqa: PLC0415  # needed where a record is named
+
+    path = record / "result.json" if record.is_dir() else record
+    text = read_file(path, "the result of a calibration", MOST_TABLE)
+    try:
+        results: Any = msgspec.json.decode(text, type=dict[str, Any]).get("results") or {}
+        column = results.get("turntable", results)["scale_factor"]
+        return ScaleFactorRead(float(column["value"]), float(column["u"]), f"record {record.name}")
+    except (msgspec.DecodeError, RecursionError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
+
+
+def told_scale_factor(settings: AtRestSettings) -> Routine[None]:
+    """Read the scale factor where a record tells it."""
+    if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
+        yield ReadScaleFactor(settings.scale_factor_from)
+
+
+def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
+    """Return the scale factor that turns volts into rates, and whence it is."""
+    if settings.scale_factor_v_per_deg_s is not None:
+        return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
+    for _, read in measured.found(ScaleFactorRead):
+        return ScaleFactor(read.value, read.u, read.source)
+    told = settings.expected.scale_factor_v_per_deg_s is not None
+    source = "middle of what the bench file expects" if told else "that of the paper: nothing tells this gyroscope's"
+    return ScaleFactor(settings.expected_gyro().scale_factor, None, source)

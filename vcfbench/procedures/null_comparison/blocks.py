@@ -1,0 +1,108 @@
+"""Chopped blocks as results see them: their noise, the V_Vc at which nothing is left, the output at rest."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.known.v_vc import (
+    METER_GAIN,
+    METER_OFFSET,
+    meter_error,
+)
+from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.record.schema import pooled_std_v
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.record.schema import Point
+
+__all__ = ["bias_at_rest", "block_covariance", "blocks_of", "derivative_of", "dof_of", "noise_of", "nulled_levels"]
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+
+def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
+    """Return the V_Vc at which nothing would be left, V, and what the output does per volt there, V/V.
+
+    Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
+    where a generator changes its range, and the slope is good to some parts in a thousand.
+
+    Args:
+        v_vc_v: V_Vc of each window, V.
+        zero_v_vc_v: V_Vc of the zeros, V.
+        driven_v: what V_Vc moved the output by, from the zeros, V.
+        left_v: that less what the table moved it by, V.
+    """
+    at = v_vc_v - zero_v_vc_v
+    response, _, _ = polynomial_through_zero(at, driven_v, np.eye(at.size), min(5, at.size - 1))
+    slopes = derivative_of(response)
+    matched: Floats = at
+    for _ in range(3):
+        matched = at - left_v / np.polynomial.polynomial.polyval(0.5 * (at + matched), slopes)
+    per_v = np.polynomial.polynomial.polyval(matched, slopes)
+    return matched + zero_v_vc_v, np.asarray(per_v)
+
+
+def derivative_of(from_first: Floats) -> Floats:
+    """Return the derivative of a polynomial without a constant."""
+    return np.asarray(np.polynomial.polynomial.polyder(np.array([0.0, *from_first])))
+
+
+def dof_of(noise: BlockNoise) -> float | None:
+    """Return the degrees of freedom of the noise, None where they are as many as one likes."""
+    return noise.dof if math.isfinite(noise.dof) else None
+
+
+def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: BlockNoise) -> Measurand:
+    """Return the mean of `zeros_v`, outputs at rest with the generator off, V, in the order of time."""
+    count = len(zeros_v)
+    mean_v = math.fsum(zeros_v) / count
+    time = np.arange(count) - 0.5 * (count - 1)
+    drift_v = abs(float(time @ np.array(zeros_v)) / float(time @ time) * (count - 1)) if count > 2 else 0.0
+    meter = meter_error(settings, "multimeter")
+    dof = dof_of(noise)
+    parts = [
+        Part("readings at rest", noise.white_v / math.sqrt(count), dof),
+        Part("flicker", noise.u_zero_v, dof),
+        Part("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
+        Part(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
+        Part(METER_OFFSET, meter.u_offset_v, None, meter.name),
+    ]
+    return measurand(mean_v, "V", parts)
+
+
+def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:
+    """Return the covariance of the differences of `blocks` blocks, each the mean of `cycles`, V^2: +, -, +, -, ..."""
+    return np.asarray(np.kron(np.eye(blocks), np.array(noise.covariance_v2)) / cycles)
+
+
+def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
+    """Return the points in blocks.
+
+    Raises:
+        ConfigError: they are no whole blocks.
+    """
+    size = len(CHOPPED)
+    blocks = [points[at : at + size] for at in range(0, len(points), size)]
+    if not blocks or len(blocks[-1]) != size:
+        raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
+    return blocks
+
+
+def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
+    """Return the noise of a run from its blocks and from the scatter within all of its windows."""
+    window_s = settings.samples * settings.sample_interval_s
+    readings = min(point.n for point in points)
+    resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
+    std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
+    return block_noise(blocks, std_v, readings, window_s, window_s + settings.settle_s)
