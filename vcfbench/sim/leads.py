@@ -57,6 +57,16 @@ class _LeadWindow:
         return seen if caught is None else seen + mains.mean_v(caught, self._window.start_s, self._window.stop_s)
 
 
+def _seen(known: Trace | Capture, lead: Lead) -> list[Piece]:
+    """Return what is known of a node as it looks through a lead, oldest first."""
+    if lead.node is None:
+        return []
+    pieces = known.pieces(lead.node)
+    seen = [piece.reversed() for piece in pieces] if lead.reversed else pieces
+    caught = lead.pick_up
+    return seen if caught is None else [piece.with_sine(caught) for piece in seen]
+
+
 class _LeadCapture:
     """A stretch of time seen through leads as they were when it was registered."""
 
@@ -82,6 +92,10 @@ class _LeadCapture:
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Tell whether nothing happened between two times that could make an input jump."""
         return self._capture.whole(start_s, stop_s)
+
+    def pieces(self, node: str) -> list[Piece]:
+        """Return what is known of input `node` up to now, oldest first."""
+        return _seen(self._capture, self._leads[node])
 
 
 class _LeadRecording(_LeadCapture):
@@ -113,13 +127,7 @@ class _LeadTrace:
 
     def pieces(self, name: str) -> list[Piece]:
         """Return what is known of input `name` up to now."""
-        lead = self._leads.lead(name)
-        if lead.node is None:
-            return []
-        pieces = self._trace.pieces(lead.node)
-        seen = [piece.reversed() for piece in pieces] if lead.reversed else pieces
-        caught = lead.pick_up
-        return seen if caught is None else [piece.with_sine(caught) for piece in seen]
+        return _seen(self._trace, self._leads.lead(name))
 
     def end(self) -> None:
         """Forget it."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.gyro.stretch import Stretch
 
-__all__ = ["History", "Piece", "Trace"]
+__all__ = ["History", "Piece", "Trace", "piece_of"]
 
 
 class Piece(Struct, frozen=True):
@@ -30,6 +30,7 @@ class Piece(Struct, frozen=True):
         dc_v: the constant part.
         sines: the rest, their phases at `start_s`; None where only `at` tells.
         at: volts at absolute times within it.
+        endless: a source's, which `at` tells of earlier times too, as if it had always been so.
     """
 
     start_s: float
@@ -37,19 +38,20 @@ class Piece(Struct, frozen=True):
     dc_v: float
     sines: tuple[Sine, ...] | None
     at: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    endless: bool = False
 
     def reversed(self) -> Piece:
         """Return what is seen with the leads reversed."""
         sines = (
             None if self.sines is None else tuple(replace(sine, amplitude_v=-sine.amplitude_v) for sine in self.sines)
         )
-        return Piece(self.start_s, self.stop_s, -self.dc_v, sines, lambda times: -self.at(times))
+        return Piece(self.start_s, self.stop_s, -self.dc_v, sines, lambda times: -self.at(times), self.endless)
 
     def with_sine(self, sine: Sine) -> Piece:
         """Return what is seen with a sine (of bench time) in series."""
         here = replace(sine, phase_rad=sine.phase_rad + math.tau * sine.frequency_hz * self.start_s)
         sines = None if self.sines is None else (*self.sines, here)
-        return Piece(self.start_s, self.stop_s, self.dc_v, sines, lambda times: self.at(times) + sine.at(times))
+        return replace(self, sines=sines, at=lambda times: self.at(times) + sine.at(times))
 
 
 class History(Protocol):
@@ -95,7 +97,7 @@ class Trace:
     def pieces(self, node: str) -> list[Piece]:
         """Return what is known of a node up to now, oldest first."""
         self._advance()
-        return [_piece(stretch, node) for stretch in self._stretches]
+        return [piece_of(stretch, node) for stretch in self._stretches]
 
     def end(self) -> None:
         """Forget it and keep nothing more."""
@@ -103,11 +105,13 @@ class Trace:
         self._stretches.clear()
 
 
-def _piece(stretch: Stretch, node: str) -> Piece:
+def piece_of(stretch: Stretch, node: str) -> Piece:
+    """Return what a node did over a stretch."""
     known = stretch.closed_form(node)
     sines = None if known is None else tuple(_sine(size, exponent) for size, exponent in known.terms)
     constant = 0.0 if known is None else known.constant_v
-    return Piece(stretch.start_s, stretch.stop_s, constant, sines, lambda times: stretch.at(node, times))
+    endless = known is not None or stretch.played(node)
+    return Piece(stretch.start_s, stretch.stop_s, constant, sines, lambda times: stretch.at(node, times), endless)
 
 
 def _sine(size: complex, exponent: complex) -> Sine:

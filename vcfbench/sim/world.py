@@ -19,7 +19,7 @@ from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.mains import Mains
 from vcfbench.sim.motion import TableMotion
 from vcfbench.sim.sources import Approach
-from vcfbench.sim.trace import Trace
+from vcfbench.sim.trace import Trace, piece_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Drive, Played, Ripple
+    from vcfbench.sim.trace import Piece
 
 __all__ = ["NODES", "RAILS", "Capture", "LeadEnd", "LeadsOfRole", "Recording", "Window", "World"]
 
@@ -130,6 +131,11 @@ class Capture:
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Tell whether nothing happened between two times that could make a node jump."""
         return sum(each.start_s < stop_s and each.stop_s > start_s for each in self._stretches) <= 1
+
+    def pieces(self, node: str) -> list[Piece]:
+        """Return what is known of a node up to now, oldest first."""
+        self._world.advance()
+        return [piece_of(stretch, node) for stretch in self._stretches]
 
     def take(self, stretch: Stretch) -> None:
         """Keep a stretch that lies within the capture."""

@@ -90,6 +90,11 @@ class Stretch(Struct, frozen=True):
         fastest = max((abs(exponent) for _, exponent in source.terms), default=0.0)
         return FINEST_RAD / fastest if fastest else math.inf
 
+    def played(self, node: str) -> bool:
+        """Tell whether a node carries what a source plays, which tells of any time."""
+        source = self._source(node)
+        return source is not None and not isinstance(source, Oscillation)
+
     def _share(self, node: str) -> float:
         return self.shares.get(node, 1.0)
 

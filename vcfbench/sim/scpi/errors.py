@@ -48,6 +48,8 @@ ERROR_WORDS = MappingProxyType(
         -223: "Too much data",
         -224: "Illegal parameter value",
         -230: "Data stale",
+        -241: "Hardware missing",
+        -252: "Missing media",
         -330: "Self-test failed",
         -350: "Queue overflow",
         -410: "Query INTERRUPTED",

@@ -11,11 +11,14 @@ from msgspec.structs import replace
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.trace import Piece
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from vcfbench.sim.sources import Sine
 
 F = 3488.9
 
@@ -38,6 +41,10 @@ class SineCapture:
     def whole(self, start_s: float, stop_s: float) -> bool:
         return start_s < stop_s
 
+    def pieces(self, node: str) -> list[Piece]:
+        stop_s = min(self.stop_s, self.world.clock.now())
+        return [self.world.piece(node, self.start_s, stop_s)]
+
     def forget(self, before_s: float) -> None:
         assert before_s <= self.world.clock.now()
         self.start_s = max(self.start_s, before_s)
@@ -47,6 +54,21 @@ class SineCapture:
         self.stop_s = self.world.clock.now()
 
 
+@dataclass
+class AnalyticHistory:
+    """The past of analytic nodes, which were always so."""
+
+    world: Bench
+    span_s: float
+
+    def pieces(self, node: str) -> list[Piece]:
+        now = self.world.clock.now()
+        return [self.world.piece(node, now - self.span_s, now)]
+
+    def end(self) -> None:
+        self.world.histories.remove(self)
+
+
 class Bench:
     """A world of analytic nodes, and a host that reads as a transport does."""
 
@@ -54,6 +76,8 @@ class Bench:
         self.clock = VirtualClock()
         self.finest_s: dict[str, float] = {}
         self.recording: set[int] = set()
+        self.histories: list[AnalyticHistory] = []
+        self.sines: dict[str, tuple[float, tuple[Sine, ...]]] = {}
         self.loads_ohm: dict[str, float] = {}
         self.nodes: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
             "drive": lambda t: 0.1 + 1.5 * np.sin(2 * np.pi * F * t),
@@ -72,6 +96,25 @@ class Bench:
         recording = SineCapture(self, self.clock.now(), math.inf)
         self.recording.add(id(recording))
         return recording
+
+    def trace(self, span_s: float) -> AnalyticHistory:
+        self.histories.append(AnalyticHistory(self, span_s))
+        return self.histories[-1]
+
+    def piece(self, node: str, start_s: float, stop_s: float) -> Piece:
+        """What a node does, in closed form if it is one of `sines` (phases at bench time 0)."""
+        if node not in self.sines:
+            return Piece(start_s, stop_s, 0.0, None, self.nodes[node], endless=True)
+        dc_v, sines = self.sines[node]
+        here = tuple(replace(s, phase_rad=s.phase_rad + 2 * math.pi * s.frequency_hz * start_s) for s in sines)
+        return Piece(start_s, stop_s, dc_v, here, self.nodes[node], endless=True)
+
+    def put(self, node: str, dc_v: float, *sines: Sine) -> None:
+        """Let a node carry sines that are known in closed form."""
+        self.sines[node] = (dc_v, sines)
+        self.nodes[node] = lambda t: dc_v + np.sum([s.at(np.asarray(t)) for s in sines], axis=0)
+        fastest = max((s.frequency_hz for s in sines), default=0.0)
+        self.finest_s[node] = 0.05 / (2 * math.pi * fastest) if fastest else math.inf
 
     def load_node(self, who: object, node: str, resistance_ohm: float) -> None:
         del who

@@ -20,7 +20,9 @@ STEP_S = 1e-6
 @pytest.fixture
 def bench() -> Bench:
     bench = Bench()
-    bench.send(":CHAN1:RANG 4;:CHAN2:RANG 8;:CHAN3:RANG 4;:TIM:RANG 1E-3;:WAV:FORM WORD;:DIG CHAN1,CHAN2,CHAN3")
+    bench.send(
+        ":CHAN1:RANG 4;:CHAN2:RANG 8;:CHAN3:RANG 4;:TIM:RANG 1E-3;:WAV:FORM WORD;:DIG CHAN1,CHAN2,CHAN3;:FUNC:DISP ON"
+    )
     return bench
 
 
@@ -90,7 +92,7 @@ def test_a_function_of_g_of_t(bench: Bench) -> None:
 @pytest.mark.parametrize(("window", "tolerance_db"), [("FLAT", 0.02), ("HANN", 1.5), ("BHAR", 0.9), ("RECT", 4.0)])
 def test_the_line_of_a_sine_is_at_its_frequency_and_level_in_dbv(window: str, tolerance_db: float) -> None:
     bench = Bench()
-    bench.send(":CHAN1:RANG 4;:TIM:RANG 20E-3;:DIG CHAN1")
+    bench.send(":CHAN1:RANG 4;:TIM:RANG 20E-3;:DIG CHAN1;:FUNC:DISP ON")
     bench.send(f":FUNC:OPER FFT;SOUR1 CHAN1;WIND {window};CENT 5 KHZ;SPAN 10 KHZ")
     line_hz, point_hz = 1 / 20e-3, 10.0
     assert bench.number(":MEAS:XMAX? FUNC") == pytest.approx(F, abs=line_hz / 2 + point_hz)

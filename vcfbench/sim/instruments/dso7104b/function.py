@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.acquisition import Digitised, Record
     from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.record import Digitised, Record
 
 __all__ = ["FUNCTION_COMMANDS", "MathTrace", "math_scale", "math_trace"]
 
@@ -69,18 +69,29 @@ def math_trace(state: Mapping[str, Any], record: Record, points: int) -> MathTra
 
 
 def _spectrum(state: Mapping[str, Any], record: Record, points: int) -> MathTrace:
-    source = _operand(state, record, FFT_POINTS)
-    lines = Spectrum.of(source.volts, record.screen.range_s / FFT_POINTS, state["FUNC:WIND"])
-    centre, span = _band(state, record.screen.range_s)
+    count = fft_points(record.screen.range_s, record.kept.rate_hz)
+    source, step_s = _operand(state, record, count), record.screen.range_s / count
+    lines = Spectrum.of(source.volts, step_s, state["FUNC:WIND"])
+    centre, span = _band(state, 0.5 / step_s)
     start = centre - span / 2.0
     return MathTrace(start, span / points, lines.shown(start, start + span, points), source.clipped)
 
 
-def _band(state: Mapping[str, Any], range_s: float) -> tuple[float, float]:
-    """Return centre and span of an FFT, Hz: as set, else all that there is."""
-    highest = FFT_POINTS / range_s / 2.0
-    span = state["FUNC:SPAN"] or highest
+def fft_points(range_s: float, rate_hz: float) -> int:
+    """Return how many samples an FFT is of: those on the screen, thinned out to at most `FFT_POINTS`."""
+    return max(2, min(FFT_POINTS, round(range_s * rate_hz)))
+
+
+def _band(state: Mapping[str, Any], highest_hz: float) -> tuple[float, float]:
+    """Return centre and span of an FFT, Hz: as set but not beyond half the sample rate, else all that there is."""
+    span = min(state["FUNC:SPAN"] or highest_hz, highest_hz)
     return (span / 2.0 if state["FUNC:CENT"] is None else state["FUNC:CENT"]), span
+
+
+def _shown_band(model: Dso7104B) -> tuple[float, float]:
+    """Return centre and span of an FFT at the present time base."""
+    range_s = model.state["TIM:RANG"]
+    return _band(model.state, 0.5 * fft_points(range_s, model.sample_rate()) / range_s)
 
 
 def _operand(state: Mapping[str, Any], record: Record, points: int) -> Digitised:
@@ -175,7 +186,7 @@ def _frequency(pattern: str, key: str, limits: Limits, index: int) -> Command:
         pattern,
         (Number(unit="HZ", limits=limits),),
         do=lambda model, hertz: _put(model, key, hertz),
-        query=lambda model: model.nr3(_band(model.state, model.state["TIM:RANG"])[index]),
+        query=lambda model: model.nr3(_shown_band(model)[index]),
         query_parameters=(),
     )
 

@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.sim.instruments.dso7104b.filters import Capacitor, closed_form, low_passed, time_constant_s
+
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
+    from collections.abc import Hashable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.instruments.dso7104b.filters import Sines
+    from vcfbench.sim.trace import History, Piece
 
-__all__ = ["EXTERNAL", "LINE", "Capture", "ChannelView", "Recording", "ScopeWorld", "Screen", "Signals", "seen"]
+__all__ = ["EXTERNAL", "LINE", "Capture", "ChannelView", "Recording", "ScopeWorld", "Screen", "Signals"]
 
 LINE, EXTERNAL = 0, 5
 """Numbers of the trigger inputs that are no channels; nothing is plugged in at EXTernal."""
 MAINS_HZ = 50.0
+_TOUCHING_S = 1e-9
 
 
 class Capture(Protocol):
@@ -35,6 +40,10 @@ class Capture(Protocol):
 
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Tell whether nothing happened between two times that could make a node jump."""
+        ...
+
+    def pieces(self, node: str) -> list[Piece]:
+        """Return what is known of a node up to now, oldest first."""
         ...
 
 
@@ -64,6 +73,10 @@ class ScopeWorld(Protocol):
 
     def record(self) -> Recording:
         """Keep all that happens from now on."""
+        ...
+
+    def trace(self, span_s: float) -> History:
+        """Keep the last `span_s` from now on."""
         ...
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
@@ -101,33 +114,98 @@ class ChannelView(Struct, frozen=True):
     """Displayed over real volts."""
     inverted: bool
     ac: bool
+    skew_s: float = 0.0
+    """How much later the channel is shown than it is."""
+    limit_hz: float = math.inf
+    """Corner of the bandwidth limit."""
 
     @property
     def shown_per_real(self) -> float:
         """Displayed over real volts, with the sign."""
         return -self.probe if self.inverted else self.probe
 
-
-def seen(capture: Capture, view: ChannelView, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return displayed volts at absolute times, before AC coupling and the channel's own errors."""
-    if view.node is None:
-        return np.zeros(len(times_s))
-    volts = np.asarray(capture.samples(view.node, times_s), dtype=np.float64)
-    return volts * view.shown_per_real
+    @property
+    def remembered_s(self) -> float:
+        """How much from before a time its filters need, s; nor is it shown when it is."""
+        return abs(self.skew_s) + (20.0 * time_constant_s(self.limit_hz) if math.isfinite(self.limit_hz) else 0.0)
 
 
-class Signals(Struct, frozen=True):
-    """What the trigger circuits see: the channels, the mains, the empty EXTernal input."""
+class Signals:
+    """What converters and trigger circuits see: the channels, the mains, the empty EXTernal input.
 
-    capture: Capture
-    views: Mapping[int, ChannelView]
+    Args:
+        capture: the stretch of time.
+        views: how each channel looks at its node.
+        past: what is known of a channel's node before that, oldest first, where a blocking capacitor is to know it.
+    """
 
-    def volts(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return displayed volts at absolute times."""
+    def __init__(
+        self, capture: Capture, views: Mapping[int, ChannelView], past: Mapping[int, Sequence[Piece]] | None = None
+    ) -> None:
+        self.capture = capture
+        self.views = views
+        self._past = past or {}
+        self._capacitors: dict[int, tuple[float, Capacitor]] = {}
+
+    def volts(self, channel: int, times_s: NDArray[np.float64], *, ac: bool = False) -> NDArray[np.float64]:
+        """Return displayed volts at evenly spaced bench times, before the channel's own errors; `ac` is the trigger's.
+
+        Coupling of channel and trigger together count once.
+        """
         if channel == LINE:
             return np.sin(2.0 * math.pi * MAINS_HZ * times_s)
         view = self.views.get(channel)
-        return np.zeros(len(times_s)) if view is None else seen(self.capture, view, times_s)
+        if view is None or view.node is None:
+            return np.zeros(len(times_s))
+        real_s = times_s - view.skew_s if view.skew_s else times_s
+        volts = self._limited(view, view.node, real_s)
+        if view.ac or ac:
+            volts = volts - self._blocked(channel, view.node, real_s)
+        return volts * view.shown_per_real
+
+    def _limited(self, view: ChannelView, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        def read(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray(self.capture.samples(node, at_s), dtype=np.float64)
+
+        if math.isinf(view.limit_hz):
+            return read(times_s)
+        tau_s = time_constant_s(view.limit_hz)
+        known = self._known(node, times_s)
+        if known is not None:
+            return known.low_passed(tau_s).at(times_s)
+        return low_passed(read, times_s, tau_s, self.capture.finest_s(node))
+
+    def _known(self, node: str, times_s: NDArray[np.float64]) -> Sines | None:
+        return closed_form(self.capture.pieces(node), float(times_s[0]), float(times_s[-1]))
+
+    def _blocked(self, channel: int, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the capacitor of an input keeps off."""
+        pieces = self.capture.pieces(node)
+        until_s = pieces[-1].stop_s
+        made = self._capacitors.get(channel)
+        if made is None or made[0] != until_s:
+            past = self._past.get(channel, ())
+            before = past if past and abs(past[-1].stop_s - pieces[0].start_s) < _TOUCHING_S else ()
+            made = self._capacitors[channel] = until_s, Capacitor([*before, *pieces], self.capture.finest_s(node))
+        return made[1].at(times_s)
+
+    def sines(self, channel: int, start_s: float, stop_s: float) -> Sines | None:
+        """Return an input in closed form, displayed volts before AC coupling; None where it has none."""
+        view = self.views.get(channel)
+        if view is None or view.node is None:
+            return None
+        known = closed_form(self.capture.pieces(view.node), start_s - view.skew_s, stop_s - view.skew_s)
+        if known is None:
+            return None
+        limited = known if math.isinf(view.limit_hz) else known.low_passed(time_constant_s(view.limit_hz))
+        return limited.scaled(view.shown_per_real).later(view.skew_s)
+
+    def slow(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what AC coupling takes off an input, displayed volts at bench times."""
+        view = self.views.get(channel)
+        if view is None or view.node is None:
+            return np.zeros(len(times_s))
+        return self._blocked(channel, view.node, times_s - view.skew_s) * view.shown_per_real
 
     def finest_s(self, channel: int) -> float:
         """Return a time in which an input bends so little that a cubic tells it; 0 where that is unknown."""

@@ -8,7 +8,7 @@ Measurements and the math trace are computed from the record on the screen.
 
 The commands stand in modules of their own: root and system (:mod:`.system`), channels (:mod:`.vertical`), time
 base and acquisition (:mod:`.timing`), trigger (:mod:`.triggering`), measurements (:mod:`.measuring`),
-waveforms (:mod:`.waveform`), math (:mod:`.function`).
+waveforms (:mod:`.waveform`), math (:mod:`.function`), cursors, files, masks (:mod:`.accessories`).
 
 Inputs are taken as 1:1; with 50 ohm they load their node, with 1 Mohm they do not. Serial modes, single lines and
 fields of television are waited for in vain.
@@ -17,21 +17,29 @@ fields of television are waited for in vain.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Found, Pace, Record, ScopeErrors, acquisition
+from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORY_COMMANDS
+from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, Found, Pace, acquisition
+from vcfbench.sim.instruments.dso7104b.commands import INVALID
+from vcfbench.sim.instruments.dso7104b.conditions import Never
+from vcfbench.sim.instruments.dso7104b.counter import counted_hz, gate_s
+from vcfbench.sim.instruments.dso7104b.filters import REMEMBERED_S
 from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
-from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen
+from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen, Signals
 from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, Kind
 from vcfbench.sim.instruments.dso7104b.measurements import Thresholds, Trace
 from vcfbench.sim.instruments.dso7104b.measuring import MEASURE_COMMANDS, Installed
+from vcfbench.sim.instruments.dso7104b.record import Kept, Record, ScopeErrors
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
 from vcfbench.sim.instruments.dso7104b.system import ROOT_COMMANDS, SYSTEM_COMMANDS
 from vcfbench.sim.instruments.dso7104b.termination import Terminations
 from vcfbench.sim.instruments.dso7104b.timing import TIMING_COMMANDS
-from vcfbench.sim.instruments.dso7104b.triggering import TRIGGER_COMMANDS, trigger_of
+from vcfbench.sim.instruments.dso7104b.trigger import Trigger
+from vcfbench.sim.instruments.dso7104b.triggering import TRIGGER_COMMANDS, comparator_of, trigger_of
 from vcfbench.sim.instruments.dso7104b.vertical import VERTICAL_COMMANDS
 from vcfbench.sim.instruments.dso7104b.waveform import WAVEFORM_COMMANDS
 from vcfbench.sim.scpi import (
@@ -56,6 +64,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
+
+    from vcfbench.sim.trace import History, Piece
 
 __all__ = ["TABLE", "Dso7104B", "ScopeErrors", "ScopeWorld"]
 
@@ -83,6 +93,7 @@ TABLE = CommandTable(
     *WAVEFORM_COMMANDS,
     *FUNCTION_COMMANDS,
     *SYSTEM_COMMANDS,
+    *ACCESSORY_COMMANDS,
 )
 """Every command of the model."""
 
@@ -121,6 +132,7 @@ class Dso7104B(ScpiInstrument):
         self.mask_test: Register = Register(self.operation, _MASK_TEST)
         self.hardware: Register = Register(self.operation, _HARDWARE)
         self.message = ""
+        self.calibration_label = ""
         self.installed: list[Installed] = []
         self.analysed = False
         self.date = (2026, 1, 1)
@@ -128,6 +140,7 @@ class Dso7104B(ScpiInstrument):
         self._armed_event = False
         self._run_state = "run"
         self._acquisition: Acquisition | None = None
+        self._history: History | None = None
         self._last_trigger_s = -math.inf
         self._records: list[Record] = []
         self._segmented = False
@@ -170,6 +183,7 @@ class Dso7104B(ScpiInstrument):
         """Take bytes from the controller; the protection of 50 ohm inputs looks whenever there is something to do."""
         super().write(data, end=end)
         self.inputs.watch()
+        self._watch_coupling()
 
     def abort(self) -> None:
         """Device clear ends an acquisition that waits."""
@@ -287,7 +301,10 @@ class Dso7104B(ScpiInstrument):
         self._disarm()
         self._armed_event = True
         self._traces.clear()
-        self._acquisition = acquisition(self._world, self.screen(), self._views(), trigger_of(self.state), self._pace())
+        trigger, views = trigger_of(self.state), self._views()
+        self._watch_coupling()
+        past = partial(self._past, views, trigger)
+        self._acquisition = acquisition(self._world, Arming(self.screen(), views, trigger, self._pace(), past))
         self._show_state()
 
     def _pace(self) -> Pace:
@@ -299,6 +316,7 @@ class Dso7104B(ScpiInstrument):
             segments=state["SEGM:COUN"] if segmented else 0,
             holdoff_s=state["TRIG:HOLD"],
             not_before_s=self._last_trigger_s + state["TRIG:HOLD"],
+            smooth=state["ACQ:TYPE"] == "HRES",
         )
 
     def _finish(self, armed: Acquisition, found: Found) -> None:
@@ -314,20 +332,12 @@ class Dso7104B(ScpiInstrument):
     def _recorded(self, armed: Acquisition, found: Found, trigger_s: float) -> Record:
         kind = self.state["ACQ:TYPE"]
         self._number += 1
-        averages = self.state["ACQ:COUN"] if kind == "AVER" and not self._segmented else 16 if kind == "HRES" else 1
+        averages = self.state["ACQ:COUN"] if kind == "AVER" and not self._segmented else 1
         bits = self._errors.converter_bits
         if bits and kind in {"AVER", "HRES"}:
             bits = 12  # averaging gains up to four bits (data sheet)
-        return Record(
-            found.capture,
-            trigger_s,
-            armed.screen,
-            armed.views,
-            self._errors,
-            number=self._number,
-            bits=bits,
-            averages=averages,
-        )
+        kept = Kept(self._number, kind, bits, averages, self.sample_rate())
+        return Record(found.signals, trigger_s, armed.screen, self._errors, kept)
 
     def _keep(self, records: list[Record]) -> None:
         """Show these records, the first of them, and forget all others."""
@@ -358,8 +368,34 @@ class Dso7104B(ScpiInstrument):
             return self.state[f"CHAN{channel}:{key}"]
 
         return ChannelView(
-            self._nodes.get(channel), of("RANG"), of("OFFS"), of("PROB"), of("INV"), ac=of("COUP") == "AC"
+            self._nodes.get(channel),
+            of("RANG"),
+            of("OFFS"),
+            of("PROB"),
+            of("INV"),
+            ac=of("COUP") == "AC",
+            skew_s=of("SKEW"),
+            limit_hz=self.kind.limit_hz if of("BWL") else math.inf,
         )
+
+    def _past(self, views: Mapping[int, ChannelView], trigger: Trigger) -> dict[int, list[Piece]]:
+        """Return what is known of the nodes that are seen through a blocking capacitor."""
+        if self._history is None:
+            return {}
+        coupled = {channel for channel, view in views.items() if view.ac}
+        coupled |= {channel for channel, comparator in trigger.comparators.items() if comparator.ac}
+        return {
+            channel: self._history.pieces(node) for channel in coupled if (node := self._nodes.get(channel)) is not None
+        }
+
+    def _watch_coupling(self) -> None:
+        """Keep the recent past while there is a capacitor that knows it."""
+        coupled = "AC" in {self.state["TRIG:COUP"], *(self.state[f"CHAN{channel}:COUP"] for channel in CHANNELS)}
+        if coupled == (self._history is not None):
+            return
+        if self._history is not None:
+            self._history.end()
+        self._history = self._world.trace(REMEMBERED_S) if coupled else None
 
     def memory(self) -> int:
         """Return the points in memory; with both channels of a pair (1, 2 and 3, 4) there are fewer.
@@ -376,6 +412,22 @@ class Dso7104B(ScpiInstrument):
     def sample_rate(self) -> float:
         """Return the sample rate, 1/s."""
         return self.memory() / float(self.state["TIM:RANG"])
+
+    def count(self, channel: int) -> Pending:
+        """:MEASure:COUNter?: count a channel's edges from now on, whatever the acquisition does."""
+        self._watch_coupling()
+        now, views = self._world.clock.now(), self._views()
+        start_s = now + views[channel].remembered_s
+        stop_s = start_s + gate_s(self.state["TIM:RANG"])
+        capture = self._world.capture(now, stop_s + views[channel].remembered_s)
+        comparator = comparator_of(self.state, f"CHAN{channel}")
+        signals = Signals(capture, views, self._past(views, Trigger({channel: comparator}, Never)))
+
+        def finish() -> str:
+            hertz = counted_hz(signals, channel, comparator, start_s, stop_s)
+            return self.nr3(INVALID if hertz is None else hertz / (1.0 + self._errors.time_base_error))
+
+        return Pending.at(stop_s + views[channel].remembered_s, finish)
 
     def autoscale(self) -> Pending:
         """:AUToscale: look at every input for a while, then set it up."""
@@ -404,7 +456,7 @@ class Dso7104B(ScpiInstrument):
         self.state[f"CHAN{channel}:RANG"] = 8.0 * _nice(swing / 5.0)
         self.state[f"CHAN{channel}:OFFS"] = float(volts.max() + volts.min()) / 2.0 * self.state[f"CHAN{channel}:PROB"]
         trace = Trace(times, volts, clipped=False, thresholds=Thresholds())
-        counted = trace.counted_frequency()
+        counted = trace.mean_frequency()
         return [] if counted is None else [counted]
 
     # --- the record ---------------------------------------------------------------------------------------------------
@@ -432,8 +484,14 @@ class Dso7104B(ScpiInstrument):
         elapsed_s = self.record.trigger_s - self._records[0].trigger_s
         return elapsed_s * (1.0 + self._errors.time_base_error)
 
+    def measured(self, source: str, record: Record | None = None) -> Trace:
+        """Return the trace of `source` for measurements; -230 where it is not shown."""
+        if not self.state[f"{source}:DISP"]:
+            raise ScpiError(-230)
+        return self.trace(source, record)
+
     def trace(self, source: str, record: Record | None = None) -> Trace:
-        """Return the screen's trace of `source` for measurements."""
+        """Return what was acquired of `source`, shown or not."""
         shown = record or self.record
         found = self._traces.get((shown.number, source))
         if found is None:
@@ -444,9 +502,14 @@ class Dso7104B(ScpiInstrument):
         if source == "FUNC":
             math_ = math_trace(self.state, record, _SCREEN_POINTS)
             return Trace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
-        digitised = record.digitised(int(source[4:]), _SCREEN_POINTS)
-        times = record.screen.times_s(_SCREEN_POINTS)
-        return Trace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
+        channel = int(source[4:])
+        points = record.measured_points(channel, _SCREEN_POINTS)
+        digitised = record.digitised(channel, points)
+        times = record.screen.times_s(points)
+        if record.kept.kind != "PEAK":
+            return Trace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
+        peaks = record.extremes(channel, points)
+        return Trace(times, digitised.volts, clipped=peaks.clipped, thresholds=self._thresholds(), peaks=peaks.volts)
 
     def _thresholds(self) -> Thresholds:
         kind, upper, middle, lower = self.state["MEAS:THR"]

@@ -19,6 +19,7 @@ class Kind(Struct, frozen=True):
         rate_hz: sample rates likewise.
         decimals: of numbers in replies.
         least_range_v: smallest range of a channel at 1:1.
+        limit_hz: corner of the bandwidth limit.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Kind(Struct, frozen=True):
     rate_hz: tuple[float, float]
     decimals: int
     least_range_v: float
+    limit_hz: float
 
 
 KIND_7000B = Kind(
@@ -43,4 +45,5 @@ KIND_7000B = Kind(
     rate_hz=(4e9, 2e9),
     decimals=8,
     least_range_v=0.016,
+    limit_hz=25e6,
 )

@@ -52,13 +52,21 @@ class Trace:
         volts: samples as displayed.
         clipped: some sample lies beyond the converter.
         thresholds: for everything that has to do with edges.
+        peaks: what peak detection shows at these times instead: largest and smallest values are taken of it.
     """
 
     def __init__(
-        self, times_s: NDArray[np.float64], volts: NDArray[np.float64], *, clipped: bool, thresholds: Thresholds
+        self,
+        times_s: NDArray[np.float64],
+        volts: NDArray[np.float64],
+        *,
+        clipped: bool,
+        thresholds: Thresholds,
+        peaks: NDArray[np.float64] | None = None,
     ) -> None:
         self.times_s = times_s
         self.volts = volts
+        self._peaks = volts if peaks is None else peaks
         self.clipped = clipped
         self._thresholds = thresholds
         self._edges: list[Edge] | None = None
@@ -67,15 +75,15 @@ class Trace:
 
     def maximum(self) -> float | None:
         """Return the largest sample, V."""
-        return None if self.clipped else float(self.volts.max())
+        return None if self.clipped else float(self._peaks.max())
 
     def minimum(self) -> float | None:
         """Return the smallest sample, V."""
-        return None if self.clipped else float(self.volts.min())
+        return None if self.clipped else float(self._peaks.min())
 
     def peak_to_peak(self) -> float | None:
         """Return maximum minus minimum, V."""
-        return None if self.clipped else float(np.ptp(self.volts))
+        return None if self.clipped else float(np.ptp(self._peaks))
 
     def top(self) -> float | None:
         """Return the upper flat level, V."""
@@ -92,29 +100,30 @@ class Trace:
 
     def average(self, *, cycle: bool) -> float | None:
         """Return the mean over the screen or one cycle, V."""
-        part = self._part(cycle=cycle)
-        return None if part is None else float(part.mean())
+        return self._mean(self.volts, cycle=cycle)
 
     def rms(self, *, cycle: bool, ac: bool) -> float | None:
         """Return the root mean square over the screen or one cycle, about zero (DC) or the mean (AC), V."""
-        part = self._part(cycle=cycle)
-        if part is None:
+        mean = self._mean(self.volts, cycle=cycle)
+        if mean is None:
             return None
-        return float(part.std()) if ac else math.sqrt(float(np.mean(part**2)))
+        about = self.volts - mean if ac else self.volts
+        square = self._mean(about**2, cycle=cycle)
+        return None if square is None else math.sqrt(square)
 
     def overshoot(self) -> float | None:
         """Return how far the maximum lies above the top, percent of the amplitude."""
         base, top = self._levels()
         if self.clipped or top == base:
             return None
-        return 100.0 * (float(self.volts.max()) - top) / (top - base)
+        return 100.0 * (float(self._peaks.max()) - top) / (top - base)
 
     def preshoot(self) -> float | None:
         """Return how far the minimum lies below the base, percent of the amplitude."""
         base, top = self._levels()
         if self.clipped or top == base:
             return None
-        return 100.0 * (base - float(self.volts.min())) / (top - base)
+        return 100.0 * (base - float(self._peaks.min())) / (top - base)
 
     def voltage_at(self, time_s: float) -> float | None:
         """Return the voltage at a time on the screen, V."""
@@ -134,12 +143,10 @@ class Trace:
         period = self.period()
         return None if period is None else 1.0 / period
 
-    def counted_frequency(self) -> float | None:
-        """Return the frequency over all cycles on the screen, Hz, to five digits like the counter."""
+    def mean_frequency(self) -> float | None:
+        """Return the frequency over all cycles on the screen, Hz."""
         rising = self._middles(rising=True)
-        if len(rising) < 2:
-            return None
-        return float(f"{(len(rising) - 1) / (rising[-1] - rising[0]):.4e}")
+        return None if len(rising) < 2 else (len(rising) - 1) / (rising[-1] - rising[0])
 
     def positive_width(self) -> float | None:
         """Return the time from a rising to the next falling middle crossing, s."""
@@ -166,11 +173,11 @@ class Trace:
 
     def time_of_maximum(self) -> float | None:
         """Return when the first maximum occurs, s."""
-        return None if self.clipped else float(self.times_s[int(self.volts.argmax())])
+        return None if self.clipped else float(self.times_s[int(self._peaks.argmax())])
 
     def time_of_minimum(self) -> float | None:
         """Return when the first minimum occurs, s."""
-        return None if self.clipped else float(self.times_s[int(self.volts.argmin())])
+        return None if self.clipped else float(self.times_s[int(self._peaks.argmin())])
 
     def time_of_edge(self, number: int) -> float | None:
         """Return the middle crossing of the n-th edge from the left, rising for n > 0, falling for n < 0, s."""
@@ -239,20 +246,26 @@ class Trace:
             return []
         side = np.where(self.volts >= upper, 1, np.where(self.volts <= lower, -1, 0))
         places = np.flatnonzero(side)
-        turns = np.flatnonzero(np.diff(side[places]))
-        return [self._edge(int(places[turn]), int(places[turn + 1]), (lower, middle, upper)) for turn in turns]
+        lasts = places[1:][np.diff(side[places]) != 0]
+        rising = side[lasts] > 0
+        lowers, middles, uppers = (self._crossings(lasts, rising, level) for level in (lower, middle, upper))
+        return [Edge(*each) for each in zip(rising.tolist(), lowers, middles, uppers, strict=True)]
 
-    def _edge(self, first: int, last: int, levels: tuple[float, float, float]) -> Edge:
-        rising = bool(self.volts[last] > self.volts[first])
-        lower, middle, upper = (self._crossing_between(first, last, level, rising=rising) for level in levels)
-        return Edge(rising, lower, middle, upper)
+    def _crossings(self, lasts: NDArray[np.int_], rising: NDArray[np.bool_], level: float) -> list[float]:
+        """Return where transitions that end at `lasts` cross a level: after the last sample on the near side.
 
-    def _crossing_between(self, first: int, last: int, level: float, *, rising: bool) -> float:
-        part = self.volts[first : last + 1]
-        beyond = part >= level if rising else part <= level
-        # the crossing after the last sample on the near side: noise may cross more than once
-        near = np.flatnonzero(~beyond[:-1])
-        return self._crossing(first + (int(near[-1]) if len(near) else 0), level)
+        Noise may cross more than once.
+        """
+        numbers = np.arange(len(self.volts))
+        below = np.maximum.accumulate(np.where(self.volts < level, numbers, 0))
+        above = np.maximum.accumulate(np.where(self.volts > level, numbers, 0))
+        # a sample on the level itself is beyond it; the last one may be that
+        near = np.minimum(np.where(rising, below[lasts], above[lasts]), lasts - 1)
+        before, after = self.volts[near], self.volts[near + 1]
+        step = np.where(after != before, after - before, 1.0)
+        part = np.where(after != before, (level - before) / step, 0.0)
+        starts = self.times_s[near]
+        return list((starts + np.clip(part, 0.0, 1.0) * (self.times_s[near + 1] - starts)).tolist())
 
     def _crossing(self, index: int, level: float) -> float:
         before, after = float(self.volts[index]), float(self.volts[index + 1])
@@ -278,17 +291,20 @@ class Trace:
         nearest = min(pairs, key=lambda pair: abs(pair[0].middle_s + pair[1].middle_s), default=None)
         return None if nearest is None else nearest[1].middle_s - nearest[0].middle_s
 
-    def _part(self, *, cycle: bool) -> NDArray[np.float64] | None:
+    def _mean(self, values: NDArray[np.float64], *, cycle: bool) -> float | None:
+        """Return the mean of all samples, or of what is straight between them over exactly one cycle."""
         if self.clipped:
             return None
         if not cycle:
-            return self.volts
+            return float(values.mean())
         limits = self._cycle()
         if limits is None:
             return None
-        # points equally spread over exactly one cycle, so that the mean of a sine is its offset
-        places = np.linspace(limits[0], limits[1], 1000, endpoint=False)
-        return np.interp(places, self.times_s, self.volts)
+        inner = (self.times_s > limits[0]) & (self.times_s < limits[1])
+        times = np.concatenate((limits[:1], self.times_s[inner], limits[1:]))
+        first, last = np.interp(limits, self.times_s, values)
+        heights = np.concatenate(((first,), values[inner], (last,)))
+        return float(np.sum((heights[1:] + heights[:-1]) * np.diff(times))) / (2.0 * (limits[1] - limits[0]))
 
 
 def _off_reference(edge: Edge) -> float:

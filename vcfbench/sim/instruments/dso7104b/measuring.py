@@ -17,14 +17,14 @@ from vcfbench.sim.instruments.dso7104b.commands import (
     setting,
 )
 from vcfbench.sim.instruments.dso7104b.measurements import Trace
-from vcfbench.sim.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean
+from vcfbench.sim.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean, signed_integer
 from vcfbench.sim.scpi.lexer import Kind, Token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.sim.instruments.dso7104b.acquisition import Record
     from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.record import Record
 
 __all__ = ["MEASURE_COMMANDS", "Installed"]
 
@@ -40,7 +40,7 @@ class Installed(Struct, frozen=True):
 
     def value(self, model: Dso7104B, record: Record) -> float:
         """Return it on a record."""
-        return _try(lambda: self.of(*(model.trace(source, record) for source in self.sources)))
+        return _try(lambda: self.of(*(model.measured(source, record) for source in self.sources)))
 
 
 class _Definition(Parameter, frozen=True):
@@ -78,7 +78,7 @@ def _try(measure: Callable[[], float | None]) -> float:
 
 def _measured(model: Dso7104B, source: str | None, of: Callable[[Trace], float | None]) -> Any:
     name = source or model.state["MEAS:SOUR"][0]
-    return model.look(lambda: model.nr3(_try(lambda: of(model.trace(name)))))
+    return model.look(lambda: model.nr3(_try(lambda: of(model.measured(name)))))
 
 
 def _measured_pair(
@@ -87,7 +87,7 @@ def _measured_pair(
     one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
     if two == "NONE":
         return model.nr3(INVALID)
-    return model.look(lambda: model.nr3(_try(lambda: of(model.trace(one), model.trace(two)))))
+    return model.look(lambda: model.nr3(_try(lambda: of(model.measured(one), model.measured(two)))))
 
 
 def _install(model: Dso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]) -> None:
@@ -220,6 +220,15 @@ def _define(model: Dso7104B, what: str, *values: Any) -> None:
     model.forget_traces()
 
 
+def _definition(model: Dso7104B, what: str, source: str | None = None) -> str:
+    """Return what was defined; the standard thresholds are told as what they are (from memory, unverified)."""
+    del source
+    if what == "DEL":
+        return ",".join(("DEL", *map(signed_integer, model.state["MEAS:DEL"])))
+    kind, *numbers = model.state["MEAS:THR"]
+    return ",".join(("THR", "PERC" if kind == "STAN" else kind, *map(model.nr3, numbers)))
+
+
 def _threshold_definition(model: Dso7104B, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
     if values == ("STAN",):
         return "STAN", 90.0, 50.0, 10.0
@@ -232,6 +241,14 @@ def _threshold_definition(model: Dso7104B, values: tuple[Any, ...]) -> tuple[str
     if not lower < middle < upper:
         raise ScpiError(-221)
     return kind, upper, middle, lower
+
+
+def _counter(model: Dso7104B, source: str | None) -> Any:
+    """Return what the hardware counter has counted at the end of its gate; it looks at channels alone."""
+    name = source or model.state["MEAS:SOUR"][0]
+    if name == "FUNC" or not model.state[f"{name}:DISP"]:
+        return model.nr3(INVALID)
+    return model.count(int(name[4:]))
 
 
 def _edge_number(value: float) -> int:
@@ -264,7 +281,14 @@ MEASURE_COMMANDS = (
         do=_set_sources,
         query=_sources,
     ),
-    Command("MEASure:DEFine", (Choice(("THResholds", "DELay")), _Definition()), do=_define, repeat=True),
+    Command(
+        "MEASure:DEFine",
+        (Choice(("THResholds", "DELay")), _Definition()),
+        do=_define,
+        query=_definition,
+        query_parameters=(Choice(("THResholds", "DELay")), OPTIONAL_SOURCE),
+        repeat=True,
+    ),
     Command("MEASure:RESults", query=_results),
     Command("MEASure:CLEar", do=_clear),
     setting("MEASure:SHOW", "MEAS:SHOW", Boolean(), boolean),
@@ -286,7 +310,13 @@ MEASURE_COMMANDS = (
     _measurement("PREShoot", Trace.preshoot),
     _measurement("FREQuency", Trace.frequency),
     _measurement("PERiod", Trace.period),
-    _measurement("COUNter", Trace.counted_frequency),
+    Command(
+        "MEASure:COUNter",
+        (OPTIONAL_SOURCE,),
+        do=lambda model, source: _install(model, "COUNter", (source,), Trace.mean_frequency),
+        query=_counter,
+        query_parameters=(OPTIONAL_SOURCE,),
+    ),
     _measurement("RISetime", Trace.rise_time),
     _measurement("FALLtime", Trace.fall_time),
     _measurement("PWIDth", Trace.positive_width),

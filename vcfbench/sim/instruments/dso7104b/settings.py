@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORIES
+
 __all__ = ["CHANNELS", "default_setup"]
 
 CHANNELS = (1, 2, 3, 4)
@@ -125,7 +127,7 @@ _REST = {
 
 def default_setup() -> dict[str, Any]:
     """Return the setup after *RST."""
-    setup: dict[str, Any] = _HORIZONTAL | _TRIGGER | _MEASUREMENT | _FUNCTION | _REST
+    setup: dict[str, Any] = _HORIZONTAL | _TRIGGER | _MEASUREMENT | _FUNCTION | _REST | ACCESSORIES
     setup |= {f"LEV:{source}": 0.0 for source in (*(f"CHAN{channel}" for channel in CHANNELS), "EXT", "LINE")}
     for channel in CHANNELS:
         own = {**_CHANNEL, "DISP": channel == 1, "LAB": str(channel)}

@@ -156,13 +156,21 @@ def _hard_copy_learned(model: Dso7104B) -> str:
 
 
 def _setup(model: Dso7104B) -> bytes:
-    """Return the setup as a block; its inside is ours."""
-    return block(json.dumps(model.state).encode(), 8)
+    """Return the setup as a block; its inside is ours.
+
+    It is opaque, as a real one's, and has no byte that could be taken for the end of a line.
+    """
+    return block(_turned(json.dumps(model.state).encode("ascii")), 8)
+
+
+def _turned(data: bytes) -> bytes:
+    """Return ASCII characters with their highest bit set, or back."""
+    return bytes(each ^ 0x80 for each in data)
 
 
 def _set_setup(model: Dso7104B, data: bytes) -> None:
     try:
-        state = json.loads(data)
+        state = json.loads(_turned(data).decode("ascii"))
     except ValueError:
         raise ScpiError(-161) from None
     defaults = default_setup()
@@ -191,7 +199,26 @@ def _put(name: str) -> Callable[..., None]:
     return write
 
 
+def _display_learned(model: Dso7104B) -> str:
+    """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
+    state = model.state
+    return (
+        f":DISP:LAB {boolean(state['DISP:LAB'])};CONN {boolean(state['DISP:VECT'])};PERS {state['DISP:PERS']};"
+        f"SOUR {state['DISP:SOUR']}"
+    )
+
+
+def _system_learned(model: Dso7104B) -> str:
+    """Return the settings; of what a real one says there nothing is known."""
+    state = model.state
+    return f":SYST:LOCK {boolean(state['SYST:LOCK'])};PROT:LOCK {boolean(state['SYST:PROT'])}"
+
+
 SYSTEM_COMMANDS = (
+    Command("DISPlay", query=_display_learned),
+    setting("DISPlay:CONNect", "DISP:VECT", Boolean(), boolean),
+    setting("DISPlay:SOURce", "DISP:SOUR", Choice(("PMEMory<0-9>",))),
+    Command("SYSTem", query=_system_learned),
     setting("DISPlay:VECTors", "DISP:VECT", Boolean(), boolean),
     setting("DISPlay:LABel", "DISP:LAB", Boolean(), boolean),
     setting("DISPlay:PERSistence", "DISP:PERS", Choice(("MINimum", "INFinite"))),

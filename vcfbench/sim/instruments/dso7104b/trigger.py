@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.sim.instruments.dso7104b.conditions import Change
+from vcfbench.sim.instruments.dso7104b.filters import LowPass, time_constant_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -21,9 +22,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.instruments.dso7104b.conditions import Condition
+    from vcfbench.sim.instruments.dso7104b.filters import Sines
     from vcfbench.sim.instruments.dso7104b.inputs import Signals
 
-__all__ = ["Comparator", "Tips", "Trigger", "TriggerSearch"]
+__all__ = ["Comparator", "Tips", "Trigger", "TriggerSearch", "held"]
 
 _GRID_POINTS = 4000
 _BLOCK_POINTS = 1 << 16
@@ -33,8 +35,10 @@ _REFINE_POINTS = 33
 _REFINE_ROUNDS = 2
 _CORNER_HZ = 50e3
 """Of HF and LF reject (user's guides of siblings)."""
-_TIME_CONSTANT_S = 1.0 / (2.0 * math.pi * _CORNER_HZ)
+_TIME_CONSTANT_S = time_constant_s(_CORNER_HZ)
 _FILTER_STEP_S = _TIME_CONSTANT_S / 16.0
+_REJECTED_STEP_S = 5e-9
+"""How closely is looked at what may be too fast for HF reject, where nothing tells how fast it is."""
 _SETTLED = 8.0
 """Time constants after which a filter has forgotten that it began somewhere."""
 
@@ -46,7 +50,7 @@ class Comparator(Struct, frozen=True):
     low_v: float
     high_v: float
     ac: bool = False
-    """Without the mean of what is searched: a corner of some hertz, as seen on one search."""
+    """Behind a blocking capacitor."""
     filter: str = ""
     """"LF" rejects low frequencies, "HF" high ones, by 6 dB an octave from 50 kHz."""
 
@@ -85,37 +89,75 @@ class Tips(Struct, frozen=True):
 class _Follower:
     """A comparator that remembers from block to block."""
 
-    def __init__(self, channel: int, comparator: Comparator, bias_v: float) -> None:
+    def __init__(self, channel: int, comparator: Comparator) -> None:
         self.comparator = comparator
-        self.bias_v = bias_v
         self.began_high: bool | None = None
         self._channel = channel
         self._high = False
-        self._filter: _LowPass | None = None
+        self._filter: LowPass | None = None
 
     def threshold_v(self, change: Change) -> float:
         """Return what was crossed, in volts of the input."""
-        return (self.comparator.high_v if change.high else self.comparator.low_v) + self.bias_v
+        return self.comparator.high_v if change.high else self.comparator.low_v
 
-    def changes(self, times: NDArray[np.float64], volts: NDArray[np.float64]) -> list[Change]:
+    def volts(self, signals: Signals, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what comes to the filter."""
+        return signals.volts(self._channel, times, ac=self.comparator.ac)
+
+    def changes(self, signals: Signals, times: NDArray[np.float64]) -> list[Change]:
         """Return the changes in a block of evenly spaced samples."""
-        heights = self._filtered(volts - self.bias_v, float(times[1] - times[0]))
+        heights, settled_s = self._heights(signals, times)
         comparator, new = self.comparator, self.began_high is None
         if new:
             self._high = self.began_high = bool(heights[0] >= comparator.level_v)
-        highs = _held(heights, comparator, high_before=self._high)
+        highs = held(heights, comparator, high_before=self._high)
         self._high = bool(highs[-1])
         places = np.flatnonzero(highs[1:] != highs[:-1])
-        if new and comparator.filter:
-            places = places[times[places] >= times[0] + _SETTLED * _TIME_CONSTANT_S]
+        if new:
+            places = places[times[places] >= times[0] + settled_s]
         return [self._change(times, heights, int(place), high=bool(highs[place + 1])) for place in places]
 
-    def _filtered(self, volts: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
+    def sines(self, signals: Signals, start_s: float, stop_s: float) -> Sines | None:
+        """Return what a filter leaves, in closed form; None without a filter, or where it has none."""
         if not self.comparator.filter:
-            return volts
-        self._filter = self._filter or _LowPass(float(volts[0]))
-        slow = self._filter.passed(volts, step_s)
-        return slow if self.comparator.filter == "HF" else volts - slow
+            return None
+        known = signals.sines(self._channel, start_s, stop_s)
+        if known is None:
+            return None
+        rejects_high = self.comparator.filter == "HF"
+        return known.low_passed(_TIME_CONSTANT_S) if rejects_high else known.high_passed(_TIME_CONSTANT_S)
+
+    def finest_s(self, signals: Signals, start_s: float, stop_s: float) -> float:
+        """Return in what time nothing of what is compared slips through; inf where it never comes to the level."""
+        finest, comparator = signals.finest_s(self._channel), self.comparator
+        if not comparator.filter:
+            return finest
+        known = self.sines(signals, start_s, stop_s)
+        if known is not None and not comparator.ac and not self._blocked(signals):
+            low_v, high_v = known.reach_v()
+            if high_v < comparator.high_v or low_v >= comparator.low_v:
+                return math.inf
+        if not finest and comparator.filter == "HF":
+            return _REJECTED_STEP_S
+        return min(finest or math.inf, _FILTER_STEP_S)
+
+    def _blocked(self, signals: Signals) -> bool:
+        view = signals.views.get(self._channel)
+        return self.comparator.ac or (view is not None and view.ac)
+
+    def _heights(self, signals: Signals, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return what is compared, and how long that is not settled."""
+        known = self.sines(signals, float(times[0]), float(times[-1]))
+        if known is not None:
+            heights = known.at(times)
+            slow = self.comparator.filter == "HF" and self._blocked(signals)
+            return (heights - signals.slow(self._channel, times) if slow else heights), 0.0
+        volts = self.volts(signals, times)
+        if not self.comparator.filter:
+            return volts, 0.0
+        self._filter = self._filter or LowPass(float(volts[0]), _TIME_CONSTANT_S)
+        low = self._filter.passed(volts, float(times[1] - times[0]))
+        return (low if self.comparator.filter == "HF" else volts - low), _SETTLED * _TIME_CONSTANT_S
 
     def _change(self, times: NDArray[np.float64], heights: NDArray[np.float64], place: int, *, high: bool) -> Change:
         threshold = self.comparator.high_v if high else self.comparator.low_v
@@ -125,36 +167,13 @@ class _Follower:
         return Change(self._channel, high, early, late, early + min(max(part, 0.0), 1.0) * (late - early))
 
 
-def _held(heights: NDArray[np.float64], comparator: Comparator, *, high_before: bool) -> NDArray[np.bool_]:
+def held(heights: NDArray[np.float64], comparator: Comparator, *, high_before: bool = False) -> NDArray[np.bool_]:
     """Return whether the output is high at each sample: between the thresholds it is as it was."""
     if comparator.low_v == comparator.high_v:
         return np.asarray(heights >= comparator.high_v)
     above, below = heights >= comparator.high_v, heights < comparator.low_v
     last = np.maximum.accumulate(np.where(above | below, np.arange(len(heights)), -1))
     return np.where(last >= 0, above[last], high_before)
-
-
-class _LowPass:
-    """One pole at 50 kHz, exact for what is straight between its samples."""
-
-    def __init__(self, start_v: float) -> None:
-        self._out = self._in = start_v
-
-    def passed(self, volts: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
-        """Return the filtered samples; blocks overlap by one sample, the last of one being the first of the next."""
-        ratio = step_s / _TIME_CONSTANT_S
-        decay = math.exp(-ratio)
-        mean = (1.0 - decay) / ratio
-        driven = (1.0 - mean) * volts[1:] + (mean - decay) * volts[:-1]
-        out = np.empty(len(volts))
-        out[0] = self._out
-        length = max(1, int(25.0 / ratio))
-        for start in range(0, len(driven), length):
-            part = driven[start : start + length]
-            powers = decay ** np.arange(1, len(part) + 1)
-            out[start + 1 : start + 1 + len(part)] = powers * (out[start] + np.cumsum(part / powers))
-        self._out = float(out[-1])
-        return out
 
 
 class TriggerSearch:
@@ -195,31 +214,29 @@ class TriggerSearch:
     def _follower(self, signals: Signals, channel: int, comparator: Comparator, grid: NDArray[np.float64]) -> _Follower:
         if self._trigger.tips is not None:
             comparator = self._trigger.tips.comparator(signals.volts(channel, grid))
-        return _Follower(channel, comparator, float(signals.volts(channel, grid).mean()) if comparator.ac else 0.0)
+        return _Follower(channel, comparator)
 
     def _blocks(self, signals: Signals, start_s: float, stop_s: float) -> Iterator[NDArray[np.float64]]:
         """Yield the times to look at: as close as there can be something to see."""
-        points = self._points(signals, stop_s - start_s)
+        points = self._points(signals, start_s, stop_s)
         count = max(1, math.ceil((points - 1) / _BLOCK_POINTS))
         edges = np.linspace(start_s, stop_s, count + 1)
         for first, last in pairwise(edges):
             yield np.linspace(first, last, points if count == 1 else _BLOCK_POINTS + 1)
 
-    def _points(self, signals: Signals, span_s: float) -> int:
-        finest = min((signals.finest_s(channel) for channel in self._followers), default=math.inf)
-        if any(comparator.filter for comparator in self._trigger.comparators.values()):
-            finest = min(finest or math.inf, _FILTER_STEP_S)
+    def _points(self, signals: Signals, start_s: float, stop_s: float) -> int:
+        span_s, followers = stop_s - start_s, self._followers.values()
+        finest = min((each.finest_s(signals, start_s, stop_s) for each in followers), default=math.inf)
         if finest * (_GRID_POINTS - 1) >= span_s:
             return _GRID_POINTS
-        return min(_MOST_POINTS, math.ceil(2.0 * span_s / finest) + 1) if finest else _MOST_POINTS
+        if not finest:
+            return _MOST_POINTS
+        wanted = math.ceil(2.0 * span_s / finest) + 1
+        return wanted if finest == _REJECTED_STEP_S else min(_MOST_POINTS, wanted)
 
     def _look(self, signals: Signals, times: NDArray[np.float64]) -> float | None:
         new = self._reached_s is None
-        changes = [
-            change
-            for channel, follower in self._followers.items()
-            for change in follower.changes(times, signals.volts(channel, times))
-        ]
+        changes = [change for follower in self._followers.values() for change in follower.changes(signals, times)]
         if new:
             highs = {channel: bool(follower.began_high) for channel, follower in self._followers.items()}
             self._condition.begin(highs, float(times[0]))
@@ -246,11 +263,11 @@ class TriggerSearch:
         early, late = change.early_s, change.late_s
         for _ in range(_REFINE_ROUNDS):
             times = np.linspace(early, late, _REFINE_POINTS)
-            above = signals.volts(change.channel, times) >= threshold
+            above = follower.volts(signals, times) >= threshold
             places = np.flatnonzero((above[1:] == change.high) & (above[:-1] != change.high))
             if len(places):
                 early, late = float(times[places[0]]), float(times[places[0] + 1])
-        before, after = (float(each) for each in signals.volts(change.channel, np.array([early, late])))
+        before, after = (float(each) for each in follower.volts(signals, np.array([early, late])))
         part = (threshold - before) / (after - before) if after != before else 0.0
         return early + part * (late - early)
 

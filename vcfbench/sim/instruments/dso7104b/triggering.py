@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
 
-__all__ = ["TRIGGER_COMMANDS", "trigger_of"]
+__all__ = ["TRIGGER_COMMANDS", "comparator_of", "trigger_of"]
 
 _OPTIONS = ("FLEXray", "I2S", "M1553", "UART")
 """Serial modes that come with options; the others are standard (data sheet, from memory)."""
@@ -72,7 +72,7 @@ def _input(source: str) -> int:
     return named[source] if source in named else int(source[4:])
 
 
-def _comparator(state: Mapping[str, Any], source: str, side: float = 0.0) -> Comparator:
+def comparator_of(state: Mapping[str, Any], source: str, side: float = 0.0) -> Comparator:
     """Return a comparator at the source's level; noise reject gives it a division of hysteresis."""
     band_v = state[f"{source}:RANG"] / 8.0 if state["TRIG:NREJ"] and source.startswith("CHAN") else 0.0
     level_v = 0.0 if source == "LINE" else state[f"LEV:{source}"]
@@ -93,7 +93,7 @@ def _edge(state: Mapping[str, Any]) -> Trigger:
     side = {"POS": 1.0, "NEG": -1.0}.get(slope, 0.0)
     channel = _input(source)
     make = partial(Edge, channel, rising=slope != "NEG", falling=slope != "POS")
-    return Trigger({channel: _coupled(state, _comparator(state, source, side))}, make)
+    return Trigger({channel: _coupled(state, comparator_of(state, source, side))}, make)
 
 
 def _pulse(state: Mapping[str, Any]) -> Trigger:
@@ -106,7 +106,7 @@ def _pulse(state: Mapping[str, Any]) -> Trigger:
     }[state["GLIT:QUAL"]]
     channel = _input(source)
     make = partial(Pulse, channel, positive=positive, least_s=least, most_s=most)
-    return Trigger({channel: _comparator(state, source)}, make)
+    return Trigger({channel: comparator_of(state, source)}, make)
 
 
 def _wanted(value: int, mask: int) -> dict[int, bool]:
@@ -119,7 +119,7 @@ def _source_of(channel: int) -> str:
 
 
 def _comparators(state: Mapping[str, Any], channels: set[int]) -> dict[int, Comparator]:
-    return {channel: _comparator(state, _source_of(channel)) for channel in sorted(channels)}
+    return {channel: comparator_of(state, _source_of(channel)) for channel in sorted(channels)}
 
 
 def _pattern(state: Mapping[str, Any]) -> Trigger:
@@ -146,7 +146,7 @@ def _duration(state: Mapping[str, Any]) -> Trigger:
 def _burst(state: Mapping[str, Any]) -> Trigger:
     channel, rising = _input(state["TRIG:SOUR"]), state["EBUR:SLOP"] == "POS"
     make = partial(Burst, channel, rising=rising, count=state["EBUR:COUN"], idle_s=state["EBUR:IDLE"])
-    return Trigger({channel: _comparator(state, state["TRIG:SOUR"])}, make)
+    return Trigger({channel: comparator_of(state, state["TRIG:SOUR"])}, make)
 
 
 def _television(state: Mapping[str, Any]) -> Trigger:
@@ -157,7 +157,7 @@ def _television(state: Mapping[str, Any]) -> Trigger:
     channel, negative = _input(source), state["TV:POL"] == "NEG"
     make = partial(Video, channel, negative=negative, line_s=_LINE_S[state["TV:STAN"]], field=mode != "ALIN")
     swing_v = _HALF_DIVISION * state[f"{source}:RANG"] / 8.0
-    return Trigger({channel: _comparator(state, source)}, make, Tips(negative, swing_v))
+    return Trigger({channel: comparator_of(state, source)}, make, Tips(negative, swing_v))
 
 
 def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> Stage | None:

@@ -98,7 +98,7 @@ def _preamble_now(model: Dso7104B) -> str:
     fields = (
         signed_integer(_FORMATS[model.state["WAV:FORM"]]),
         signed_integer(_TYPES[model.state["ACQ:TYPE"]]),
-        signed_integer(_points(model)),
+        signed_integer(_points(model) if _shown(model) else 0),
         signed_integer(_average_count(model)),
         model.nr3(x_increment),
         model.nr3(x_origin),
@@ -167,10 +167,17 @@ def _asked(model: Dso7104B) -> tuple[Any, ...]:
     keys = ["WAV:SOUR", "WAV:FORM", "WAV:UNS", "WAV:BYT", "ACQ:TYPE"]
     if model.state["WAV:SOUR"] == "FUNC":
         keys += sorted(key for key in model.state if key.startswith(("FUNC:", "GOFT:")))
-    return (_points(model), *(model.state[key] for key in keys))
+    return (_shown(model), _points(model), *(model.state[key] for key in keys))
+
+
+def _shown(model: Dso7104B) -> bool:
+    """Tell whether there is anything of the source: what is off has no data."""
+    return bool(model.state[f"{model.state['WAV:SOUR']}:DISP"])
 
 
 def _data_now(model: Dso7104B) -> bytes:
+    if not _shown(model):
+        return block(b"", 8)
     form, signed = model.state["WAV:FORM"], _signed(model)
     if form == "ASC":
         return block(",".join(chain.from_iterable(_as_text(model, codes) for codes in _codes(model))).encode(), 8)

@@ -39,6 +39,7 @@ def _kind(name: str, identity: str, millions: int, rate_hz: float) -> Kind:
         rate_hz=(rate_hz, rate_hz / 2.0),
         decimals=12,
         least_range_v=8e-3,
+        limit_hz=20e6,
     )
 
 
