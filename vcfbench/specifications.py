@@ -69,13 +69,20 @@ class VoltmeterSpecification(Struct, frozen=True):
         Raises:
             ValueError: the meter has no such range, or its data sheet nothing about an age so great.
         """
-        ages = self.accuracy.get(range_v)
-        if ages is None:
+        if range_v not in self.accuracy:
             raise ValueError(f"a {self.model} has the ranges {_listed(self.accuracy)} V, not {range_v:g} V")
-        age = min((each for each in ages if each >= age_days), default=None)
-        if age is None:
-            raise ValueError(f"at most {max(ages)} days after calibration: a {self.model} promises nothing beyond")
-        return ages[age]
+        if (promised := self.known_accuracy(range_v, age_days)) is None:
+            raise ValueError(self.beyond(range_v))
+        return promised
+
+    def known_accuracy(self, range_v: float, age_days: float) -> Accuracy | None:
+        """Return what is promised of a range that it has, so long after a calibration; None: nothing."""
+        age = min((each for each in self.accuracy[range_v] if each >= age_days), default=None)
+        return None if age is None else self.accuracy[range_v][age]
+
+    def beyond(self, range_v: float) -> str:
+        """Say up to which age something is promised of a range."""
+        return f"at most {max(self.accuracy[range_v])} days after calibration: a {self.model} promises nothing beyond"
 
     def standard_deviation(self, range_v: float, age_days: float) -> Accuracy:
         """Return the standard uncertainties of reading and range that the limits stand for, as parts of both.

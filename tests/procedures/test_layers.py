@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from typing import TYPE_CHECKING, Annotated, Any
 
 import pytest
-from msgspec import Meta
+from msgspec import Meta, structs
 
 import vcfbench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.layering import setting_keys
 from vcfbench.bench.settings import Match
 from vcfbench.cli.set_option import asked_by_command
+from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.plans.steps import Note, Outcome, Plan
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -155,3 +157,35 @@ def test_settings_come_back_from_a_record(name: str) -> None:
 def test_a_name_that_no_table_can_have_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match="procedure"):
         vcfbench.Procedure(name=name, title="", settings=LoopSettings, plan=plan, results=lambda _s, _p: {})
+
+
+def on_day(days: float, told: float | None = None) -> BenchDescription:
+    """Return a bench whose multimeter was calibrated so many days ago."""
+    lab = bench()
+    assert lab.multimeter is not None
+    meter = structs.replace(lab.multimeter, calibrated=utc_now().date() - timedelta(days=days))
+    return structs.replace(lab, multimeter=meter, uncertainty=structs.replace(lab.uncertainty, meter_age_days=told))
+
+
+@pytest.mark.parametrize(("days", "gain"), [(1, 15e-6), (80, 20e-6), (91, 35e-6), (800, None)])
+def test_a_meter_promises_what_the_day_of_its_calibration_lets_it(days: int, gain: float | None) -> None:
+    """34401A, 10 V, User's Guide p. 216: 24 hours, 90 days, a year; nothing beyond."""
+    known = settings_of(TURNTABLE, on_day(days)).station.sources
+    assert known.meter_age_days == days
+    assert known.meter_gain == (gain and pytest.approx(gain))
+    assert known.meter_age_from == f"calibrated {utc_now().date() - timedelta(days=days)}"
+
+
+def test_an_age_that_is_told_goes_before_the_day_of_the_calibration() -> None:
+    known = settings_of(TURNTABLE, on_day(800, told=90.0)).station.sources
+    assert (known.meter_age_days, known.meter_age_from) == (90.0, "uncertainty.meter_age_days")
+    assert known.meter_gain == pytest.approx(20e-6)
+    usual = settings_of(TURNTABLE, bench()).station.sources
+    assert (usual.meter_age_days, usual.meter_gain) == (365.0, pytest.approx(35e-6))
+    assert usual.meter_age_from.startswith("assumed")
+
+
+def test_ages_that_cannot_be_are_refused() -> None:
+    assert "multimeter.calibrated: expected a day that is past" in refusal(lambda: settings_of(TURNTABLE, on_day(-3)))
+    old = refusal(lambda: settings_of(TURNTABLE, on_day(0, told=800.0)))
+    assert old == "uncertainty.meter_age_days: at most 365 days after calibration: a 34401A promises nothing beyond"

@@ -181,9 +181,19 @@ def test_what_is_not_known_is_said() -> None:
     assert "table_rate_error" not in known
 
 
+def test_where_what_is_known_is_from_is_said() -> None:
+    told = Sources(meter_age_days=96.0, meter_age_from="calibrated 2026-08-18", bias_instability_deg_h=5.57)
+    assert four(told).known_from == (
+        "multimeter: 96 days after calibration (calibrated 2026-08-18)",
+        "flicker: B 5.57 deg/h (uncertainty.bias_instability_deg_h)",
+    )
+    old = Sources(meter_age_days=800.0)
+    assert "the multimeter's accuracy: its data sheet has none for this range 800 days" in " ".join(four(old).not_in_u)
+
+
 def test_a_statement_is_written_by_the_names_of_its_fields() -> None:
     written = plain(four(GENERATOR, std_v=NOISE))
-    assert list(written) == ["values", "correlation", "e_n", "not_in_u"]
+    assert list(written) == ["values", "correlation", "e_n", "not_in_u", "known_from"]
     value = written["values"][0]
     assert list(value) == ["name", "value", "unit", "u", "dof", "coverage_factor", "u95", "of", "contributions"]
     shares = [sum(each["share"] for each in v["contributions"]) for v in written["values"]]

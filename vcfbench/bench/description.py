@@ -198,7 +198,8 @@ class Knowledge(Part, frozen=True, kw_only=True):
     """What is known of instruments and gyroscope for the uncertainties; what is not given is not in them, and said so.
 
     `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc
-    was, `table_rate_error` the largest relative error of the table's rate, `bias_instability_deg_h` the gyroscope's
+    was; where they are not given it is that from the day in the meter's table (`calibrated`) to the run, else a year.
+    `table_rate_error` is the largest relative error of the table's rate, `bias_instability_deg_h` the gyroscope's
     coefficient B of a zero record, and `horizon_h` the time over which a bias is a statement.
 
     `generator_error` and `generator_offset_v` are the largest errors of a level of V_Vc, relative and in volts of the
@@ -209,8 +210,8 @@ class Knowledge(Part, frozen=True, kw_only=True):
     kelvin does. `misalignment_deg` is the largest angle between the gyroscope's axis and the table's.
     """
 
-    meter_age_days: MeterAge = 365.0
-    v_vc_meter_age_days: MeterAge = 365.0
+    meter_age_days: MeterAge | None = None
+    v_vc_meter_age_days: MeterAge | None = None
     table_rate_error: TableRateError | None = None
     generator_error: LevelError | None = None
     generator_offset_v: LevelOffset | None = None

@@ -119,7 +119,8 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     `meter_gain` (relative) and `meter_offset_v` are the limits of the multimeter's errors, of which `meter_sigmas`
     standard deviations lie within (None: any error within is as likely). `generator_gain`, `generator_offset_v` are
     those of V_Vc on each of its ranges, the same at all levels of a range, with a converter of `generator_bits`.
-    `v_vc_gain`, `v_vc_offset_v` and `v_vc_sigmas` are those of the second meter, which measures V_Vc.
+    `v_vc_gain`, `v_vc_offset_v` and `v_vc_sigmas` are those of the second meter, which measures V_Vc. The ages are
+    times since calibration, `..._from` says where they are from.
     The rest is that of ``[uncertainty]``.
     """
 
@@ -127,6 +128,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     meter_offset_v: float | None = None
     meter_sigmas: float | None = None
     meter_age_days: float = 365.0
+    meter_age_from: str = "assumed"
     generator_gain: float | None = None
     generator_offset_v: float | None = None
     generator_ranges_v: tuple[float, ...] = ()
@@ -135,6 +137,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     v_vc_offset_v: float | None = None
     v_vc_sigmas: float | None = None
     v_vc_meter_age_days: float = 365.0
+    v_vc_meter_age_from: str = "assumed"
     table_rate: float | None = None
     bias_instability_deg_h: float | None = None
     horizon_h: float = 24.0

@@ -20,6 +20,7 @@ from msgspec import ValidationError, structs, to_builtins
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
 from vcfbench.bench.settings import V_VC_RANGE_V, Placed, ProcedureSettings, Sources, Station
 from vcfbench.bench.strict import refusal, unknown_key, words
+from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.models import ROLES, find_model, resolve
@@ -204,14 +205,12 @@ def _sheet_of(part: Any) -> Any:
 
 
 def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
-    """Return what uncertainties come from; ConfigError when the meter's calibration is older than its data sheet."""
+    """Return what uncertainties come from; ConfigError when the age told of a meter is beyond its data sheet."""
     known = description.uncertainty
     return structs.replace(
         _generator_sources(description),
-        **_meter_sources(description, float(chosen.meter_range_v)),
-        **_v_vc_meter_sources(description),
-        meter_age_days=known.meter_age_days,
-        v_vc_meter_age_days=known.v_vc_meter_age_days,
+        **_meter_sources(description, "multimeter", "meter", float(chosen.meter_range_v)),
+        **_meter_sources(description, "v_vc_meter", "v_vc", V_VC_RANGE_V),
         table_rate=known.table_rate_error,
         bias_instability_deg_h=known.bias_instability_deg_h,
         horizon_h=known.horizon_h,
@@ -224,35 +223,47 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     )
 
 
-def _meter_sources(description: BenchDescription, range_v: float) -> dict[str, float | None]:
-    sheet: VoltmeterSpecification | None = None if description.multimeter is None else _sheet_of(description.multimeter)
+def _meter_sources(description: BenchDescription, role: str, short: str, range_v: float) -> dict[str, Any]:
+    """Return what the meter of `role` contributes, by the keys of :class:`Sources`, which begin with `short`."""
+    key = _AGE_KEYS[role]
+    age_days, age_from = _age_days(description, role, key)
+    sources: dict[str, Any] = {key: age_days, key.replace("_days", "_from"): age_from}
+    part = getattr(description, role)
+    sheet: VoltmeterSpecification | None = None if part is None else _sheet_of(part)
     if sheet is None or range_v not in sheet.accuracy:
-        return {}
-    age_days = description.uncertainty.meter_age_days
-    try:
-        promised = sheet.accuracy_of(range_v, age_days)
-    except ValueError as error:
-        raise ConfigError(f"uncertainty.meter_age_days: {error}") from error
-    return {
-        "meter_gain": promised.reading,
-        "meter_offset_v": promised.range * range_v,
-        "meter_sigmas": sheet.limit_sigmas,
+        return sources
+    promised = sheet.known_accuracy(range_v, age_days)
+    if promised is None:
+        if getattr(description.uncertainty, key) is not None:
+            raise ConfigError(f"uncertainty.{key}: {sheet.beyond(range_v)}")
+        return sources
+    return sources | {
+        f"{short}_gain": promised.reading,
+        f"{short}_offset_v": promised.range * range_v,
+        f"{short}_sigmas": sheet.limit_sigmas,
     }
 
 
-def _v_vc_meter_sources(description: BenchDescription) -> dict[str, float | None]:
-    sheet: VoltmeterSpecification | None = None if description.v_vc_meter is None else _sheet_of(description.v_vc_meter)
-    if sheet is None or V_VC_RANGE_V not in sheet.accuracy:
-        return {}
-    try:
-        promised = sheet.accuracy_of(V_VC_RANGE_V, description.uncertainty.v_vc_meter_age_days)
-    except ValueError as error:
-        raise ConfigError(f"uncertainty.v_vc_meter_age_days: {error}") from error
-    return {
-        "v_vc_gain": promised.reading,
-        "v_vc_offset_v": promised.range * V_VC_RANGE_V,
-        "v_vc_sigmas": sheet.limit_sigmas,
-    }
+_AGE_KEYS = {"multimeter": "meter_age_days", "v_vc_meter": "v_vc_meter_age_days"}
+_USUAL_AGE_DAYS = 365.0
+
+
+def _age_days(description: BenchDescription, role: str, key: str) -> tuple[float, str]:
+    """Return the days since a meter was calibrated, and where they are from: told, its table, or else a year.
+
+    Raises:
+        ConfigError: it is to be calibrated in future.
+    """
+    told: float | None = getattr(description.uncertainty, key)
+    if told is not None:
+        return told, f"uncertainty.{key}"
+    calibrated = getattr(getattr(description, role), "calibrated", None)
+    if calibrated is None:
+        return _USUAL_AGE_DAYS, f"assumed: the bench file has no {role}.calibrated"
+    days = (utc_now().date() - calibrated).days
+    if days < -1:  # where the bench stands it may be a day later
+        raise refusal(f"{role}.calibrated", "a day that is past", str(calibrated))
+    return float(max(days, 0)), f"calibrated {calibrated}"
 
 
 def _generator_sources(description: BenchDescription) -> Sources:

@@ -71,6 +71,8 @@ class Statement:
     """Difference of the methods' scale factors over its expanded uncertainty, correlations included; above 1 they
     disagree. None where there is one method."""
     not_in_u: tuple[str, ...]
+    known_from: tuple[str, ...] = ()
+    """Where what the budget takes for known is from."""
 
     def value(self, name: str) -> StatedValue:
         """Return one value; KeyError when it has no uncertainty."""
@@ -109,7 +111,8 @@ def statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    return Statement(values, correlation, ratio, tuple(_not_in_u(settings, levels_by)))
+    not_in_u, known_from = tuple(_not_in_u(settings, levels_by)), tuple(_known_from(settings, levels_by))
+    return Statement(values, correlation, ratio, not_in_u, known_from)
 
 
 def _meaning(settings: ProcedureSettings, words: str) -> str:
@@ -201,9 +204,10 @@ def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
     """Say what the uncertainties do not hold."""
     known = settings.station.sources
     if known.meter_gain is None:
-        yield "the multimeter's accuracy: its data sheet has none for this range"
+        yield f"the multimeter's accuracy: its data sheet has none for this range {_after(known.meter_age_days)}"
     if levels_by == "V_Vc meter" and known.v_vc_gain is None:
-        yield "the accuracy of the meter on V_Vc: its data sheet has none for this range"
+        after = _after(known.v_vc_meter_age_days)
+        yield f"the accuracy of the meter on V_Vc: its data sheet has none for this range {after}"
     if known.table_rate is None:
         yield "the table's accuracy: the bench file does not say it (uncertainty.table_rate_error)"
     if known.bias_instability_deg_h is None:
@@ -221,3 +225,17 @@ def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
     if earth_left_deg_s(settings) is None:
         yield "Earth's rate: it is in the bias"
     yield "what the phase of the carrier does to K_Vc, and any change of the gyroscope after the run"
+
+
+def _after(age_days: float) -> str:
+    return f"{age_days:g} days after calibration"
+
+
+def _known_from(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
+    """Say where what is taken for known is from."""
+    known = settings.station.sources
+    yield f"multimeter: {_after(known.meter_age_days)} ({known.meter_age_from})"
+    if levels_by == "V_Vc meter":
+        yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
+    if known.bias_instability_deg_h is not None:
+        yield f"flicker: B {known.bias_instability_deg_h:.3g} deg/h (uncertainty.bias_instability_deg_h)"

@@ -181,8 +181,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
         range_v, age_days = float(own.meter_range_v), station.sources.meter_age_days
         sources = station.sources
-        if range_v in sheet.accuracy:
-            promised = sheet.accuracy_of(range_v, age_days)
+        if range_v in sheet.accuracy and (promised := sheet.known_accuracy(range_v, age_days)) is not None:
             sources = structs.replace(sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v)
         resolution_v = sheet.resolution_v(range_v, float(own.nplc))
         return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)

@@ -76,8 +76,13 @@ def statement_tables(statement: Statement | None) -> list[Table | Text]:
     return [
         Table(columns, rows, "Values with their combined uncertainty (95 %)"),
         Table(shares, lines, "Largest contributions"),
-        Text("\n".join([*ratio, "not in these uncertainties:", *(f"  {each}" for each in statement.not_in_u)])),
+        Text("\n".join([*ratio, *_listed("what they are taken from:", statement.known_from)])),
+        Text("\n".join(_listed("not in these uncertainties:", statement.not_in_u))),
     ]
+
+
+def _listed(title: str, lines: Sequence[str]) -> list[str]:
+    return [title, *(f"  {each}" for each in lines)]
 
 
 def line_words(name: str, column: CalibrationColumn) -> str:

@@ -43,6 +43,7 @@ __all__ = [
     "InstrumentAccuracy",
     "KnownVvcSettings",
     "VvcKnown",
+    "age_words",
     "conditions",
     "levels_by_hand",
     "measured_level",
@@ -186,6 +187,15 @@ def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentAccuracy:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return InstrumentAccuracy(placed.name, u.reading, u.range * range_v)
+
+
+def age_words(settings: KnownVvcSettings) -> list[str]:
+    """Say how long ago the meters that count were calibrated, and where that is from."""
+    known = settings.station.sources
+    ages = [("multimeter", known.meter_age_days, known.meter_age_from)]
+    if settings.v_vc_role == "v_vc_meter":
+        ages.append(("meter on V_Vc", known.v_vc_meter_age_days, known.v_vc_meter_age_from))
+    return [f"{meter}: {days:g} days after calibration ({where})" for meter, days, where in ages]
 
 
 def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:

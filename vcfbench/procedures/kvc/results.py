@@ -19,6 +19,7 @@ from vcfbench.procedures.known.v_vc import (
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
+    age_words,
     conditions,
     levels_by_hand,
     measured_level,
@@ -290,7 +291,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Made) -> Kept |
     return Kept(known, settings.store.root)
 
 
-def k_vc_report(_settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
+def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
     """Report the pairs, the curve, the budget of K_Vc, and what is in no uncertainty."""
     columns = (
         *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f"), Column("u", "V", ".1e")),
@@ -309,6 +310,7 @@ def k_vc_report(_settings: KVcSettings, _points: Sequence[Point], results: KVcRe
         said_of("scale factor on the table, small signals", results.scale_factor),
         said_of("bias, generator off", results.bias),
         f"V_Vc is known by {results.v_vc_by}",
+        *age_words(settings),
     ]
     rate = Axis("rate", "deg/s")
     left = Series("rate - curve", [p.rate_deg_s for p in results.pairs], [p.residual_deg_s for p in results.pairs])

@@ -20,7 +20,15 @@ from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
-from vcfbench.procedures.known.v_vc import METER_GAIN, READINGS, V_VC_GAIN, V_VC_NOISE, meter_error, v_vc_error
+from vcfbench.procedures.known.v_vc import (
+    METER_GAIN,
+    READINGS,
+    V_VC_GAIN,
+    V_VC_NOISE,
+    age_words,
+    meter_error,
+    v_vc_error,
+)
 from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
@@ -463,7 +471,7 @@ def _allan(factors: Floats, window_s: float, u_readings: float) -> tuple[AllanOf
     )
 
 
-def online_report(_settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:
+def online_report(settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:
     """Report scale factor, disturbance, the windows, and their Allan deviation."""
     disturbance = results.disturbance
     scatter = f"chi-square {results.chi_square:.1f} for {results.dof} degrees of freedom"
@@ -479,6 +487,7 @@ def online_report(_settings: OnlineSettings, _measured: Measured, results: Onlin
         f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
         f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        *age_words(settings),
     ]
     parts = [
         Text("\n".join(words)),

@@ -22,6 +22,7 @@ from vcfbench.procedures.known.v_vc import (
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
+    age_words,
     conditions,
     levels_by_hand,
     measured_level,
@@ -299,7 +300,7 @@ def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, 
 
 
 def self_calibration_report(
-    _settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult
+    settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult
 ) -> Report:
     """Report the levels, the results with their budget, the drift, and what the method cannot see."""
     columns = (Column("rate", "deg/s", ".4f"), Column("V_Vc", "V", ".6f"), Column("output - zero", "V", ".5f"))
@@ -310,6 +311,7 @@ def self_calibration_report(
         said_of("bias, generator off", results.bias),
         said_of("non-linearity (max_span)", results.nonlinearity),
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        *age_words(settings),
     ]
     slope = results.line.value
     rates = [level.rate_deg_s for level in results.levels]
