@@ -11,6 +11,7 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.errors import OutOfSync
 
 ON_SERIAL_PORTS = (
     embedded_text("paper").replace("GPIB0::5::INSTR", "ASRL1::INSTR").replace("GPIB0::22::INSTR", "ASRL2::INSTR")
@@ -61,6 +62,20 @@ def test_without_it_they_do(opened: Any, bench: SimulatedBench) -> None:
     assert opened.query("SYST:ERR?").startswith("+521,")
 
 
+def test_a_command_acts_when_its_last_character_has_come(opened: Any, bench: SimulatedBench) -> None:
+    """The supply's own 50 ms begin then, though nobody looks meanwhile."""
+    opened.write("SYST:REM")
+    bench.clock.sleep_until(1.0)
+    command = "OUTP ON"
+    opened.write(command)
+    acts_s = 1.0 + len(command + "\n") * 10 / 9600 + 0.05  # as VISA sets its end: one stop bit
+    supply: Any = bench.devices["power"]
+    bench.clock.sleep_until(acts_s - 1e-6)
+    assert not supply.output_on
+    bench.clock.sleep_until(acts_s + 1e-6)
+    assert supply.output_on
+
+
 @pytest.mark.parametrize("settings", ["", EVEN])
 def test_our_drivers_work_over_it(settings: str) -> None:
     with open_bench(parse_bench(ON_SERIAL_PORTS + settings, "serial")) as bench:
@@ -69,3 +84,39 @@ def test_our_drivers_work_over_it(settings: str) -> None:
         assert bench.power.measure_voltage_v("P25V") == pytest.approx(10.0, abs=0.05)
         bench.multimeter.configure_dc_voltage(10.0, 1)
         assert abs(bench.multimeter.read_voltage_v()) < 10.0
+
+
+URL = "sim://paper"
+ON_A_PORT = embedded_text("paper").replace(URL, "/dev/ttyS0")
+
+
+@pytest.mark.parametrize(("resource", "character_s"), [("/dev/ttyS0", 10 / 9600), ("COM3", 10 / 9600), (URL, 0.0)])
+def test_the_table_takes_the_time_of_its_characters_on_a_port(resource: str, character_s: float) -> None:
+    """`*IDN?` and its end at 9600 Bd, 2 ms, and the identity behind eight bytes of header."""
+    text = embedded_text("paper").replace(URL, resource)
+    with open_bench(parse_bench(text, "serial")) as bench:
+        assert bench.rate_table is not None
+        before_s = bench.clock.now()
+        bench.rate_table.identify()
+        told = len("Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a")
+        taken_s = bench.clock.now() - before_s
+    assert taken_s == pytest.approx(0.002 + (6 + 8 + told) * character_s)
+
+
+def test_the_table_is_turned_over_its_line() -> None:
+    with open_bench(parse_bench(ON_A_PORT, "serial")) as bench:
+        table = bench.rate_table
+        assert table is not None
+        table.enable()
+        table.set_rate(50.0, 100.0)
+        bench.clock.sleep_until(bench.clock.now() + 2.0)
+        assert table.rate_deg_s() == pytest.approx(50.0, abs=0.01)
+
+
+def test_a_table_does_not_answer_at_the_wrong_speed() -> None:
+    told = ON_A_PORT.replace('dialect = "acl"', 'dialect = "acl"\nbaud_rate = 19200')
+    with (
+        pytest.raises(OutOfSync, match=r"nothing that came was an answer.*baud_rate"),
+        open_bench(parse_bench(told, "serial")),
+    ):
+        pass

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription, Simulation
     from vcfbench.clock import Clock
+    from vcfbench.sim.attendance import AttendedClock
     from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.scpi import ScpiInstrument
@@ -201,6 +202,17 @@ class SimulatedBench(Struct, frozen=True):
         frame = Frame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
         return SerialLine(cast("ScpiInstrument", device), self.clock, frame)
 
+    def table_port(self) -> Device:
+        """Return what is behind the port of the rate table: at the end of its line, if the bench file names one."""
+        table = self.devices["rate_table"]
+        if not _is_port(self.description.rate_table):
+            return table
+        from vcfbench.sim.serial_line import Frame, PlainLine  # noqa: PLC0415
+
+        line = PlainLine(table, self.clock, getattr(table, "frame", Frame(stop_bits=1.0)))
+        cast("AttendedClock", self.clock).attend(line)  # each character arrives at its own instant
+        return line
+
     @contextmanager
     def registered(self) -> Iterator[str]:
         """Make the instruments reachable for PyVISA and pyserial; yield the handle.
@@ -225,7 +237,7 @@ class SimulatedBench(Struct, frozen=True):
         except ValueError as error:
             raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
         if "rate_table" in self.devices:
-            serial_backend.register(handle, self.devices["rate_table"], self.clock)
+            serial_backend.register(handle, self.table_port(), self.clock)
 
 
 def _simulation(description: BenchDescription) -> Simulation:
@@ -241,6 +253,11 @@ def _is_serial(part: Any) -> bool:
     """Tell whether an instrument that has RS-232 is on a serial port."""
     row = find_model(part.like or part.model)
     return row is not None and row.rs232 and part.resource.upper().startswith("ASRL")
+
+
+def _is_port(part: Any) -> bool:
+    """Tell whether a rate table is on a serial port: what pyserial opens by a URL is none."""
+    return part is not None and "://" not in part.resource
 
 
 def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any], seed: int) -> dict[str, Device]:

@@ -6,12 +6,12 @@ the handler into pyserial's list.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 import serial
 from msgspec import Struct
 
-from vcfbench.sim.serial_line import Frame, Parity, SerialLine
+from vcfbench.sim.serial_line import Frame, Line, Parity
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
@@ -63,6 +63,13 @@ class Port(Protocol):
     def wait(self, deadline_s: float | None) -> bool:
         """Let time pass until there may be more to read; False once the deadline has passed."""
         ...
+
+
+@runtime_checkable
+class _Settable(Protocol):
+    """A far end that speed and framing mean something to."""
+
+    def configure(self, frame: Frame, *, handshake: bool) -> None: ...
 
 
 class _Port(Struct, frozen=True):
@@ -125,7 +132,7 @@ def _lookup(url: str) -> Port:
 class SimulatedSerial(serial.SerialBase):
     """A serial port whose other end is a simulated device.
 
-    Where that is a :class:`~vcfbench.sim.serial_line.SerialLine`, speed, framing, `dsrdtr`, DTR, DSR and breaks are
+    Where that is a :class:`~vcfbench.sim.serial_line.Line`, speed, framing, `dsrdtr`, DTR, DSR and breaks are
     what they are on a real line; elsewhere they are accepted and have no effect.
     """
 
@@ -223,10 +230,10 @@ class SimulatedSerial(serial.SerialBase):
         return True
 
     @property
-    def _line(self) -> SerialLine | None:
+    def _line(self) -> Line | None:
         """The line that knows the time and the pins, if there is one."""
         device = self._port_behind.device
-        return device if isinstance(device, SerialLine) else None
+        return device if isinstance(device, Line) else None
 
     def _pull(self) -> None:
         while data := self._port_behind.device.read(65536)[0]:
@@ -243,10 +250,11 @@ class SimulatedSerial(serial.SerialBase):
 
     def _reconfigure_port(self) -> None:
         """Take speed, framing and handshake."""
-        if self._line is not None:
+        device = self._port_behind.device
+        if isinstance(device, _Settable):
             parity = _PARITIES.get(self.parity, "none")
             frame = Frame(float(self.baudrate), self.bytesize, parity, float(self.stopbits))
-            self._line.configure(frame, handshake=bool(self.dsrdtr))
+            device.configure(frame, handshake=bool(self.dsrdtr))
 
     def _update_rts_state(self) -> None:
         """Accept RTS."""

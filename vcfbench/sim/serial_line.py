@@ -7,6 +7,9 @@ is device clear.
 
 *Unverified*: that a character with an error is not taken; that what does not fit is error 521 (512, an overrun, is what
 the receiver's circuit would find), once until there is room again; that a break is a framing error.
+
+A rate table has none of that: its line (:class:`PlainLine`) has three wires, and each character that comes whole is
+taken.
 """
 
 from __future__ import annotations
@@ -23,7 +26,19 @@ from vcfbench.sim.scpi import ScpiError
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
 
-__all__ = ["BUFFER", "MARGIN", "Far", "Frame", "Heard", "Parity", "SerialLine", "heard"]
+__all__ = [
+    "BUFFER",
+    "MARGIN",
+    "Far",
+    "Frame",
+    "Heard",
+    "Line",
+    "Parity",
+    "PlainFar",
+    "PlainLine",
+    "SerialLine",
+    "heard",
+]
 
 Parity = Literal["none", "even", "odd"]
 
@@ -184,27 +199,45 @@ class Far(Protocol):
         ...
 
 
-class SerialLine:
-    """A :class:`~vcfbench.sim.device.Device`: an instrument at the end of its serial line, seen from the controller.
+class PlainFar(Protocol):
+    """What is at the far end of a plain line: every simulated rate table."""
+
+    def write(self, data: bytes) -> None:
+        """Take what has arrived."""
+        ...
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return an answer that is ready."""
+        ...
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        ...
+
+    def clear(self) -> None:
+        """Drop input and output."""
+        ...
+
+
+class Line:
+    """A :class:`~vcfbench.sim.device.Device`: what is at the end of a serial line, seen from the controller.
 
     Args:
-        instrument: with the personality RS232.
+        instrument: what is there.
         clock: bench time.
-        frame: what is set on the instrument's front panel; the controller's is the same until it is configured.
+        frame: what its port is set to; the controller's is the same until it is configured.
     """
 
-    def __init__(self, instrument: Far, clock: Clock, frame: Frame | None = None) -> None:
-        self.instrument = instrument
+    def __init__(self, instrument: PlainFar, clock: Clock, frame: Frame | None = None) -> None:
         self.frame = Frame() if frame is None else frame
+        self._far = instrument
         self._clock = clock
         self._controller = self.frame
         self._handshake = True
         self._dtr = True
         self._to_instrument = _Traffic()
         self._to_controller = _Traffic()
-        self._buffer = bytearray()
         self._arrived = bytearray()
-        self._lost = False
 
     # --- the controller's end -----------------------------------------------------------------------------
 
@@ -239,8 +272,8 @@ class SerialLine:
 
     @property
     def under_way(self) -> bool:
-        """Whether anything waits to be sent, to arrive, or to be taken by the parser."""
-        return bool(self._to_instrument or self._to_controller or self._buffer)
+        """Whether anything waits to be sent, or to arrive."""
+        return bool(self._to_instrument or self._to_controller)
 
     @property
     def out_waiting(self) -> int:
@@ -279,12 +312,12 @@ class SerialLine:
     def wake_at(self) -> float | None:
         """Return when the next character arrives at either end, or the instrument goes on."""
         self._advance()
-        own = self.instrument.wake_at()
+        own = self._far.wake_at()
         soonest = self.next_s if own is None or own <= self._clock.now() else min(self.next_s, own)
         return None if math.isinf(soonest) else soonest
 
     def clear(self) -> None:
-        """Do what Ctrl-C does, at once."""
+        """Drop what is on its way and what has arrived, and have the instrument drop its own."""
         self._clear()
         self._to_instrument.drop()
         self._arrived.clear()
@@ -298,21 +331,80 @@ class SerialLine:
 
     # --- what goes on -------------------------------------------------------------------------------------
 
-    @property
-    def _takes(self) -> bool:
-        """The instrument's DTR."""
-        return len(self._buffer) < BUFFER and not self._to_controller
-
     def _advance(self) -> None:
         """Let everything arrive that has by now."""
         now = self._clock.now()
-        self._parse(now)
+        self._go_on(now)
         while (instant := self.next_s) <= now:
             if self._to_controller.next_s == instant:
                 self._arrived.append(self._to_controller.take().byte)
             else:
                 self._receive(self._to_instrument.take())
-            self._parse(instant)
+            self._go_on(instant)
+
+    def _answer(self) -> None:
+        """Put an answer that is ready on the line."""
+        answer, _ = self._far.read(_WHOLE)
+        sent = heard(answer, self.frame, self._controller) if answer else []
+        if sent:
+            self._to_controller.add(sent, len(answer) * self.frame.character_s)
+
+    def _clear(self) -> None:
+        self._to_controller.drop()
+        self._far.clear()
+
+    @property
+    def _takes(self) -> bool:
+        """The instrument's DTR."""
+        raise NotImplementedError
+
+    def _receive(self, character: Heard) -> None:
+        """Take a character that has arrived at the instrument."""
+        raise NotImplementedError
+
+    def _go_on(self, now_s: float) -> None:
+        """Let both ends begin to send what they have."""
+        raise NotImplementedError
+
+
+class PlainLine(Line):
+    """Three wires to what takes every character as it comes, whatever it is sending: a rate table.
+
+    A character with an error is dropped (unverified of every table).
+    """
+
+    @property
+    def _takes(self) -> bool:
+        return True
+
+    def _receive(self, character: Heard) -> None:
+        if not character.error:
+            self._far.write(bytes([character.byte]))
+
+    def _go_on(self, now_s: float) -> None:
+        self._answer()
+        self._to_controller.go_on(now_s)
+        self._to_instrument.go_on(now_s)
+
+
+class SerialLine(Line):
+    """The line of a SCPI instrument with the personality RS232: with its small buffer and its handshake."""
+
+    def __init__(self, instrument: Far, clock: Clock, frame: Frame | None = None) -> None:
+        super().__init__(instrument, clock, frame)
+        self.instrument = instrument
+        self._buffer = bytearray()
+        self._lost = False
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything waits to be sent, to arrive, or to be taken by the parser."""
+        return super().under_way or bool(self._buffer)
+
+    @property
+    def _takes(self) -> bool:
+        """The instrument's DTR."""
+        return len(self._buffer) < BUFFER and not self._to_controller
 
     def _receive(self, character: Heard) -> None:
         """Take a character into the input buffer."""
@@ -332,10 +424,9 @@ class SerialLine:
 
     def _clear(self) -> None:
         self._buffer.clear()
-        self._to_controller.drop()
-        self.instrument.clear()
+        super()._clear()
 
-    def _parse(self, now_s: float) -> None:
+    def _go_on(self, now_s: float) -> None:
         """Hand the parser what it can take, the line what it has to say, and let both ends send on."""
         self._fetch()
         while self._buffer and (message := self._next_message()):
@@ -357,10 +448,5 @@ class SerialLine:
         return bytes(self._buffer[:size] if size else self._buffer)
 
     def _fetch(self) -> None:
-        """Put an answer that is ready on the line."""
-        if self._to_controller:
-            return
-        answer, _ = self.instrument.read(_WHOLE)
-        sent = heard(answer, self.frame, self._controller) if answer else []
-        if sent:
-            self._to_controller.add(sent, len(answer) * self.frame.character_s)
+        if not self._to_controller:
+            self._answer()

@@ -197,6 +197,7 @@ def test_at_rate_and_at_rest_are_told_of_a_table_that_was_left_with_a_low_jerk_l
     while not bench.driver.at_rate():
         bench.wait(0.01)
     assert bench.clock.now() - start == pytest.approx(2.0 * math.sqrt(60.0 / 100.0), abs=0.2)
+    bench.wait(0.1)
     assert bench.driver.rate_deg_s() == pytest.approx(60.0, abs=1e-3)
     report = bench.driver.make_safe(Deadline.after(bench.clock, 10.0))
     assert report.safe

@@ -45,7 +45,9 @@ class IdealMotion:
         return abs(self._target - self._rate0) / self._acceleration
 
     def rate_deg_s(self) -> float:
-        elapsed = min(self.clock.now() - self._t0, self._ramp_s())
+        elapsed = self.clock.now() - self._t0
+        if elapsed >= self._ramp_s():
+            return self._target
         return self._rate0 + math.copysign(self._acceleration * elapsed, self._target - self._rate0)
 
     def angle_deg(self) -> float:

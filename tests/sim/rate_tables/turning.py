@@ -34,3 +34,16 @@ START: dict[str, list[bytes]] = {
     "aaaa": [aaaa(0xAB), aaaa(0x81, 8_000_000, 5000)],
 }
 """How each table is set turning at 50 deg/s, counter-clockwise."""
+
+CONNECT = dd16(0, 0x55)
+POLL: dict[str, bytes] = {
+    "acl": b":Mode? 1\r",
+    "zaber": b"/1 1 get pos\n",
+    "atl": b"PPO\r",
+    "esp": b"1TP\r",
+    "dd16": CONNECT,
+    "mn_as": mn("MNSTS,1"),
+    "ruya": b"",
+    "aaaa": b"",
+}
+"""What each table answers whatever its state; two say their status unasked."""

@@ -15,7 +15,8 @@ from tests.sim.serve.test_tables import CONNECT, POSITION, WIRES, StillWorld
 from vcfbench.sim.rate_tables.aaaa import AaaaTable
 from vcfbench.sim.rate_tables.dd16 import Dd16Table, TableErrors
 from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, RemoteClock, ServedClock
+from vcfbench.sim.serial_line import Frame
+from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, RemoteClock, Rs232, ServedClock, ServerSettings
 from vcfbench.sim.serve.lockstep_port import LockstepPort
 
 if TYPE_CHECKING:
@@ -29,10 +30,11 @@ def wire(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def table_bench(kind: Any) -> Iterator[tuple[Served, Control]]:
+def table_bench(kind: Any, rs232: Rs232 = "ideal") -> Iterator[tuple[Served, Control]]:
     clock = ServedClock(MAX_SPEED)
+    device = kind(StillWorld(clock), TableErrors.none())
     with (
-        serving({"table": kind(StillWorld(clock), TableErrors.none())}, clock) as served,
+        serving({"table": device}, clock, ServerSettings(rs232=rs232)) as served,
         Control(served.server.control.port) as control,
     ):
         yield served, control
@@ -54,7 +56,7 @@ def port_of(served: Served, control: Control, wire: str) -> LockstepPort:
 
 
 def test_time_goes_to_the_next_status_and_no_further(talking: tuple[Served, Control], wire: str) -> None:
-    """Statuses come every 0.1 s, and take 1 ms and 18 characters at 115200 Bd to say."""
+    """Statuses come every 0.1 s, 1 ms after their instant."""
     served, control = talking
     port = port_of(served, control, wire)
     port.read(100)
@@ -70,17 +72,17 @@ def test_time_goes_to_the_next_status_and_no_further(talking: tuple[Served, Cont
 
 
 def test_what_is_written_is_taken_before_time_goes_on(frames: tuple[Served, Control], wire: str) -> None:
-    """A frame each way of 16 bytes at 9600 Bd, and 5 ms; nothing jumps before somebody waits."""
+    """5 ms for each answer; nothing jumps before somebody waits."""
     served, control = frames
     port = port_of(served, control, wire)
     port.write(CONNECT)
     port.write(POSITION)
     assert control.request("now") == 0.0
     assert port.wait(1.0)
-    # a frame has no terminator; the twin counts one byte for the end of any message
-    assert port.clock.now() == pytest.approx(0.005 + 33 * 10 / 9600)
+    assert port.clock.now() == pytest.approx(0.005)
     assert port.read(100)[0] == CONNECT
     assert port.wait(1.0)
+    assert port.clock.now() == pytest.approx(0.010)
     assert port.read(100)[0][:3] == POSITION[:3]
     assert port.wait(1.0)
     assert (port.clock.now(), port.read(100)[0]) == (1.0, b"")
@@ -128,7 +130,65 @@ def test_only_the_leader_hears(talking: tuple[Served, Control]) -> None:
         other.request("hear", instrument="table", address=1)
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
+ON_TERMINALS = pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
+
+
+@ON_TERMINALS
+@pytest.mark.parametrize("rs232", ["real", "three-wire"])
+def test_on_a_real_line_each_character_takes_its_time(rs232: Rs232) -> None:
+    """16 bytes at 9600 Bd, 5 ms, and the first byte back; the second question comes after the first."""
+    for served, control in table_bench(Dd16Table, rs232):
+        port = port_of(served, control, "pty")
+        port.configure(Frame(9600.0, stop_bits=1.0), handshake=False)
+        port.write(CONNECT)
+        port.write(POSITION)
+        assert control.request("now") == 0.0
+        assert port.wait(1.0)
+        assert port.clock.now() == pytest.approx(0.005 + 17 * 10 / 9600)
+        data = port.read(100)[0]
+        while len(data) < 32:
+            assert port.wait(1.0)
+            data += port.read(100)[0]
+        assert data.startswith(CONNECT + POSITION[:3])
+        assert port.clock.now() == pytest.approx(0.005 + 48 * 10 / 9600)
+        port.disconnect()
+
+
+@ON_TERMINALS
+def test_a_real_line_answers_at_its_own_speed_only() -> None:
+    for served, control in table_bench(Dd16Table, "real"):
+        port = port_of(served, control, "pty")
+        for baud in (19200.0, 4800.0, 9600.0):
+            port.configure(Frame(baud, stop_bits=1.0), handshake=False)
+            port.write(CONNECT)
+            until_s = port.clock.now() + 1.0
+            data = b""
+            while port.wait(until_s):
+                data += port.read(100)[0]
+            assert (CONNECT in data) is (baud == 9600.0)
+        port.disconnect()
+
+
+@ON_TERMINALS
+def test_status_on_a_real_line_comes_at_its_pace() -> None:
+    """A status of 23 bytes at 38 400 Bd every 0.1 s, after 1 ms of the controller's own."""
+    for served, control in table_bench(AaaaTable, "real"):
+        port = port_of(served, control, "pty")
+        port.configure(Frame(38_400.0, stop_bits=1.0), handshake=False)
+        control.request("sleep_until", instant_s=1.05)
+        port.read(1000)
+        ends = list[float]()
+        data = b""
+        while len(ends) < 3:
+            assert port.wait(2.0)
+            data += port.read(100)[0]
+            if len(data) == 23 * (len(ends) + 1):
+                ends.append(port.clock.now())
+        assert ends == pytest.approx([instant + 0.001 + 23 * 10 / 38_400 for instant in (1.1, 1.2, 1.3)])
+        port.disconnect()
+
+
+@ON_TERMINALS
 def test_binary_status_on_a_terminal() -> None:
     for served, control in table_bench(AaaaTable):
         port = port_of(served, control, "pty")

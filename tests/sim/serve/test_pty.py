@@ -115,13 +115,3 @@ def test_a_rate_table_has_a_terminal_and_a_socket(table: Served) -> None:
         with serial.serial_for_url(url, timeout=5.0) as port:
             port.write(b":Mode? 1\r\n")
             assert port.read_until(b"\n") == b"Off\r\n"
-
-
-def test_a_rate_tables_answer_takes_the_time_of_its_line(table: Served) -> None:
-    wires = table.server.wires["table"]
-    table.clock.speed = 1.0
-    with serial.serial_for_url(str(wires.tcp), timeout=5.0) as port:
-        before = table.clock.now()
-        port.write(b":Mode? 1\r\n")
-        assert port.read_until(b"\n") == b"Off\r\n"
-        assert table.clock.now() - before > 0.01  # sixteen characters at 9600 Bd

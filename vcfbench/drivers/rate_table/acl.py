@@ -99,6 +99,9 @@ def take_counted(line: TableLine, deadline: Deadline) -> bytes | None:
     return line.take(_FORMATS[header].unpack(start)[1], deadline)
 
 
+_SPEED = "is baud_rate in the bench file what the table's port is set to?"
+
+
 class AclDialect(Struct):
     """One axis of an ACL controller; the header is learnt at the first reply when it is ``auto``."""
 
@@ -134,9 +137,10 @@ class AclDialect(Struct):
 
         The second question is there because the one that failed may itself have been ``*IDN?``.
         """
+        if not self._identity:
+            unknown = OutOfSync("nothing that came was an answer, the connection was closed", hint=_SPEED)
+            raise line.locate(unknown, "*IDN?", deadline)
         try:
-            if not self._identity:
-                raise FramingError("no answer is known yet")
             line.take_unasked()
             line.send(b"*IDN?\n", deadline)
             line.take_through(self._identity, deadline)

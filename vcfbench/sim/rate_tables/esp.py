@@ -115,7 +115,7 @@ class EspTable(Interlocked, LineDevice):
             self._resumes_s, self._waiting_s = self._clock.now() + self._waiting_s, None
         while self._held and self._waiting_s is None and self._clock.now() >= self._resumes_s:
             message = self._held.popleft()
-            self._send(self._answer(message), len(message))
+            self._send(self._answer(message))
 
     def _own_events_s(self) -> tuple[float, ...]:
         now = self._clock.now()

@@ -1,4 +1,8 @@
-"""What the simulated tables have in common on the wire: messages cut at a terminator, replies at the line's pace."""
+"""What the simulated tables have in common on the wire: messages cut at a terminator, replies in the table's own time.
+
+What characters take is the wire's: nothing on a socket, and on a serial line what
+:class:`~vcfbench.sim.serial_line.PlainLine` makes of it.
+"""
 
 from __future__ import annotations
 
@@ -8,32 +12,33 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from vcfbench.sim.serial_line import Frame
+
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.axis import TableWorld
 
 __all__ = ["LineDevice", "SerialTiming"]
 
-_BITS_PER_CHARACTER = 10  # 8N1: start, eight data, stop
-
 
 class SerialTiming(Struct, frozen=True):
-    """How long an exchange takes: the line's speed and the controller's own time."""
+    """What a table's serial port is set to, and the controller's own time."""
 
     baud: float
     """Line speed, Bd (8N1)."""
     processing_s: float
     """Time from the last byte of a message to the first of its reply, s (unverified for every table)."""
 
-    def exchange_s(self, received: int, sent: int) -> float:
-        """Return the time from the first byte of a message of `received` bytes to the last of a reply of `sent`, s."""
-        return self.processing_s + (received + sent) * _BITS_PER_CHARACTER / self.baud
+    @property
+    def frame(self) -> Frame:
+        """The port's characters: 8 data bits, no parity, 1 stop bit."""
+        return Frame(self.baud, stop_bits=1.0)
 
 
 class LineDevice:
     """A `Device` that answers lines.
 
-    A message acts when its terminator is handed over (transports hand bytes over at once); only the reply takes the
-    time of the exchange. Replies keep their order.
+    A message acts when its terminator is handed over, which is when it has arrived. Its reply comes after the
+    controller's own time. Replies keep their order.
     """
 
     _quiet_until_s = -math.inf
@@ -49,6 +54,11 @@ class LineDevice:
         self._input = bytearray()
         self._overflowed = False
         self._output: deque[tuple[float, bytearray]] = deque()
+
+    @property
+    def frame(self) -> Frame:
+        """What its serial port is set to."""
+        return self._timing.frame
 
     @property
     def terminators(self) -> bytes:
@@ -129,16 +139,16 @@ class LineDevice:
         self._input.clear()
         self._overflowed = False
         if overflowed:
-            self._send(self._overflow(), len(message))
+            self._send(self._overflow())
         elif message:
-            self._send(self._answer(message), len(message))
+            self._send(self._answer(message))
 
-    def _send(self, reply: bytes | None, received: int) -> None:
+    def _send(self, reply: bytes | None) -> None:
         if not reply:
             return
         now = self._clock.now()
         started = self._output[-1][0] if self._output else now
-        self._output.append((max(now, started) + self._timing.exchange_s(received + 1, len(reply)), bytearray(reply)))
+        self._output.append((max(now, started) + self._timing.processing_s, bytearray(reply)))
 
     def _advance(self) -> None:
         """Bring what happens by itself up to now; whoever changes something from outside forgets the quiet first."""

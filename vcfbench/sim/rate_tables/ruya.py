@@ -69,7 +69,7 @@ class RuyaTable(Interlocked, LineDevice):
         self._change_state()
         status = self._stream.due(self._status)
         if status is not None and len(self._output) < _OUTPUT_MESSAGES:
-            self._send(status, 0)
+            self._send(status)
 
     def _own_events_s(self) -> tuple[float, ...]:
         return (*self._axis.own_events_s(), self._stream.due_s)

@@ -43,7 +43,7 @@ class FrameDevice(LineDevice):
         if len(self._input) == self._length:
             frame = bytes(self._input)
             self._input.clear()
-            self._send(self._answer(frame), len(frame))
+            self._send(self._answer(frame))
 
     def _may_begin(self) -> bool:
         begun = min(len(self._input), len(self._header))

@@ -137,7 +137,7 @@ class ZaberTable(Interlocked, LineDevice):
         self._watch()
         moving = self._axis.moving()
         if self._alerts and self._was_moving and not moving:
-            self._send(self._framed("!", f"01 1 IDLE {self._warning()}"), 0)
+            self._send(self._framed("!", f"01 1 IDLE {self._warning()}"))
         self._was_moving = moving
 
     def _own_events_s(self) -> tuple[float, ...]:

@@ -182,8 +182,8 @@ class Line(Protocol):
         ...
 
     @property
-    def under_way(self) -> bool:
-        """Whether anything waits to be sent, to arrive, or to be taken."""
+    def awaited(self) -> bool:
+        """Whether anything is on its way that somebody may wait for, so that time may jump there."""
         ...
 
     def go_on(self) -> None:
@@ -461,7 +461,7 @@ class Instrument:
     @property
     def awaited(self) -> bool:
         """Whether somebody waits for the device to go on."""
-        if self.waiting or self.late or any(line.under_way for line in self.lines):
+        if self.waiting or self.late or any(line.awaited for line in self.lines):
             return True
         return self.holder is not None and self.holder.awaits
 

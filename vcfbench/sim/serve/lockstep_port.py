@@ -16,6 +16,7 @@ from vcfbench.sim.serve.remote import ControlError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
+    from vcfbench.sim.serial_line import Frame
     from vcfbench.sim.serve.remote import Control
 
 __all__ = ["LockstepPort"]
@@ -59,6 +60,12 @@ class LockstepPort:
     def disconnect(self) -> None:
         """Close the wire."""
         self._wire.close()
+
+    def configure(self, frame: Frame, *, handshake: bool) -> None:
+        """Set the speed and framing of the wire; nobody's handshake is of use on a pseudo-terminal."""
+        del handshake
+        self._wire.baudrate, self._wire.bytesize = int(frame.baud), frame.data_bits
+        self._wire.parity, self._wire.stopbits = frame.parity[0].upper(), frame.stop_bits
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""

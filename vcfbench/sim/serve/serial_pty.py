@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.serial_line import Frame, SerialLine
+from vcfbench.sim.serial_line import Frame, Line, PlainLine, SerialLine
 from vcfbench.sim.serve.raw import Pty
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["SerialPty"]
 
 _USUAL_BAUD = 9600
-_BAUDS = (300, 600, 1200, 2400, 4800, _USUAL_BAUD, 19200, 38400, 57600, 115200)
+_SLOW_BAUDS = (300, 600, 1200, 1800, 2400, 4800, _USUAL_BAUD, 19200, 38400)
+_BAUDS = (*_SLOW_BAUDS, 57600, 115200, 230400, 460800, 921600)
 """Speeds that the instruments have, and those of clients that are wrong."""
 _CHUNK = 1 << 16
 
@@ -36,7 +37,7 @@ class SerialPty(Pty):
         self._handshake = handshake
         self._answers = bytearray()
         self._inside = False
-        self._line = SerialLine(_Far(self), instrument.clock)
+        self._line = self._new_line()
         instrument.lines.append(self)
 
     @property
@@ -45,9 +46,9 @@ class SerialPty(Pty):
         return self._line.next_s
 
     @property
-    def under_way(self) -> bool:
-        """Whether anything waits to be sent, to arrive, or to be taken."""
-        return self._line.under_way
+    def awaited(self) -> bool:
+        """Whether anything waits to be sent, to arrive, or to be taken, and nobody says when time may go on."""
+        return self._line.under_way and not self.heard
 
     def go_on(self) -> None:
         """Let arrive what has by now, at either end."""
@@ -65,7 +66,7 @@ class SerialPty(Pty):
     def start_anew(self) -> None:
         """Forget what is on its way too."""
         self._answers.clear()
-        self._line = SerialLine(_Far(self), self.instrument.clock)
+        self._line = self._new_line()
         self._held_back = False
         self._watch()
         super().start_anew()
@@ -76,14 +77,22 @@ class SerialPty(Pty):
         self._answers.clear()
         return answers
 
+    def _new_line(self) -> Line:
+        """Return the line to a SCPI instrument, or to a rate table, which has no handshake and no small buffer."""
+        far, clock = _Far(self), self.instrument.clock
+        if self.instrument.engine is not None:
+            return SerialLine(far, clock)
+        return PlainLine(far, clock, getattr(self.instrument.device, "frame", Frame(stop_bits=1.0)))
+
     def _received(self, data: bytes) -> None:
-        self._line.configure(self._frame(), handshake=self._handshake)
+        self.taken += len(data)
         self._exchange(data)
 
     def _exchange(self, data: bytes) -> None:
         if self._inside:
             return
         self._inside = True
+        self._line.configure(self._frame(), handshake=self._handshake)
         if data:
             self._line.write(data)
         arrived, _ = self._line.read(_CHUNK)
@@ -91,7 +100,7 @@ class SerialPty(Pty):
         self._inside = False
         if arrived:
             super().deliver(arrived, end=False)
-        self._held_back = self._handshake and waiting > 0
+        self._held_back = self._handshake and waiting > 0 and self.instrument.engine is not None
         self._watch()
         self.instrument.touched()
 

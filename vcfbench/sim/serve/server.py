@@ -70,9 +70,9 @@ class ServerSettings(Struct, frozen=True):
         offers: further interfaces by role, beside those of the real box.
         port_mapper: port of a port mapper for VXI-11 (111 is what clients expect), None for none.
         faults: what goes wrong, and when.
-        rs232: serial lines of SCPI instruments: "ideal" ones take no time and lose nothing; "real" ones have 9600 Bd,
-            the instrument's small buffer and a handshake, and it is switched on in local; "three-wire" ones lack the
-            handshake.
+        rs232: serial lines: on "ideal" ones characters take no time and nothing is lost; on "real" ones they take
+            theirs, at the right speed only, and SCPI instruments have their small buffer, a handshake, and are
+            switched on in local; "three-wire" ones lack the handshake.
     """
 
     host: str = "127.0.0.1"
@@ -236,7 +236,7 @@ class BenchServer:
 
     def _pty(self, instrument: Instrument) -> Pty:
         rs232 = self.settings.rs232
-        if rs232 == "ideal" or instrument.engine is None:
+        if rs232 == "ideal":
             return Pty(self.loop, instrument)
         return SerialPty(self.loop, instrument, handshake=rs232 == "real")
 

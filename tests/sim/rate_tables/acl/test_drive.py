@@ -23,7 +23,7 @@ def test_interlock_open_stops_by_the_abort_profile_then_opens_the_servo(host: Ho
     host.ask(":Interlock:Open 1")
     start = host.world.clock.now()
     assert host.ask(":Status:CSR? A1STATE,4") == "1"
-    host.world.clock.sleep_until(start + 0.49)
+    host.world.clock.sleep_until(start + 0.5)
     assert host.ask(":Interlock? 1") == "Open"
     assert host.world.table.rate_deg_s() == 0.0
     assert host.ask(":Status:CSR? A1STATE,5;:Status:CSR? A1STATE,6") == "1;0"
