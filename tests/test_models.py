@@ -22,7 +22,18 @@ from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError, LimitError
-from vcfbench.models import LANGUAGES, MODELS, Model, TableLanguage, bare_model, find_language, find_model, resolve
+from vcfbench.models import (
+    LANGUAGES,
+    MODELS,
+    Model,
+    TableLanguage,
+    bare_model,
+    driver_of,
+    find_language,
+    find_model,
+    resolve,
+    twin_of,
+)
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.specifications import HP_34401A
@@ -85,8 +96,8 @@ def bench(old: str, new: str) -> BenchDescription:
 
 @pytest.mark.parametrize("row", MODELS, ids=lambda row: row.name)
 def test_what_a_row_names_is_there(row: Model) -> None:
-    assert find_driver(row.name).model == resolve(row.driver).model == row.name
-    assert resolve(row.twin).errors_class.none() is not None
+    assert find_driver(row.name).model == driver_of(row).model == row.name
+    assert twin_of(row).errors_class.none() is not None
     assert row.console is None or callable(resolve(row.console))
     assert set(row.roles) <= set(models.ROLES)
     maker, model, *_ = row.answers["*IDN?"].split(",")

@@ -65,6 +65,8 @@ class Model(Struct, frozen=True):
         specifications: its data sheet, as those of :mod:`vcfbench.specifications`; a multimeter needs one, for the
             resolution of its readings.
         answers: what it answers while it is at rest and well, by the beginning of the question; ``*IDN?`` at least.
+        own: what tells it from the other models of its driver's class and its twin's, as ``{"sine_hz": 20e6}``; both
+            then have a class method ``of_model(name, **own)``. None where it has classes of its own.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Model(Struct, frozen=True):
     rs232: bool = False
     specifications: Any = None
     answers: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    own: Mapping[str, Any] | None = None
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -120,14 +123,15 @@ class TableLanguage(Struct, frozen=True):
         return named and model.upper().startswith(self.model_prefix)
 
 
-def _trueform(name: str) -> Model:
-    """Return the row of a 33500B or 33600A."""
+def _trueform(name: str, sine_hz: float) -> Model:
+    """Return the row of a 33500B or 33600A, whose sines go up to `sine_hz`, which it is sold by."""
     maker = "Agilent" if name.endswith("B") else "Keysight"
     return Model(
         name,
         ("rate_source", "vibration_source"),
-        driver=f"vcfbench.drivers.trueform:Keysight{name}",
-        twin=f"vcfbench.sim.instruments.trueform:Keysight{name}",
+        driver="vcfbench.drivers.trueform:Trueform",
+        twin="vcfbench.sim.instruments.trueform:Trueform",
+        own={"sine_hz": sine_hz},
         console="vcfbench.bench.guard.generator:trueform_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11", "hislip"}),
@@ -188,8 +192,16 @@ MODELS: Final[tuple[Model, ...]] = (
         specifications="vcfbench.specifications:AGILENT_33220A",
         answers={"*IDN?": "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2", "OUTP?": "0"},
     ),
-    *map(_trueform, ("33509B", "33510B", "33511B", "33512B", "33521B", "33522B")),
-    *map(_trueform, ("33611A", "33612A", "33621A", "33622A")),
+    _trueform("33509B", sine_hz=20e6),
+    _trueform("33510B", sine_hz=20e6),
+    _trueform("33511B", sine_hz=20e6),
+    _trueform("33512B", sine_hz=20e6),
+    _trueform("33521B", sine_hz=30e6),
+    _trueform("33522B", sine_hz=30e6),
+    _trueform("33611A", sine_hz=80e6),
+    _trueform("33612A", sine_hz=80e6),
+    _trueform("33621A", sine_hz=120e6),
+    _trueform("33622A", sine_hz=120e6),
     Model(
         "34401A",
         ("multimeter",),
@@ -308,6 +320,20 @@ def resolve(reference: Any) -> Any:
         return reference
     module, _, name = reference.partition(":")
     return getattr(import_module(module), name)
+
+
+def driver_of(row: Model) -> Any:
+    """Return the driver of a model: its class, or a whole :class:`~vcfbench.drivers.registry.Driver`."""
+    return _of_model(row, resolve(row.driver))
+
+
+def twin_of(row: Model) -> Any:
+    """Return the class of the simulated instrument of a model that has one."""
+    return _of_model(row, resolve(row.twin))
+
+
+def _of_model(row: Model, kind: Any) -> Any:
+    return kind if row.own is None else kind.of_model(row.name, **row.own)
 
 
 def model_names() -> tuple[str, ...]:

@@ -50,7 +50,7 @@ from vcfbench.sim.instruments.e36312a import E36312A
 from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
 from vcfbench.sim.instruments.infiniivision import KeysightDsoX3024A, XSeriesErrors
 from vcfbench.sim.instruments.keithley import Keithley2000, KeithleyDMM6500
-from vcfbench.sim.instruments.trueform import Keysight33622A, TrueformErrors
+from vcfbench.sim.instruments.trueform import Trueform, TrueformErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
 from vcfbench.sim.world import World
 
@@ -130,7 +130,7 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
     "keithley2000": lambda world, _interface: Keithley2000(world, errors=MeterErrors.none()),
     "dmm6500": lambda world, _interface: KeithleyDMM6500(world, errors=MeterErrors.none()),
     "agilent33220a": lambda world, _interface: Agilent33220A(world, GeneratorErrors.none()),
-    "keysight33622a": lambda world, _interface: Keysight33622A(world, TrueformErrors.none()),
+    "keysight33622a": lambda world, _interface: Trueform.of_model("33622A", 120e6)(world, TrueformErrors.none()),
     "dsox3024a": lambda world, _interface: KeysightDsoX3024A(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, XSeriesErrors.none()
     ),

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from vcfbench.bench.overrides import overridden, part_way
 from vcfbench.errors import ConfigError
-from vcfbench.models import ROLES, find_language, find_model, languages, resolve
+from vcfbench.models import ROLES, find_language, find_model, languages, resolve, twin_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -86,12 +86,12 @@ def _twin(model: str) -> Any:
             f"there is no simulated {model}",
             hint="its package names one in its row of vcfbench.models; a real bench needs none",
         )
-    return _resolved(model, row.twin)
+    return _loaded(model, row.twin, lambda: twin_of(row))
 
 
-def _resolved(name: str, reference: Any) -> Any:
+def _loaded(name: str, reference: Any, load: Callable[[], Any]) -> Any:
     try:
-        return resolve(reference)
+        return load()
     except Exception as error:  # another package is anyone's code
         raise ConfigError(f"the simulated {name} ({reference}) cannot be loaded: {error}") from error
 
@@ -102,7 +102,7 @@ def _table_twin(dialect: str) -> Any:
     row = find_language(name)
     if row is None or row.twin is None:
         raise ConfigError(f"there is no simulated table that speaks {name!r}")
-    return _resolved(name, row.twin)
+    return _loaded(name, row.twin, lambda: resolve(row.twin))
 
 
 def table_language(dialect: str) -> str:

@@ -15,7 +15,7 @@ from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
 from vcfbench.drivers.session import open_session
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.models import find_language, find_model, model_names, resolve
+from vcfbench.models import driver_of, find_language, find_model, model_names
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
@@ -93,7 +93,7 @@ def find_driver(model: str, like: str | None = None) -> Driver:
     row = find_model(like or model)
     if row is None:
         raise ConfigError(f"no driver for {like or model!r}; there are {', '.join(sorted(model_names()))}")
-    driver = resolve(row.driver)
+    driver = driver_of(row)
     if isinstance(driver, Driver):
         return driver
     if not (isinstance(driver, type) and issubclass(driver, ScpiInstrument)):

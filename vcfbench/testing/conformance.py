@@ -25,7 +25,7 @@ from vcfbench.interfaces import (
     TemperatureChamber,
     UnprovedCommand,
 )
-from vcfbench.models import MODELS, resolve
+from vcfbench.models import MODELS, driver_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -61,7 +61,7 @@ def conformance_cases() -> tuple[ConformanceCase, ...]:
 
 def model_case(row: Model) -> ConformanceCase:
     """Return the case of the SCPI driver in `row`."""
-    driver_class = resolve(row.driver)
+    driver_class = driver_of(row)
     answers = {question: answer for question, answer in row.answers.items() if question != driver_class.error_question}
     protocol = _PROTOCOLS[row.roles[0]]
     if driver_class.error_question == "SYST:ERR?":

@@ -27,7 +27,7 @@ from vcfbench.interfaces import (
     SetsVoltage,
     lacking,
 )
-from vcfbench.models import find_model, resolve
+from vcfbench.models import driver_of, find_model, resolve
 from vcfbench.plans.step import Step
 from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
@@ -269,7 +269,7 @@ def _naming(name: str) -> Callable[[Any], str]:
 
 def _absent(model: str, capability: type) -> Sequence[str]:
     row = find_model(model)
-    driver = None if row is None else resolve(row.driver)
+    driver = None if row is None else driver_of(row)
     return () if driver is None else lacking(getattr(driver, "driver_class", driver), capability)
 
 

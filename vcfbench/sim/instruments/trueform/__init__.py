@@ -2,32 +2,6 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.trueform.instrument import (
-    Keysight33509B,
-    Keysight33510B,
-    Keysight33511B,
-    Keysight33512B,
-    Keysight33521B,
-    Keysight33522B,
-    Keysight33611A,
-    Keysight33612A,
-    Keysight33621A,
-    Keysight33622A,
-    Trueform,
-    TrueformErrors,
-)
+from vcfbench.sim.instruments.trueform.instrument import Trueform, TrueformErrors
 
-__all__ = [
-    "Keysight33509B",
-    "Keysight33510B",
-    "Keysight33511B",
-    "Keysight33512B",
-    "Keysight33521B",
-    "Keysight33522B",
-    "Keysight33611A",
-    "Keysight33612A",
-    "Keysight33621A",
-    "Keysight33622A",
-    "Trueform",
-    "TrueformErrors",
-]
+__all__ = ["Trueform", "TrueformErrors"]

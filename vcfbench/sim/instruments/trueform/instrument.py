@@ -11,7 +11,7 @@ as trigger, and the lower amplitudes of a 33600A at high frequencies.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
 from vcfbench.sim.instruments.agilent33220a.settings import RESET, OutputRange
@@ -24,7 +24,6 @@ from vcfbench.specifications import KEYSIGHT_33500B
 if TYPE_CHECKING:
     import numpy as np
 
-    from vcfbench.sim.instruments.agilent33220a.settings import Kind, Settings
     from vcfbench.sim.scpi import CommandTable
 
 _LIMITS: dict[str, Any] = {"limit_on": False, "limit_high": 10.0, "limit_low": -10.0}
@@ -32,10 +31,6 @@ _ARBITRARY: dict[str, Any] = {"srate": 40e3, "filter": "STEP", "advance": "SRAT"
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 _FREQUENCY_ERROR = 2e-6
 """Of the time base: 1 ppm a year and 1 ppm of temperature (general knowledge of the data sheet, unverified)."""
-
-
-def _reset_state(series: Series) -> Settings:
-    return {**RESET, **_LIMITS, **_ARBITRARY, "edge": series.edge_reset_s}
 
 
 class TrueformErrors(GeneratorErrors, frozen=True):
@@ -56,12 +51,24 @@ class TrueformErrors(GeneratorErrors, frozen=True):
 
 
 class Trueform(Agilent33220A):
-    """A generator of the series; arguments as of the 33220A."""
+    """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A."""
 
     errors_class: ClassVar = TrueformErrors
     table: ClassVar[CommandTable] = TABLE
     longest_line: ClassVar[int] = _LONGEST_LINE
     series: ClassVar[Series]
+
+    @classmethod
+    def of_model(cls, model: str, sine_hz: float) -> type[Self]:
+        """Return the simulated model of the series whose sines go up to `sine_hz`."""
+        series = SERIES_33600A if model.endswith("A") else SERIES_33500B
+        own = {
+            "own_name": model,
+            "series": series,
+            "kind": kind(series, sine_hz),
+            "reset_state": {**RESET, **_LIMITS, **_ARBITRARY, "edge": series.edge_reset_s},
+        }
+        return type(cls.__name__, (cls,), {**own, "__doc__": cls.__doc__})
 
     def made_memory(self, full_scale: int) -> NamedWaveforms:
         """Return the waveform memory of the series."""
@@ -90,93 +97,3 @@ class Trueform(Agilent33220A):
             self.state["freq"] = self.state["brate"] / PRBS_BITS
         if self.state["func"] == "USER":
             self.state["freq"] = self.state["srate"] / len(self.waveforms.points(self.state["user"]))
-
-
-class Keysight33509B(Trueform):
-    """The 33509B."""
-
-    own_name: ClassVar[str] = "33509B"
-    series: ClassVar[Series] = SERIES_33500B
-    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
-
-
-class Keysight33510B(Trueform):
-    """The 33510B."""
-
-    own_name: ClassVar[str] = "33510B"
-    series: ClassVar[Series] = SERIES_33500B
-    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
-
-
-class Keysight33511B(Trueform):
-    """The 33511B."""
-
-    own_name: ClassVar[str] = "33511B"
-    series: ClassVar[Series] = SERIES_33500B
-    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
-
-
-class Keysight33512B(Trueform):
-    """The 33512B."""
-
-    own_name: ClassVar[str] = "33512B"
-    series: ClassVar[Series] = SERIES_33500B
-    kind: ClassVar[Kind] = kind(SERIES_33500B, 20e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
-
-
-class Keysight33521B(Trueform):
-    """The 33521B."""
-
-    own_name: ClassVar[str] = "33521B"
-    series: ClassVar[Series] = SERIES_33500B
-    kind: ClassVar[Kind] = kind(SERIES_33500B, 30e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
-
-
-class Keysight33522B(Trueform):
-    """The 33522B."""
-
-    own_name: ClassVar[str] = "33522B"
-    series: ClassVar[Series] = SERIES_33500B
-    kind: ClassVar[Kind] = kind(SERIES_33500B, 30e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33500B)
-
-
-class Keysight33611A(Trueform):
-    """The 33611A."""
-
-    own_name: ClassVar[str] = "33611A"
-    series: ClassVar[Series] = SERIES_33600A
-    kind: ClassVar[Kind] = kind(SERIES_33600A, 80e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
-
-
-class Keysight33612A(Trueform):
-    """The 33612A."""
-
-    own_name: ClassVar[str] = "33612A"
-    series: ClassVar[Series] = SERIES_33600A
-    kind: ClassVar[Kind] = kind(SERIES_33600A, 80e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
-
-
-class Keysight33621A(Trueform):
-    """The 33621A."""
-
-    own_name: ClassVar[str] = "33621A"
-    series: ClassVar[Series] = SERIES_33600A
-    kind: ClassVar[Kind] = kind(SERIES_33600A, 120e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
-
-
-class Keysight33622A(Trueform):
-    """The 33622A."""
-
-    own_name: ClassVar[str] = "33622A"
-    series: ClassVar[Series] = SERIES_33600A
-    kind: ClassVar[Kind] = kind(SERIES_33600A, 120e6)
-    reset_state: ClassVar[Settings] = _reset_state(SERIES_33600A)
