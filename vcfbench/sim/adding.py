@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from vcfbench.sim.components import Component
     from vcfbench.sim.sources import Bend
 
 __all__ = ["added"]
@@ -68,6 +69,10 @@ class _Added(Struct, frozen=True):
     def divided(self, share: float) -> _Added:
         """Return what both are together with a resistance that leaves `share` of the open voltage (Thevenin)."""
         return _Added(self.first.divided(share), self.second.divided(share))
+
+    def components(self) -> tuple[Component, ...]:
+        """Return what both are made of."""
+        return *self.first.components(), *self.second.components()
 
 
 def _linear(drive: Drive, slope: float, beside: Piece) -> Piece:

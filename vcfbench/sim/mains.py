@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from vcfbench.sim.components import Component
     from vcfbench.sim.parameters import PickUp
     from vcfbench.sim.sources import Bend, Played
 
@@ -87,3 +88,9 @@ class _Overlaid(Struct, frozen=True):
         """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
         sine = Sine(share * self.sine.amplitude_v, self.sine.frequency_hz, self.sine.phase_rad)
         return _Overlaid(self.source.divided(share), sine)
+
+    def components(self) -> tuple[Component, ...]:
+        """Return what it is made of."""
+        from vcfbench.sim.components import Tone  # noqa: PLC0415  (kept out of the import of the package)
+
+        return *self.source.components(), Tone(self.sine)

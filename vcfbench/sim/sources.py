@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from vcfbench.sim.components import Component
+
 __all__ = ["HIGHEST_HZ", "NOTHING_V", "Approach", "Bend", "Drive", "Piece", "Played", "Ripple", "Sine"]
 
 HIGHEST_HZ = 16e3
@@ -74,6 +76,15 @@ class Drive(Struct, frozen=True):
         """Return its volts at bench times."""
         return _sines((Sine(self.amplitude_v, self.frequency_hz, self.phase_rad), *self.overtones), times_s) + self.dc_v
 
+    def components(self) -> tuple[Component, ...]:
+        """Return what it is made of."""
+        from vcfbench.sim.components import Level, Tone  # noqa: PLC0415  (kept out of the import of the package)
+
+        own = Sine(self.amplitude_v, self.frequency_hz, self.phase_rad)
+        sounding = [each for each in (own, *self.overtones) if each.amplitude_v and each.frequency_hz]
+        still_v = sum(each.value_v(0.0) for each in (own, *self.overtones) if not each.frequency_hz)
+        return Level(self.dc_v + still_v), *(Tone(each) for each in sounding)
+
     def with_overtone(self, sine: Sine) -> Drive:
         """Return it with one more sine."""
         return replace(self, overtones=(*self.overtones, sine))
@@ -126,6 +137,10 @@ class Played(Protocol):
 
     def divided(self, share: float) -> Played:
         """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        ...
+
+    def components(self) -> tuple[Component, ...]:
+        """Return what it is made of, open circuit, for who looks through a path of limited bandwidth."""
         ...
 
 

@@ -12,14 +12,16 @@ from msgspec.structs import replace
 from vcfbench.sim.sources import Sine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     import numpy as np
     from numpy.typing import NDArray
 
+    from vcfbench.sim.components import Component
     from vcfbench.sim.gyro.stretch import Stretch
+    from vcfbench.sim.sources import Played
 
-__all__ = ["History", "Piece", "Trace", "piece_of"]
+__all__ = ["History", "Piece", "Trace", "merged", "piece_of"]
 
 
 class Piece(Struct, frozen=True):
@@ -28,9 +30,11 @@ class Piece(Struct, frozen=True):
     Args:
         start_s, stop_s: bench time.
         dc_v: the constant part.
-        sines: the rest, their phases at `start_s`; None where only `at` tells.
+        sines: the rest, their phases at `start_s`; None where only `at` or `source` tells.
         at: volts at absolute times within it.
         endless: a source's, which `at` tells of earlier times too, as if it had always been so.
+        source: what plays there, with the part of it that is seen; None where nothing does.
+        beside: a sine of bench time in series with the source.
     """
 
     start_s: float
@@ -39,19 +43,58 @@ class Piece(Struct, frozen=True):
     sines: tuple[Sine, ...] | None
     at: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     endless: bool = False
+    source: tuple[Played, float] | None = None
+    beside: Sine | None = None
 
     def reversed(self) -> Piece:
         """Return what is seen with the leads reversed."""
         sines = (
             None if self.sines is None else tuple(replace(sine, amplitude_v=-sine.amplitude_v) for sine in self.sines)
         )
-        return Piece(self.start_s, self.stop_s, -self.dc_v, sines, lambda times: -self.at(times), self.endless)
+        source = None if self.source is None else (self.source[0], -self.source[1])
+        beside = None if self.beside is None else replace(self.beside, amplitude_v=-self.beside.amplitude_v)
+        return replace(
+            self, dc_v=-self.dc_v, sines=sines, at=lambda times: -self.at(times), source=source, beside=beside
+        )
 
     def with_sine(self, sine: Sine) -> Piece:
         """Return what is seen with a sine (of bench time) in series."""
         here = replace(sine, phase_rad=sine.phase_rad + math.tau * sine.frequency_hz * self.start_s)
         sines = None if self.sines is None else (*self.sines, here)
-        return replace(self, sines=sines, at=lambda times: self.at(times) + sine.at(times))
+        beside = None if self.source is None else sine
+        return replace(self, sines=sines, at=lambda times: self.at(times) + sine.at(times), beside=beside)
+
+    def goes_on(self, other: Piece) -> bool:
+        """Tell whether a piece that begins where this one ends is the same source playing on."""
+        if self.source is None or other.source is None:
+            return False
+        same = self.source[0] is other.source[0] and self.source[1] == other.source[1]
+        return same and self.stop_s == other.start_s and self.beside == other.beside
+
+    def components(self) -> tuple[Component, ...]:
+        """Return what it is made of, for who looks through a path of limited bandwidth."""
+        from vcfbench.sim.components import Level, Sampled, Scaled, Tone  # noqa: PLC0415  (numpy only where needed)
+
+        if self.sines is not None:
+            back = ((each, math.tau * each.frequency_hz * self.start_s) for each in self.sines)
+            tones = (replace(each, phase_rad=each.phase_rad - turned) for each, turned in back)
+            return Level(self.dc_v), *(Tone(each) for each in tones)
+        if self.source is None:
+            return (Sampled(self.at, self.start_s, self.stop_s),)
+        played, share = self.source
+        beside = () if self.beside is None else (Tone(self.beside),)
+        return *(Scaled(each, share) for each in played.components()), *beside
+
+
+def merged(pieces: Iterable[Piece]) -> list[Piece]:
+    """Return pieces, those joined into one that the same source plays on."""
+    joined: list[Piece] = []
+    for piece in pieces:
+        if joined and joined[-1].goes_on(piece):
+            joined[-1] = replace(joined[-1], stop_s=piece.stop_s)
+        else:
+            joined.append(piece)
+    return joined
 
 
 class History(Protocol):
@@ -110,8 +153,11 @@ def piece_of(stretch: Stretch, node: str) -> Piece:
     known = stretch.closed_form(node)
     sines = None if known is None else tuple(_sine(size, exponent) for size, exponent in known.terms)
     constant = 0.0 if known is None else known.constant_v
-    endless = known is not None or stretch.played(node)
-    return Piece(stretch.start_s, stretch.stop_s, constant, sines, lambda times: stretch.at(node, times), endless)
+    source = stretch.source(node)
+    endless = known is not None or source is not None
+    return Piece(
+        stretch.start_s, stretch.stop_s, constant, sines, lambda times: stretch.at(node, times), endless, source
+    )
 
 
 def _sine(size: complex, exponent: complex) -> Sine:

@@ -18,7 +18,7 @@ from vcfbench.sim.trace import Piece
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.sources import Approach, Ripple
+    from vcfbench.sim.sources import Approach, Played, Ripple
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,9 @@ class FakeHistory:
         parts = [(max(start, self.start_s), stop, signal) for (start, signal), (stop, _) in pairwise(changes)]
         return [self._piece(start, stop, signal) for start, stop, signal in parts if stop > start]
 
-    def _piece(self, start_s: float, stop_s: float, signal: tuple[Sine, ...] | Waveform) -> Piece:
+    def _piece(self, start_s: float, stop_s: float, signal: tuple[Sine, ...] | Waveform | Played) -> Piece:
+        if not isinstance(signal, tuple) and hasattr(signal, "components"):
+            return Piece(start_s, stop_s, 0.0, None, signal.at, source=(signal, 1.0))
         if not isinstance(signal, tuple):
             return Piece(start_s, stop_s, 0.0, None, signal)
         turned = tuple(
@@ -89,7 +91,7 @@ class FakeWorld:
         self.amplitude_v = 0.0
         self.frequency_hz = 0.0
         self.resistance_ohm = math.inf
-        self.signals: list[tuple[float, tuple[Sine, ...] | Waveform]] = [(0.0, ())]
+        self.signals: list[tuple[float, tuple[Sine, ...] | Waveform | Played]] = [(0.0, ())]
         self.load_ohm = {"positive": 100.0, "negative": 100.0}
         self.rails: list[tuple[float, str, Approach]] = []
         self.windows: list[tuple[float, float]] = []
@@ -109,9 +111,9 @@ class FakeWorld:
         assert self.clock.now() <= start_s < stop_s
         return FakeCapture(self)
 
-    def play(self, *sines: Sine, waveform: Waveform | None = None) -> None:
+    def play(self, *sines: Sine, waveform: Waveform | None = None, source: Played | None = None) -> None:
         """Change what is on the node from now on, beside its direct voltage; a waveform is of bench time."""
-        self.signals.append((self.clock.now(), waveform or sines))
+        self.signals.append((self.clock.now(), source or waveform or sines))
 
     def trace(self, span_s: float) -> FakeHistory:
         assert span_s >= 7.0

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from vcfbench.sim.gyro.dense import COARSE_S, coarser
-from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, amplify, output_limits
+from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, PlayedVoltage, amplify, output_limits
 from vcfbench.sim.gyro.means import output_integral
 
 if TYPE_CHECKING:
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
     from vcfbench.sim.gyro.electronic import ElectronicNoise
-    from vcfbench.sim.gyro.electronics import Passage, Pin, PlayedVoltage
+    from vcfbench.sim.gyro.electronics import Passage, Pin
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.sources import Played
 
 __all__ = ["Situation", "Stretch"]
 
@@ -90,11 +91,6 @@ class Stretch(Struct, frozen=True):
         fastest = max((abs(exponent) for _, exponent in source.terms), default=0.0)
         return FINEST_RAD / fastest if fastest else math.inf
 
-    def played(self, node: str) -> bool:
-        """Tell whether a node carries what a source plays, which tells of any time."""
-        source = self._source(node)
-        return source is not None and not isinstance(source, Oscillation)
-
     def _share(self, node: str) -> float:
         return self.shares.get(node, 1.0)
 
@@ -106,6 +102,13 @@ class Stretch(Struct, frozen=True):
         if not isinstance(source, Oscillation) or any(exponent.real for _, exponent in source.terms):
             return None
         return source
+
+    def source(self, node: str) -> tuple[Played, float] | None:
+        """Return what plays on a node, and what part of it is there; None where nothing does."""
+        source = self._source(node)
+        if not isinstance(source, PlayedVoltage):
+            return None
+        return source.source, source.share * self._share(node)
 
     def _source(self, node: str) -> Oscillation | PlayedVoltage | None:
         """Return what a node of the PCB's inputs carries; None for its own nodes."""

@@ -171,7 +171,7 @@ def test_a_phase_goes_on_from_the_one_before() -> None:
 
 # --- noise --------------------------------------------------------------------------------------------------------
 
-TICK_S = 0.319 / 9e6
+TICK_S = 25e-9
 
 
 def test_gaussians_have_their_moments_and_do_not_know_each_other() -> None:
@@ -187,14 +187,31 @@ def test_gaussians_have_their_moments_and_do_not_know_each_other() -> None:
 def test_what_a_piece_is_made_of_is_the_mean_of_what_is_seen() -> None:
     noise, whole = Noise(0.2, 0.5, 11), 512 * TICK_S
     for number in (0, 7, 123_456):
-        ticks = (
-            512 * number + np.arange(512, dtype=np.float64) + 0.5
-        ) * TICK_S  # the middles of ticks, where it is not in between
-        assert noise.at(ticks).mean() - 0.2 == pytest.approx(float(noise._means_v(np.array([number]))[0]), abs=2e-3)
+        ticks = (512 * number + np.arange(512, dtype=np.float64) + 0.5) * TICK_S
+        # of eight ticks at either end a part belongs to the neighbours: 0.5 V sqrt(8) / 512
+        assert noise.at(ticks).mean() - 0.2 == pytest.approx(float(noise._means_v(np.array([number]))[0]), abs=6e-3)
         piece = noise.piece(number * whole + 1e-9, (0.0, 1.0, 0.0, 0.0))
         means = 0.2 + noise._means_v(np.arange(number, number + 2048))
         assert piece.constant == pytest.approx(float(means.mean()))
         assert piece.stop_s == pytest.approx((number + 2048) * whole)
+
+
+def test_noise_is_as_loud_at_any_place_between_ticks_and_flat_to_9_mhz() -> None:
+    """By the transform of a record: 3 dB down at 9 MHz, and no line of nulls at the rate of the ticks."""
+    noise, places = Noise(0.0, 1.0, 3), np.arange(0.0, 1.0, 0.125)
+    loudness = [float(noise.at((np.arange(100_000) + place) * TICK_S).std()) for place in places]
+    assert loudness == pytest.approx([1.0] * len(places), abs=0.01)
+    seen = noise.at(np.arange(1 << 19) * 5e-9).reshape(-1, 4096)
+    powers = (np.abs(np.fft.rfft(seen * np.hanning(4096))) ** 2).mean(axis=0)
+    hertz = np.fft.rfftfreq(4096, 5e-9)
+
+    def level_db(near_hz: float) -> float:
+        near, slow = np.abs(hertz - near_hz) < 0.5e6, (hertz > 0.2e6) & (hertz < 2e6)
+        return 10.0 * math.log10(float(powers[near].mean() / powers[slow].mean()))
+
+    assert level_db(5e6) == pytest.approx(-0.4, abs=0.4)
+    assert level_db(9e6) == pytest.approx(-3.0, abs=0.5)
+    assert level_db(28e6) < -40.0
 
 
 @pytest.mark.parametrize("source", [Noise(0.4, 0.5, 3), *list(PLAYED.values())[:2]])

