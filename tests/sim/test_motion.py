@@ -312,16 +312,6 @@ def test_a_demand_ends_an_oscillation_without_a_jump() -> None:
     assert motion.rate_deg_s() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_root_mean_square_of_a_ramp_is_that_of_the_ramp() -> None:
-    clock, motion = table(replace(REAL, loop_hz=1e4, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=()))
-    motion.demand_rate(100.0, 50.0)
-    ramp = motion.segment(clock.now())
-    assert ramp.rms_deg_s(0.0, 2.0) == pytest.approx(100.0 / math.sqrt(3.0), rel=1e-3)
-    clock.sleep_until(3.0)
-    flat = motion.segment(clock.now())
-    assert flat.rms_deg_s(2.0, 3.0) == pytest.approx(100.0, rel=1e-4)
-
-
 def test_ripple_that_a_motor_adds_turns_with_the_table() -> None:
     clock, motion = table(replace(REAL, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=(), rate_error=0.0))
     motion.add_ripple(Ripple(10.0, 200))

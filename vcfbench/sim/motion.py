@@ -3,8 +3,8 @@
 A command makes a plan of segments from now on. In each segment the true rate is a sum of exponentials, known in
 closed form at any time, and the gyro takes exactly that sum as its input. The ripple (*wow*, and the steps of a
 stepping motor) turns with the profile at constant rate and is left out during ramps and oscillations, where it would
-be a chirp of some ten ppm of the rate. White flutter is no part of the plan: it is added as noise where the gyro feels
-the rate (:class:`vcfbench.sim.gyro.noise.Flutter`), so that encoder and read-back do not show it.
+be a chirp of some ten ppm of the rate; so is the flutter (:mod:`vcfbench.sim.flutter`), a share of the rate. What angle
+it leaves behind when the rate changes the loop takes back: the angle never walks away from the profile's.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.s_curve import Piece, ramp
 
@@ -22,14 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.flutter import Flutter
     from vcfbench.sim.parameters import TableMechanics
 
 __all__ = ["MEMORY_S", "RateSegment", "Ripple", "Swing", "TableMotion"]
 
 ARCSEC = math.pi / 648000.0
-_GAUSS = ((0.0469100770306680, 0.1184634425280945), (0.2307653449471585, 0.2393143352496832), (0.5, 0.2844444444444444))
-_NODES = (*_GAUSS, *((1.0 - place, weight) for place, weight in _GAUSS[:2]))
-"""Places and weights of five Gauss-Legendre nodes on 0...1; the last two mirror the first two."""
 _SLIGHT = 1e-4
 _BENT = 0.05
 _SQUARE = ((1, 1.5), (2, -0.15), (3, 1.0 / 90.0))
@@ -40,7 +39,11 @@ MEMORY_S = 1.0
 
 
 class RateSegment(Struct, frozen=True):
-    """True rate over [start_s, stop_s): `rate + slope t + Re sum a exp(s t)` in deg/s, t from `start_s`."""
+    """True rate over [start_s, stop_s): `rate + slope t + Re sum a exp(s t)` in deg/s, t from `start_s`.
+
+    And beside that `shaking_deg_s` times the flutter's rate. By `astray_deg` the angle was off at the start, beyond
+    what belongs to this flutter; `terms` take it back.
+    """
 
     start_s: float
     stop_s: float
@@ -48,29 +51,29 @@ class RateSegment(Struct, frozen=True):
     rate_deg_s: float
     slope_deg_s2: float
     terms: tuple[tuple[complex, complex], ...]
+    flutter: Flutter | None = None
+    shaking_deg_s: float = 0.0
+    astray_deg: float = 0.0
 
     def rate_at(self, instant_s: float) -> float:
         """Return the true rate at bench time `instant_s`, deg/s."""
         t = instant_s - self.start_s
-        return self.rate_deg_s + self.slope_deg_s2 * t + sum([(a * cmath.exp(s * t)).real for a, s in self.terms])
+        rate = self.rate_deg_s + self.slope_deg_s2 * t + sum([(a * cmath.exp(s * t)).real for a, s in self.terms])
+        return rate if self.flutter is None else rate + self.shaking_deg_s * self.flutter.rate_at(instant_s)
 
     def angle_at(self, instant_s: float) -> float:
         """Return the true angle at bench time `instant_s`, deg, unwrapped."""
         t = instant_s - self.start_s
         turned = self.rate_deg_s * t + 0.5 * self.slope_deg_s2 * t * t
-        return self.angle_deg + turned + sum([(a * (cmath.exp(s * t) - 1) / s).real for a, s in self.terms])
+        angle = self.angle_deg + turned + sum([(a * (cmath.exp(s * t) - 1) / s).real for a, s in self.terms])
+        if self.flutter is None:
+            return angle
+        return angle + self.shaking_deg_s * (self.flutter.angle_at(instant_s) - self.flutter.angle_at(self.start_s))
 
-    def rms_deg_s(self, start_s: float, stop_s: float) -> float:
-        """Return the root of the mean square of the rate between two instants, deg/s, by five nodes."""
-        if not self.slope_deg_s2:
-            if not self.terms:
-                return abs(self.rate_deg_s)
-            left = [abs(a) * math.exp(s.real * (start_s - self.start_s)) for a, s in self.terms]
-            if max(left, default=0.0) <= _SLIGHT * abs(self.rate_deg_s):
-                return abs(self.rate_deg_s)
-        return math.sqrt(
-            sum([weight * self.rate_at(start_s + place * (stop_s - start_s)) ** 2 for place, weight in _NODES])
-        )
+    def fluttered_deg(self, instant_s: float, back_per_s: float) -> float:
+        """Return by how much flutter has the angle off at bench time `instant_s`, deg."""
+        left = self.astray_deg * math.exp(-back_per_s * (instant_s - self.start_s)) if self.astray_deg else 0.0
+        return left if self.flutter is None else left + self.shaking_deg_s * self.flutter.angle_at(instant_s)
 
 
 class Ripple(Struct, frozen=True):
@@ -153,12 +156,20 @@ class TableMotion:
     """The table as it really moves; simulated controllers of any dialect act on it.
 
     `before_change` is called before each command, so that whoever follows the motion can catch up with the old plan.
+    Without `flutter` there is none, whatever the mechanics say of its size.
     """
 
-    def __init__(self, clock: Clock, mechanics: TableMechanics, before_change: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        mechanics: TableMechanics,
+        before_change: Callable[[], None],
+        flutter: Flutter | None = None,
+    ) -> None:
         self._clock = clock
         self._mechanics = mechanics
         self._before_change = before_change
+        self._flutter = flutter
         self.commands = 0
         """How many commands it has had: what follows from its profile holds until there is another."""
         self._servo_closed = False
@@ -213,13 +224,14 @@ class TableMotion:
         now = self._clock.now()
         self._remember(now)
         angle, loop = self.angle_deg(), self._loop_at(now)
-        grown_s = now + swing.lasts_s
-        self._profiles, self._segments = [], []
+        grown_s, off_deg = now + swing.lasts_s, self._fluttered_deg(now)
+        self._profiles, self._segments, self._swings = [], [], True
         if swing.lasts_s:
-            self._then(_Profile(now, 0.0, 0.0, *loop, swing.growing()), grown_s, angle)
+            self._then(_Profile(now, 0.0, 0.0, *loop, swing.growing()), grown_s, angle, off_deg)
+            off_deg = self._fluttered_deg(grown_s)
             loop, angle = self._loop_after(self._profiles[-1], grown_s), self._segments[-1].angle_at(grown_s)
-        self._then(_Profile(grown_s, 0.0, 0.0, *loop, swing.grown()), math.inf, angle)
-        self._complete_s, self._goal_deg_s, self._swings = grown_s, 0.0, True
+        self._then(_Profile(grown_s, 0.0, 0.0, *loop, swing.grown()), math.inf, angle, off_deg)
+        self._complete_s, self._goal_deg_s = grown_s, 0.0
 
     def close_servo(self) -> None:
         """Close the servo: the profile holds the rate that the table has now."""
@@ -368,19 +380,38 @@ class TableMotion:
         self, now: float, angle: float, pieces: Sequence[Piece], goal: float, *, loop: tuple[float, float]
     ) -> None:
         """Plan the pieces of a ramp from now on, then the goal's rate for ever."""
+        off_deg = self._fluttered_deg(now)
         self._profiles, self._segments, self._swings = [], [], False
         for piece in pieces:
             constant, terms = _bent(piece)
             profile = _Profile(now, piece.rate_deg_s + constant, piece.acceleration_deg_s2, *loop, terms)
             now += piece.lasts_s
-            self._then(profile, now, angle)
+            self._then(profile, now, angle, off_deg)
             loop, angle = self._loop_after(profile, now), self._segments[-1].angle_at(now)
+            off_deg = self._fluttered_deg(now)
         self._complete_s, self._goal_deg_s = now, goal
-        self._then(_Profile(now, goal, 0.0, *loop), math.inf, angle)
+        self._then(_Profile(now, goal, 0.0, *loop), math.inf, angle, off_deg)
 
-    def _then(self, profile: _Profile, stop_s: float, angle: float) -> None:
+    def _then(self, profile: _Profile, stop_s: float, angle: float, off_deg: float) -> None:
         self._profiles.append(profile)
-        self._segments.append(self._follow(profile, stop_s, angle))
+        segment = self._follow(profile, stop_s, angle)
+        self._segments.append(segment if self._flutter is None else self._fluttering(segment, self._flutter, off_deg))
+
+    def _fluttering(self, segment: RateSegment, flutter: Flutter, off_deg: float) -> RateSegment:
+        """Return a segment with its flutter, if it turns at one rate; the loop takes back what the angle was off."""
+        steady = segment.stop_s == math.inf and not self._swings
+        shaking = self._mechanics.flutter_per_sqrt_hz * abs(segment.rate_deg_s) if steady else 0.0
+        astray = off_deg - shaking * flutter.angle_at(segment.start_s) if shaking else off_deg
+        back = abs(self._pole)
+        terms = (*segment.terms, (complex(-back * astray), complex(-back))) if astray else segment.terms
+        shaken = flutter if shaking else None
+        return replace(segment, terms=terms, flutter=shaken, shaking_deg_s=shaking, astray_deg=astray)
+
+    def _fluttered_deg(self, instant_s: float) -> float:
+        """Return by how much flutter has the angle off, deg."""
+        if self._flutter is None:
+            return 0.0
+        return self.segment(instant_s).fluttered_deg(instant_s, abs(self._pole))
 
     def _follow(self, profile: _Profile, stop_s: float, angle: float) -> RateSegment:
         scale = 1 + self._mechanics.rate_error

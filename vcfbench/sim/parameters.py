@@ -332,8 +332,8 @@ class TableMechanics(_Group, frozen=True):
         float,
         Quantity(
             "1/sqrt(Hz)",
-            "white flutter of the true rate, a share of it",
-            "chosen, unverified; 27e-6 would be the BD125's 10 ppm over a turn at 100 deg/s",
+            "flutter of the true rate, a share of it, at the frequency of the loop",
+            "chosen, unverified; 5e-4 would be the BD125's 10 ppm over a turn at 100 deg/s",
             NOT_NEGATIVE,
         ),
     ]

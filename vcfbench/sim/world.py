@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 from msgspec.structs import replace
 
 from vcfbench.sim.adding import added
+from vcfbench.sim.flutter import Flutter
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.mains import Mains
@@ -179,7 +180,7 @@ class World:
     def __init__(self, clock: Clock, parameters: BenchParameters, seed: int) -> None:
         self.clock = clock
         self.parameters = parameters
-        self.table = TableMotion(clock, parameters.table, self.advance)
+        self.table = TableMotion(clock, parameters.table, self.advance, Flutter.of(parameters.table, seed))
         self._gyro = Gyro(parameters, seed, clock.now())
         self.mains = Mains.drawn(parameters.pick_up, seed)
         """What the leads catch of the mains."""

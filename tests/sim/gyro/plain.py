@@ -33,6 +33,31 @@ def steady_output_v(bench: BenchParameters, rate_rad_s: float, virtual_v: float 
     return total
 
 
+def rate_response(bench: BenchParameters, frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How much of a rate that oscillates gets into the filtered volts, relative to a steady rate: both side bands."""
+    omega, phi = 2 * math.pi * bench.drive_mode.frequency_hz, bench.sense_path.demodulator_phase_rad
+
+    def answered(speed: NDArray[np.float64]) -> NDArray[np.complex128]:
+        total = np.zeros(len(speed), complex)
+        for mode in (bench.sense_in_phase, bench.sense_anti_phase):
+            natural = 2 * math.pi * mode.frequency_hz
+            compliance = 1.0 / (natural**2 - speed**2 + 1j * speed * natural / mode.quality)
+            total += mode.pick_off_v_per_m * share(mode) * compliance
+        return total * np.exp(-1j * phi)
+
+    turned = 2 * math.pi * frequencies_hz
+    both = answered(omega + turned) + answered(omega - turned).conj()
+    steady = 2 * answered(np.array([omega])).real
+    return np.abs(both / steady) / np.sqrt(1 + (frequencies_hz / bench.sense_path.low_pass_hz) ** 8)
+
+
+def flutter_density(bench: BenchParameters, frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One-sided density of the table's flutter, a share of the rate squared a hertz: white torque through the loop."""
+    table = bench.table
+    through = (2 * table.loop_damping * table.loop_hz * frequencies_hz) ** 2
+    return table.flutter_per_sqrt_hz**2 * through / ((table.loop_hz**2 - frequencies_hz**2) ** 2 + through)
+
+
 def share(mode: SenseMode) -> float:
     return mode.left_participation + mode.right_participation
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
-from tests.sim.gyro.plain import noise_matrices
+from tests.sim.gyro.plain import flutter_density, noise_matrices, rate_response
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
@@ -261,7 +261,7 @@ def test_flutter_of_the_table_is_in_the_waveforms_too() -> None:
     bench = replace(ideal, table=replace(ideal.table, flutter_per_sqrt_hz=1e-3))
     clock, world = turned(bench, 300.0)
     squares = []
-    for _ in range(12):
+    for _ in range(6):
         start = clock.now()
         capture, window = world.capture(start, start + 2.0), world.window("output", start, start + 2.0)
         clock.sleep_until(start + 2.0)
@@ -270,10 +270,9 @@ def test_flutter_of_the_table_is_in_the_waveforms_too() -> None:
         squares.append((volts - 300.0 * -12.542052e-3).reshape(10, -1).var(axis=1))
     seen = np.sqrt(np.mean(squares, axis=0))
     assert np.max(np.abs(seen / seen.mean() - 1)) < 0.35
-    # as much rate noise as both quadratures of the gyro's own would be without the second one
-    white = math.radians(1e-3 * 300.0) / math.sqrt(2)
-    noise = replace(ideal.noise, angle_random_walk_deg_sqrt_s=math.degrees(white))
-    assert seen.mean() == pytest.approx(deviation_v(replace(ideal, noise=noise)) * math.sqrt(0.5), rel=0.2)
+    frequencies = np.arange(0.05, 2000.0, 0.05)
+    squared = flutter_density(bench, frequencies) * rate_response(bench, frequencies) ** 2
+    assert seen.mean() == pytest.approx(300.0 * 12.542052e-3 * math.sqrt(squared.sum() * 0.05), rel=0.1)
 
 
 def turned(bench: BenchParameters, rate_deg_s: float) -> tuple[VirtualClock, World]:

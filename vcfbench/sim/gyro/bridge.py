@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
+    from vcfbench.sim.gyro.shaken import Shaken
 
 __all__ = ["GRID_S", "NoisePath"]
 
@@ -87,11 +88,11 @@ class NoisePath:
         end: the noise at the end; None of a look that is only at the start.
         integral_v_s: integral of the filtered noise over the stretch.
         duration_s: how long it lasted.
-        shaking_rad_sqrt_s: size of the table's flutter in it.
+        shaken: what the table's flutter made in it, which the end and the integral hold.
         key: what its random numbers come from.
     """
 
-    __slots__ = ("_key", "_levels", "_noisy", "_shaking", "_spans", "_start", "_waveforms")
+    __slots__ = ("_end", "_key", "_levels", "_noisy", "_shaken", "_spans", "_start", "_waveforms")
 
     def __init__(
         self,
@@ -101,14 +102,17 @@ class NoisePath:
         *,
         integral_v_s: float,
         duration_s: float,
-        shaking_rad_sqrt_s: float = 0.0,
+        shaken: Shaken | None = None,
         key: tuple[int, ...],
     ) -> None:
         self._noisy = noisy
-        self._shaking = shaking_rad_sqrt_s
+        self._shaken = shaken
         self._key = key
         self._start = start
         self._levels = max(0, math.ceil(math.log2(duration_s / LONGEST_S))) if duration_s > 0.0 else 0
+        self._end = start if end is None else end
+        if end is not None and shaken is not None:
+            end, integral_v_s = shaken.added(end, integral_v_s, -1.0)
         self._spans = {} if end is None else {(0, 0): _Span(start, end, integral_v_s, duration_s)}
         self._waveforms: dict[int, _Waveform] = {}
 
@@ -117,35 +121,27 @@ class NoisePath:
         volts = np.full(times_s.shape, (self._noisy.freed(self._start) @ self._noisy.shows)[0].real)
         for held, waveform, elapsed in self._looked_at(times_s):
             volts[held] = waveform.filtered(elapsed)
-        return volts
+        return volts if self._shaken is None else volts + self._shaken.filtered(times_s)
 
     def sense(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the noise of the envelope of V_s at times within the stretch, V."""
         volts = np.full(times_s.shape, (self._noisy.freed(self._start) @ self._noisy.shows)[2])
         for held, waveform, elapsed in self._looked_at(times_s):
             volts[held] = waveform.sense(elapsed)
-        return volts
+        return volts if self._shaken is None else volts + self._shaken.sense(times_s)
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance that the filtered noise is expected to have about its mean over a time, V^2."""
         own = self._noisy.variance_v2(duration_s)
-        if not self._shaking:
-            return own
-        return own + self._shaking**2 * (self._noisy.shaken(1.0).variance_v2(duration_s) - own)
+        return own if self._shaken is None else own + self._shaken.variance_v2(duration_s)
 
     def carried_v_s(self, carrier_rad_s: float, duration_s: float) -> complex:
         """Return the integral of the noise of V_s on its carrier that its values at both ends make, V s."""
-        end = self._spans[0, 0].end if self._spans else self._start
         speeds = self._noisy.moving + 1j * carrier_rad_s
         weights = self._noisy.shows[:, 2] / speeds
-        turned = self._noisy.freed(end) * cmath.exp(1j * carrier_rad_s * duration_s) - self._noisy.freed(self._start)
+        turned = self._noisy.freed(self._end) * cmath.exp(1j * carrier_rad_s * duration_s)
+        turned -= self._noisy.freed(self._start)
         return complex(weights @ turned)
-
-    def _disturbed(self) -> NoisyChain:
-        """Return the chain with the table's flutter in it."""
-        if self._shaking:
-            self._noisy, self._shaking = self._noisy.shaken(self._shaking), 0.0
-        return self._noisy
 
     def _looked_at(
         self, times_s: NDArray[np.float64]
@@ -153,7 +149,6 @@ class NoisePath:
         """Return which of the times lie in which part, and where in it."""
         if not self._spans:
             return []
-        self._disturbed()
         parts = 2**self._levels
         length = self._spans[0, 0].duration_s / parts
         index = np.clip((times_s / length).astype(np.intp), 0, parts - 1)

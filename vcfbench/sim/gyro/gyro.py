@@ -23,7 +23,8 @@ from vcfbench.sim.gyro.course import Acting, Course, chain_at
 from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
-from vcfbench.sim.gyro.noise import Flicker, Flutter, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.sources import NOTHING_V, Approach
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.gyro.modes import Resonance
+    from vcfbench.sim.gyro.shaken import Shaken
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Drive, Played, Ripple
@@ -45,8 +47,9 @@ FORCED_STEP_V = 10e-3
 """The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
 NOISE_STEP_K = 1.0
 """Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""
-_SHAKES, _LOOKS, _BEHIND, _IMAGINED = 1, 2, 4, 5
-"""Random streams beside the gyro's own noise (3: :mod:`vcfbench.sim.mains`); no number is ever given again."""
+_LOOKS, _BEHIND, _IMAGINED = 2, 4, 5
+"""Random streams beside the gyro's own noise (1: :mod:`vcfbench.sim.flutter`, 3: :mod:`vcfbench.sim.mains`); no number
+is ever given again."""
 
 
 class Gyro:
@@ -61,7 +64,6 @@ class Gyro:
         self._bench = bench
         self._seed = seed
         self._random = np.random.default_rng(seed)
-        self._shaking = np.random.default_rng([seed, _SHAKES])
         self._flicker = Flicker.of(bench.noise)
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
         self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
@@ -87,9 +89,9 @@ class Gyro:
         self._drive = [resting(self._drive_mode.natural_rad_s)]
         self._design = ChainDesign(bench)
         self._course = Course(self._design, bench)
-        self._noisy_chains: dict[tuple[int, complex], tuple[NoisyChain, Flutter | None]] = {}
+        self._noisy_chains: dict[tuple[int, complex], NoisyChain] = {}
         self._noisy_chain: NoisyChain | None = None
-        self._flutter: Flutter | None = None
+        self._shaking: Shaking | None = None
         self._quiet = np.zeros(4 + bench.sense_path.low_pass_order, complex)
         self._noise = NoiseState.of(self._quiet, self._flicker.drawn(self._random))
         self._noise_s = now_s
@@ -106,7 +108,7 @@ class Gyro:
         self._course = copy.copy(self._course)
         self._course.part()
         key = (self._seed, _IMAGINED, round(self.now_s * 1e9))
-        self._random, self._shaking = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
+        self._random = np.random.default_rng([*key, 0])
 
     # -- commands, all at `now_s` --
 
@@ -189,7 +191,7 @@ class Gyro:
         """Return the stretch from now to `stop_s`, as it will be without noise but that of now; goes nowhere."""
         acting = self._act(rate)
         self._bring_noise_up()
-        return self._stretch(acting, stop_s, self._path(None, 0.0, 0.0, 0.0), 0.0)
+        return self._stretch(acting, stop_s, self._path(None, 0.0, 0.0, None), 0.0)
 
     def go(self, rate: RateSegment, stop_s: float) -> None:
         """Go to `stop_s`, not beyond the next event, with nobody looking."""
@@ -200,8 +202,8 @@ class Gyro:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
         acting = self._act(rate)
         self._bring_noise_up()
-        noise, integral, shaking = self._noise_at(stop_s)
-        path = self._path(noise, integral, stop_s - self.now_s, shaking)
+        noise, integral, shaken = self._noise_at(stop_s)
+        path = self._path(noise, integral, stop_s - self.now_s, shaken)
         stretch = self._stretch(acting, stop_s, path, integral)
         self._noise, self._noise_s = noise, stop_s
         self._arrive(stop_s)
@@ -285,7 +287,7 @@ class Gyro:
 
     def _settle_noise(self) -> None:
         """Go on with the noise of the chain that fits drive and temperature; what it has made so far stays."""
-        noisy, flutter = self._new_noise()
+        noisy = self._new_noise()
         if noisy is self._noisy_chain:
             return
         self._bring_noise_up()
@@ -293,7 +295,7 @@ class Gyro:
         if noisy is not None and self._noisy_chain is not None:
             modal = self._noisy_chain.chain.handed_over(self._noise.modal, 0j, noisy.chain)
         self._noise = NoiseState.of(modal, self._noise.rates_rad_s)
-        self._noisy_chain, self._flutter = noisy, flutter
+        self._noisy_chain, self._shaking = noisy, None
 
     # -- noise --
 
@@ -303,32 +305,35 @@ class Gyro:
             self._noise, _, _ = self._noise_at(self.now_s)
             self._noise_s = self.now_s
 
-    def _noise_at(self, stop_s: float) -> tuple[NoiseState, float, float]:
-        """Return the noise at `stop_s`, its integral from where it is, and the size of the table's flutter meanwhile.
+    def _noise_at(self, stop_s: float) -> tuple[NoiseState, float, Shaken | None]:
+        """Return the noise at `stop_s`, its integral from where it is, and what of both the table's flutter made.
 
         While the drive is not locked only the flicker goes on.
         """
         if not self._noisy:
-            return self._noise, 0.0, 0.0
+            return self._noise, 0.0, None
         duration = stop_s - self._noise_s
         if self._noisy_chain is None:
             rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
-            return NoiseState.of(self._noise.modal, rates), 0.0, 0.0
+            return NoiseState.of(self._noise.modal, rates), 0.0, None
         noise, integral = self._noisy_chain.step(self._noise, duration, self._random)
-        shaking = self._shaking_rad_sqrt_s(stop_s)
-        if shaking and self._flutter is not None:
-            noise, integral = self._flutter.added(noise, integral, duration, shaking, self._shaking)
-        return noise, integral, shaking
+        shaken = self._shaken(duration) if self._rate is not None and self._rate.shaking_deg_s else None
+        if shaken is not None:
+            noise, integral = shaken.added(noise, integral)
+        return noise, integral, shaken
 
-    def _shaking_rad_sqrt_s(self, stop_s: float) -> float:
-        """Return the size of the table's flutter from where the noise is to `stop_s`; at rest it does not flutter."""
-        if self._flutter is None or self._rate is None:
-            return 0.0
-        turning = self._rate.rms_deg_s(self._noise_s, stop_s)
-        # the density is of positive frequencies: white noise gathers half of its square per second
-        return self._bench.table.flutter_per_sqrt_hz * math.radians(turning) / math.sqrt(2.0)
+    def _shaken(self, duration_s: float) -> Shaken | None:
+        """Return what the table's flutter makes of the chain in a time from where the noise is."""
+        rate, noisy = self._rate, self._noisy_chain
+        if rate is None or rate.flutter is None or noisy is None:
+            return None
+        if self._shaking is None:
+            self._shaking = Shaking(noisy.chain, rate.flutter)
+        return self._shaking.shaken(rate, self._noise_s, duration_s)
 
-    def _path(self, end: NoiseState | None, integral_v_s: float, duration_s: float, shaking: float) -> NoisePath | None:
+    def _path(
+        self, end: NoiseState | None, integral_v_s: float, duration_s: float, shaken: Shaken | None
+    ) -> NoisePath | None:
         """Return the noise of a step, its random numbers from the seed and the instant; without an end, that of now."""
         if not self._noisy or self._noisy_chain is None:
             return None
@@ -338,7 +343,7 @@ class Gyro:
             end,
             integral_v_s=integral_v_s,
             duration_s=duration_s,
-            shaking_rad_sqrt_s=shaking,
+            shaken=shaken,
             key=(self._seed, _LOOKS, round(self.now_s * 1e9)),
         )
 
@@ -461,23 +466,21 @@ class Gyro:
         """Return the drive mode at a temperature."""
         return resonance_at(self._bench.drive_mode, self._bench.thermal, temperature_c)
 
-    def _new_noise(self) -> tuple[NoisyChain | None, Flutter | None]:
+    def _new_noise(self) -> NoisyChain | None:
         """Return the chain that the noise passes now, none while the drive is not locked.
 
         Its temperature goes in steps of `NOISE_STEP_K`, so that its factors last.
         """
         drive = self._drive[0]
         if not drive.locked or not self._noisy:
-            return None, None
+            return None
         step = round(self._temperature_c() / NOISE_STEP_K)
         key = (step, drive.displacement_m)
         if key not in self._noisy_chains:
             temperature = step * NOISE_STEP_K
             speed = self._mode_at(temperature).natural_rad_s
-            held = locked(abs(drive.displacement_m), speed)
-            chain = chain_at(self._design, self._bench, temperature, held)
-            flutter = Flutter(chain) if self._bench.table.flutter_per_sqrt_hz else None
-            self._noisy_chains[key] = NoisyChain(chain, self._flicker, self._white), flutter
+            chain = chain_at(self._design, self._bench, temperature, locked(abs(drive.displacement_m), speed))
+            self._noisy_chains[key] = NoisyChain(chain, self._flicker, self._white)
         return self._noisy_chains[key]
 
 

@@ -1,7 +1,7 @@
 """Gaussian noise of the chain over any interval, exactly.
 
 White force noise (angle random walk, both quadratures of the carrier) and flicker, a sum of Ornstein-Uhlenbeck
-processes on the rate, drive the chain of :mod:`.chain`, and so does the table's flutter. All of it is linear, so the
+processes on the rate, drive the chain of :mod:`.chain`. All of it is linear, so the
 increments of chain, flicker and the running integral of the filtered signal are jointly Gaussian with a covariance
 known in closed form: in the eigenmodes each entry is (G G*)_ab (exp((l_a + l_b*) T) - 1) / (l_a + l_b*). It is
 factored once an interval, scaled to correlations first and with negative round-off cut away, and kept. The noise has a
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Chain
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["BLOCK", "Flicker", "Flutter", "Interval", "NoiseState", "NoisyChain", "by_rows"]
+__all__ = ["BLOCK", "Flicker", "Interval", "NoiseState", "NoisyChain", "by_rows", "turning_with"]
 
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
@@ -132,26 +132,21 @@ class NoisyChain:
     oldest of `STEPS_KEPT` goes when another comes.
     """
 
-    def __init__(
-        self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float, quadrature_rad_sqrt_s: float | None = None
-    ) -> None:
-        """Take the white noise in phase with the Coriolis force, and in quadrature (None: as much)."""
+    def __init__(self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float) -> None:
+        """Take the white noise in phase with the Coriolis force, as much as in quadrature."""
         self._n = len(chain.eigenmodes)
         slow = -1 / flicker.times_s
         self._exponents = np.concatenate((chain.eigenmodes, slow, [0.0]))
         drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
         follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
-        white = (white_rad_sqrt_s, white_rad_sqrt_s if quadrature_rad_sqrt_s is None else quadrature_rad_sqrt_s)
         self.chain = chain
-        self._made_of = flicker, white
-        self._input, self._output = _noise_maps(chain, follow, drift, white)
+        self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
         self._integral = self._integral_row(chain, follow)
         self._follow = follow
-        shows = np.column_stack((chain.to_filtered, chain.to_filtered * chain.eigenmodes, _turning_with(chain)))
+        shows = np.column_stack((chain.to_filtered, chain.to_filtered * chain.eigenmodes, turning_with(chain)))
         self.shows = np.concatenate((shows, follow.T @ shows))
         """What the modes (:meth:`freed`) show: filtered noise and its slope (real parts), noise of the V_s envelope."""
         self._steps: dict[int, Interval] = {}
-        self._shaken: dict[float, NoisyChain] = {}
         self._variances: dict[int, float] = {}
         self._autocovariance: NDArray[np.complex128] | None = None
 
@@ -201,14 +196,6 @@ class NoisyChain:
         weights = self._integral[:-1] * np.expm1(moving * interval_s)
         weights[n:] -= weights[:n] @ follow
         return Interval(grown[:n], grown[n:].real, carried, weights, _factor(self.covariance(interval_s)))
-
-    def shaken(self, rad_sqrt_s: float) -> NoisyChain:
-        """Return the same with white noise of this size added in phase with the Coriolis force: a table's flutter."""
-        if rad_sqrt_s not in self._shaken:
-            _make_room(self._shaken)
-            flicker, (in_phase, quadrature) = self._made_of
-            self._shaken[rad_sqrt_s] = NoisyChain(self.chain, flicker, math.hypot(in_phase, rad_sqrt_s), quadrature)
-        return self._shaken[rad_sqrt_s]
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance of stationary filtered noise about its mean over a time, on average, V^2.
@@ -300,25 +287,6 @@ class NoisyChain:
         return np.concatenate((np.arange(n), rows + np.arange(n), np.arange(n, rows)))
 
 
-class Flutter:
-    """White flutter of the true rate, as the chain feels it: in phase with the Coriolis force only.
-
-    It is drawn apart from the gyro's own noise, so that a table that flutters leaves the draws of that as they are. Its
-    size is that of the moment: linear as all this is, what a unit of it gathers over an interval is scaled.
-    """
-
-    def __init__(self, chain: Chain) -> None:
-        self._unit = NoisyChain(chain, Flicker(np.empty(0), 0.0), 1.0, 0.0)
-
-    def added(
-        self, state: NoiseState, integral_v_s: float, interval_s: float, rad_sqrt_s: float, random: np.random.Generator
-    ) -> tuple[NoiseState, float]:
-        """Return what the state after `interval_s`, and the integral over it, become with flutter of `rad_sqrt_s`."""
-        gathered, made = rad_sqrt_s * self._unit.gathered(interval_s, random), state.made.copy()
-        made[: 2 * state.modes] += gathered[:-1]
-        return NoiseState(made, state.modes), integral_v_s + float(gathered[-1])
-
-
 def _make_room(kept: dict[Any, Any]) -> None:
     """Let the oldest go where there are `STEPS_KEPT`."""
     if len(kept) >= STEPS_KEPT:
@@ -330,20 +298,20 @@ def by_rows(rows: NDArray[_Number], matrix: NDArray[_Number]) -> NDArray[_Number
     return np.concatenate([rows[start : start + BLOCK] @ matrix for start in range(0, len(rows), BLOCK)])
 
 
-def _turning_with(chain: Chain) -> NDArray[np.complex128]:
+def turning_with(chain: Chain) -> NDArray[np.complex128]:
     """Return the weights of V_s without the parts that turn against the carrier: see :mod:`.bridge`."""
     return np.where(chain.eigenmodes.imag > -chain.drive_rad_s, chain.to_sense, 0.0)
 
 
 def _noise_maps(
-    chain: Chain, follow: NDArray[np.complex128], drift: NDArray[np.float64], white: tuple[float, float]
+    chain: Chain, follow: NDArray[np.complex128], drift: NDArray[np.float64], white: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return how the sources drive the modes (eigenmodes freed of flicker, flicker, exponent 0), and the way back."""
     n, k = follow.shape
     inputs = np.zeros((n + k + 1, k + 2), complex)
     inputs[:n, :k] = -follow * drift
     inputs[n : n + k, :k] = np.diag(drift)
-    inputs[:n, k], inputs[:n, k + 1] = white[0] * chain.rate, 1j * white[1] * chain.rate
+    inputs[:n, k], inputs[:n, k + 1] = white * chain.rate, 1j * white * chain.rate
     outputs = np.eye(n + k, n + k + 1, dtype=complex)
     outputs[:n, n : n + k] = follow
     return inputs, outputs

@@ -1,0 +1,103 @@
+"""What the table's flutter makes of the chain: the answer to a sum of sines, exact over any interval.
+
+It is added to the noise, whose way through the chain it takes: by the demodulator's first product only, the second one
+would change its size by less than 1e-5, and with the parameters that the noise has. What is here is what a stretch of
+flutter makes of a chain at rest; what went before decays with the rest of the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.sim.gyro.noise import NoiseState, turning_with
+from vcfbench.sim.gyro.signals import ExponentialSum
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from vcfbench.sim.flutter import Flutter
+    from vcfbench.sim.gyro.chain import Chain
+    from vcfbench.sim.motion import RateSegment
+
+__all__ = ["Shaken", "Shaking"]
+
+
+class Shaking:
+    """A chain that one flutter shakes: how each of its lines, and of their mirror images, moves each eigenmode."""
+
+    def __init__(self, chain: Chain, flutter: Flutter) -> None:
+        self.chain = chain
+        half = 0.5 * math.radians(1.0) * flutter.rates
+        self.exponents = np.asarray(1j * np.concatenate((flutter.speeds_rad_s, -flutter.speeds_rad_s)), complex)
+        self.forced = chain.rate[:, None] / (self.exponents - chain.eigenmodes[:, None])
+        self.forced *= np.concatenate((half, half.conj()))
+
+    def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> Shaken | None:
+        """Return what the flutter of a segment of the motion does over an interval, None if it has none."""
+        if not rate.shaking_deg_s:
+            return None
+        return Shaken(self, np.asarray(rate.shaking_deg_s * np.exp(self.exponents * start_s), complex), duration_s)
+
+
+class Shaken(Struct, frozen=True, dict=True):
+    """What flutter makes of a chain at rest over an interval: modes `forced exp(exponents t)` less what rest asks for.
+
+    `sizes` are those of the lines at its start.
+    """
+
+    by: Shaking
+    sizes: NDArray[np.complex128]
+    duration_s: float
+
+    @cached_property
+    def _free(self) -> NDArray[np.complex128]:
+        return -(self.by.forced @ self.sizes)
+
+    def added(self, state: NoiseState, integral_v_s: float, sign: float = 1.0) -> tuple[NoiseState, float]:
+        """Return the noise at the end, and its integral, with this in it (or, sign -1, without)."""
+        modal, integral = self._gathered
+        made, modes = state.made.copy(), state.modes
+        made[:modes] += sign * modal.real
+        made[modes : 2 * modes] += sign * modal.imag
+        return NoiseState(made, modes), integral_v_s + sign * integral
+
+    @cached_property
+    def _gathered(self) -> tuple[NDArray[np.complex128], float]:
+        own, exponents, lasts = self.by.chain.eigenmodes, self.by.exponents, self.duration_s
+        moved, decayed = np.expm1(exponents * lasts), np.expm1(own * lasts)
+        modal = self.by.forced @ (self.sizes * (moved + 1.0)) + self._free * (decayed + 1.0)
+        integrals = self.by.forced @ (self.sizes * moved / exponents) + self._free * decayed / own
+        return modal, float((self.by.chain.to_filtered @ integrals).real)
+
+    @cached_property
+    def _filtered(self) -> ExponentialSum:
+        return self._sum(self.by.chain.to_filtered)
+
+    @cached_property
+    def _sense(self) -> ExponentialSum:
+        return self._sum(turning_with(self.by.chain))
+
+    def _sum(self, weights: NDArray[np.complex128]) -> ExponentialSum:
+        sizes = np.concatenate((weights * self._free, (weights @ self.by.forced) * self.sizes))
+        return ExponentialSum(0j, 0j, sizes, np.concatenate((self.by.chain.eigenmodes, self.by.exponents)))
+
+    def filtered(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the filtered signal at times from the start, V."""
+        return self._filtered.at(times_s).real
+
+    def sense(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the envelope of V_s at times from the start, V."""
+        return self._sense.at(times_s)
+
+    def variance_v2(self, duration_s: float) -> float:
+        """Return the variance of the filtered signal about its mean over a time, once the chain has settled, V^2."""
+        lines = len(self.sizes) // 2
+        both = (self.by.chain.to_filtered @ self.by.forced) * self.sizes
+        seen = np.abs(both[:lines] + both[lines:].conj()) ** 2 / 2.0
+        turned = np.sinc(self.by.exponents[:lines].imag * duration_s / math.tau)
+        return float(seen @ (1.0 - turned**2))
