@@ -277,15 +277,22 @@ def _taken(twin: Any, surroundings: dict[str, Any]) -> dict[str, Any]:
 def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[str, Any]:
     """Return what the instrument of `role` may be told of the bench that it stands on."""
     part, wiring = getattr(description, role), description.wiring
+    noise_seed = _integer(_sequence(seed, role))
     if role == "rate_table":
-        return {"axis": part.axis, "header": _header(part.reply_header), "microsteps_per_deg": part.steps_per_deg}
+        header = _header(part.reply_header)
+        return {
+            "axis": part.axis,
+            "header": header,
+            "microsteps_per_deg": part.steps_per_deg,
+            "noise_seed": noise_seed,
+        }
     return {
         "rails": {wiring.rails.positive: "positive", wiring.rails.negative: "negative"},
         "node": "input",
         "channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()},
         "mains_hz": float(description.site.mains_hz),
         "interface": "rs232" if _is_serial(part) else None,
-        "noise_seed": _integer(_sequence(seed, role)),
+        "noise_seed": noise_seed,
         "model": part.model,
     }
 

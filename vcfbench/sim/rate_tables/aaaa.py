@@ -10,14 +10,19 @@ what raises the alarm bit (here an interlock, the over-rate trip, following erro
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import SerialTiming
-from vcfbench.sim.rate_tables.stream import FrameDevice, StatusStream
+from vcfbench.sim.rate_tables.stream import FrameDevice, StatusStream, StreamErrors
 
-__all__ = ["AaaaTable", "TableErrors"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from vcfbench.sim.adjustment import Adjustment
+
+__all__ = ["AaaaTable", "StreamErrors"]
 
 _TIMING = SerialTiming(baud=38400.0, processing_s=0.001)
 _PERIOD_S = 0.1
@@ -34,19 +39,23 @@ _TRAVEL_DEG = _LARGEST / _PER_DEG + 0.5
 class AaaaTable(Interlocked, FrameDevice):
     """The table: loops open after switching on. One axis turns, the others stay at zero."""
 
-    errors_class: ClassVar = TableErrors
+    errors_class: ClassVar = StreamErrors
 
-    def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
+    def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1, noise_seed: int = 0) -> None:
         super().__init__(world, _TIMING, header=_HEADER, length=21)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, travel_deg=_TRAVEL_DEG)
         self._slot = axis - 1
-        self._stream = StatusStream(world.clock, _PERIOD_S)
+        self._stream = StatusStream(world.clock, _PERIOD_S, errors, noise_seed)
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return what can be seen and changed of a served table from outside its wire."""
+        return [*super().adjustments(), *self._stream.adjustments()]
 
     def _advance(self) -> None:
         self._watch()
         status = self._stream.due(self._status)
         if status is not None and len(self._output) < _OUTPUT_MESSAGES:
-            self._send(status)
+            self._send(*status)
 
     def _own_events_s(self) -> tuple[float, ...]:
         return (*self._axis.own_events_s(), self._stream.due_s)

@@ -143,10 +143,11 @@ class LineDevice:
         elif message:
             self._send(self._answer(message))
 
-    def _send(self, reply: bytes | None) -> None:
+    def _send(self, reply: bytes | None, late_s: float = 0.0) -> None:
+        """Say `reply` after the controller's own time, and `late_s`; none overtakes another."""
         if not reply:
             return
-        now = self._clock.now()
+        now = self._clock.now() + late_s
         started = self._output[-1][0] if self._output else now
         self._output.append((max(now, started) + self._timing.processing_s, bytearray(reply)))
 

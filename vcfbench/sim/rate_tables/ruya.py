@@ -13,14 +13,19 @@ from __future__ import annotations
 import math
 import re
 from enum import IntEnum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
-from vcfbench.sim.rate_tables.stream import StatusStream
+from vcfbench.sim.rate_tables.stream import StatusStream, StreamErrors
 
-__all__ = ["RuyaTable", "TableErrors"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from vcfbench.sim.adjustment import Adjustment
+
+__all__ = ["RuyaTable", "StreamErrors"]
 
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.001)
 _PERIOD_S = 0.1
@@ -53,23 +58,27 @@ _MOVES = (_State.HOMING, _State.POSITION_RUN, _State.MULTI_TURN)
 class RuyaTable(Interlocked, LineDevice):
     """The table: released after switching on."""
 
-    errors_class: ClassVar = TableErrors
+    errors_class: ClassVar = StreamErrors
 
-    def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
+    def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1, noise_seed: int = 0) -> None:
         super().__init__(world, _TIMING, terminators=b"\r\n", longest=64)
         self._world = world
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=10.0)
         self._start = f"${axis}"
         self._state = _State.RELEASED
         self._sequence = 0
-        self._stream = StatusStream(world.clock, _PERIOD_S)
+        self._stream = StatusStream(world.clock, _PERIOD_S, errors, noise_seed)
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return what can be seen and changed of a served table from outside its wire."""
+        return [*super().adjustments(), *self._stream.adjustments()]
 
     def _advance(self) -> None:
         self._watch()
         self._change_state()
         status = self._stream.due(self._status)
         if status is not None and len(self._output) < _OUTPUT_MESSAGES:
-            self._send(status)
+            self._send(*status)
 
     def _own_events_s(self) -> tuple[float, ...]:
         return (*self._axis.own_events_s(), self._stream.due_s)

@@ -3,17 +3,53 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from random import Random
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from vcfbench.sim.adjustment import Adjustment
+from vcfbench.sim.rate_tables.axis import TableErrors
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
+
+    import numpy as np
 
     from vcfbench.clock import Clock
     from vcfbench.sim.rate_tables.axis import TableWorld
 
-__all__ = ["FrameDevice", "StatusStream"]
+__all__ = ["FrameDevice", "StatusStream", "StreamErrors", "Unasked"]
+
+
+class StreamErrors(TableErrors, frozen=True):
+    """Imperfections of a table that sends its status unasked; zero switches each off. No specimen has them drawn.
+
+    Raises:
+        ValueError: the jitter is longer than the period, or the share is none.
+    """
+
+    stream_jitter_s: float = 0.0
+    """By how much a status comes late at most, s: each by a time of its own, all up to this equally likely, 0...0.1."""
+    stream_lost: float = 0.0
+    """Share of the statuses that never come, 0...1."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is beyond the bounds."""
+        super().__post_init__()
+        _jitter(self.stream_jitter_s)
+        _share(self.stream_lost)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> StreamErrors:
+        """Return a specimen: the read-back as of any table."""
+        return cls(**{name: getattr(TableErrors.drawn(rng), name) for name in TableErrors.__struct_fields__})
+
+
+class Unasked(NamedTuple):
+    """A status that leaves now, and how late it comes."""
+
+    message: bytes
+    late_s: float
 
 
 class FrameDevice(LineDevice):
@@ -60,17 +96,50 @@ class FrameDevice(LineDevice):
 
 
 class StatusStream:
-    """Status that a table sends by itself every `period_s`."""
+    """Status that a table sends by itself every `period_s`, as late and as lossy as `errors` say."""
 
-    def __init__(self, clock: Clock, period_s: float) -> None:
+    def __init__(self, clock: Clock, period_s: float, errors: TableErrors, noise_seed: int) -> None:
         self._clock = clock
         self._period_s = period_s
+        self._jitter_s = getattr(errors, "stream_jitter_s", 0.0)
+        self._lost = getattr(errors, "stream_lost", 0.0)
+        self._random = Random(noise_seed)  # noqa: S311  (no secret)
         self.due_s = clock.now() + period_s
 
-    def due(self, make: Callable[[], bytes]) -> bytes | None:
-        """Return the message that is due now, if one is; of several that were slept through only the last."""
+    def due(self, make: Callable[[], bytes]) -> Unasked | None:
+        """Return the status that is due now, if one is, and not lost; of several slept through only the last.
+
+        It is made at its instant, lost or late: what it says is not younger for being late.
+        """
         now = self._clock.now()
         if now < self.due_s:
             return None
         self.due_s = (math.floor(now / self._period_s + 1e-9) + 1) * self._period_s
-        return make()
+        status = Unasked(make(), self._jitter_s * self._random.random())
+        return None if self._random.random() < self._lost else status
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return what can be changed while the table is served."""
+        late, lost = "by how much a status comes late at most", "share of the statuses that never come"
+        yield Adjustment("stream.jitter_s", "s", late, lambda: self._jitter_s, self._set_jitter)
+        yield Adjustment("stream.lost", "1", lost, lambda: self._lost, self._set_lost)
+
+    def _set_jitter(self, value: Any) -> None:
+        self._jitter_s = _jitter(value)
+
+    def _set_lost(self, value: Any) -> None:
+        self._lost = _share(value)
+
+
+def _jitter(seconds: Any) -> float:
+    return _between(seconds, 0.1)
+
+
+def _share(share: Any) -> float:
+    return _between(share, 1.0)
+
+
+def _between(value: Any, most: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= most:
+        raise ValueError(f"a number at least 0 and at most {most:g}")
+    return float(value)
