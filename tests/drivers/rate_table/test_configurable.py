@@ -128,6 +128,39 @@ among = { from = "read_all", group = "p", in = [1.5, 2.5], type = "decimal" }
     assert [dialect.flag(on, name, soon(on)) for name in ("high", "low", "one", "among")] == [True, True, False, True]
 
 
+def test_an_axis_that_is_counted_from_0() -> None:
+    units = "units = { rate_quantum = 0.001, rate_max = 100, axes = [1, 2, 3], first_axis = FIRST }"
+    text = LEAST.replace("units = {", f"{units}#").replace("LINK", "").replace(" ACK", "")
+    text = text.replace("V{rate", "A{axis}V{rate").replace('"S"', '"A{axis}S{on_2}"')
+    for first, told in ((0, "1"), (1, "2")):
+        profile = parse_profile(text.replace("FIRST", str(first)), "lab.toml")
+        dialect = ConfigurableDialect(profile, axis=2)
+        assert dialect.message("A{axis}V{rate:.3f}", {"rate": 12.0}) == f"A{told}V12.000\r\n".encode()
+        assert dialect.stop_words(None)[-1].endswith(f"A{told}S1\r\n".encode())
+        on = line((f"A{told}V12.000", None), ("R", "1.5,2.0"))
+        dialect.demand_rate(on, 12.0, float("inf"), soon(on))
+
+
+@pytest.mark.parametrize(
+    ("flag", "true"),
+    [
+        ("mask = 0x30, value = 0x10", {0x10, 0x1F, 0x50}),
+        ("mask = 0x30, value = 0x00", {0x00, 0x0F, 0x40}),
+        ("mask = 0x30", {0x30, 0x3F, 0xFF}),
+        ("mask = 0x30, negate = true", {0x00, 0x0F, 0x10, 0x1F, 0x20, 0x40, 0x50}),
+        ("mask = 0x8000, value = 0x8000", set[int]()),
+    ],
+)
+def test_a_flag_of_several_bits(flag: str, true: set[int]) -> None:
+    words = (0x00, 0x0F, 0x10, 0x1F, 0x20, 0x30, 0x3F, 0x40, 0x50, 0xFF)
+    more = f"[status]\nsteady = {{ from = 'read_all', group = 'v', type = 'hex', {flag} }}\n"
+    dialect = ConfigurableDialect(
+        parse_profile(LEAST.replace("LINK", "").replace(" ACK", "").replace("[-.0-9]+)", "[-.0-9A-F]+)") + more, "lab")
+    )
+    on = line(*(("R", f"1,{word:X}") for word in words))
+    assert {word for word in words if dialect.flag(on, "steady", soon(on))} == true
+
+
 def test_a_state_that_is_needed() -> None:
     more = '[status]\nidle = { from = "read_all", group = "v", in = [0], type = "decimal" }\n'
     on, dialect = line(("R", "0,3")), table(more=more + '[requires]\nstart = { flag = "idle" }\n')

@@ -87,7 +87,21 @@ def test_the_least_profile() -> None:
             "safety.stop: expected commands that need no rate, acceleration or position ('rate' has no value",
         ),
         ('{ send = "S" }', '{ expect = "both" }', "safety.stop: expected commands that send something, came ['stop']"),
-        ("[fields]", "[status]\nfault = {from='read_all', item=0}\n[fields]", "status.fault: expected one of bit, in"),
+        (
+            "[fields]",
+            "[status]\nfault = {from='read_all', item=0}\n[fields]",
+            "fault: expected one of bit, mask",
+        ),
+        (
+            "[fields]",
+            "[status]\nfault = {from='read_all', item=0, mask=6, value=5}\n[fields]",
+            "status.fault.value: expected bits of mask, 0x6, came '0x5'",
+        ),
+        (
+            "[fields]",
+            "[status]\nfault = {from='read_all', item=0, bit=1, value=1}\n[fields]",
+            "status.fault.value: expected bits of mask, 0x0, came '0x1'",
+        ),
         ("[fields]", "[requires]\nstart = {flag='idle'}\n[fields]", "requires.start.flag: expected one of [status]"),
         ("[fields]", "[fields", "lab.toml: expected TOML: "),
         ("rate_max = 100", "rate_max = inf", "lab.toml: units.rate_max: expected a finite number, came inf"),

@@ -393,6 +393,8 @@ class ConfigurableDialect:
         value = self._flag_value(spec, received)
         if spec.bit is not None:
             return bool(int(value) >> spec.bit & 1)
+        if spec.mask is not None:
+            return int(value) & spec.mask == (spec.mask if spec.value is None else spec.value)
         if spec.among is not None:
             return value in spec.among
         return (spec.above is None or value > spec.above) and (spec.below is None or value < spec.below)
@@ -525,7 +527,8 @@ class ConfigurableDialect:
     def message(self, template: str, values: Mapping[str, Value] | None = None) -> bytes:
         """Return the bytes that a template comes to, framed."""
         profile = self.profile
-        known: dict[str, Value] = {"axis": self.axis, "seq": self._sequence % 100}
+        called = self.axis - 1 + profile.units.first_axis
+        known: dict[str, Value] = {"axis": called, "seq": self._sequence % 100}
         known |= {f"on_{slot}": int(slot == self.axis) for slot in range(1, 7)} | dict(values or {})
         if profile.binary:
             return frame_bytes(profile.frame, templates.fill_bytes(template, known, profile.frame.order))

@@ -111,6 +111,7 @@ class Units(_Part, frozen=True, kw_only=True):
     negative: str = "1"
     travel: tuple[_Number, _Number] | None = None
     axes: Annotated[tuple[int, ...], Meta(min_length=1)] = (1,)
+    first_axis: Literal[0, 1] = 1
 
 
 class Step(_Part, frozen=True, kw_only=True):
@@ -177,11 +178,16 @@ class Field(_Part, frozen=True, kw_only=True):
 
 
 class Flag(_Part, frozen=True, kw_only=True):
-    """Yes or no in a reply: one bit, a value among some, a piece of text, or a bound; `negate` turns it round."""
+    """Yes or no in a reply: one bit, several, a value among some, a piece of text, or a bound; `negate` turns it round.
+
+    Of several bits `mask` says which, `value` what they must be together: all of them 1 where it is not said.
+    """
 
     source: _Name = field(name="from")
     at: Place | None = None
     bit: Annotated[int, Meta(ge=0, le=31)] | None = None
+    mask: Annotated[int, Meta(ge=1, le=0xFFFF_FFFF)] | None = None
+    value: Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)] | None = None
     type: BinaryType | TextType = "u8"
     group: _Name | None = None
     item: Place | None = None
@@ -498,8 +504,10 @@ def _invalid_flags(profile: Profile) -> Iterator[_InvalidValue]:
         path = f"status.{name}"
         if flag.source not in known:
             yield f"{path}.from", f"one of {', '.join(sorted(known))}", flag.source
-        if [flag.bit, flag.among, flag.contains, flag.above, flag.below].count(None) == 5:
-            yield path, "one of bit, in, contains, above, below", "nothing"
+        if [flag.bit, flag.mask, flag.among, flag.contains, flag.above, flag.below].count(None) == 6:
+            yield path, "one of bit, mask, in, contains, above, below", "nothing"
+        if flag.value is not None and flag.value & ~(flag.mask or 0):
+            yield f"{path}.value", f"bits of mask, {flag.mask or 0:#x}", f"{flag.value:#x}"
         yield from _invalid_places(path, flag, profile)
     for name, need in profile.requires.items():
         if name not in profile.commands:
