@@ -62,6 +62,7 @@ def test_a_velocity_set_while_moving_takes_effect(host: Host) -> None:
         ("1VA999", 101, "PARAMETER OUT OF RANGE"),
         ("1AC0", 101, "PARAMETER OUT OF RANGE"),
         ("1PA90", 113, "AXIS-1 MOTOR NOT ENABLED"),
+        *((f"1{verb}", 38, "COMMAND PARAMETER MISSING") for verb in ("VA", "AC", "AG", "MV", "PA", "PR", "SN", "SL")),
     ],
 )
 def test_errors_go_to_the_queue(host: Host, command: str, number: int, words: str) -> None:

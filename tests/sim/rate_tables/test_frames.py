@@ -150,6 +150,21 @@ def test_mn_what_is_damaged_or_unknown_is_not_answered(message: bytes) -> None:
     assert Host(MnAsTable).ask(message) == b""
 
 
+def test_mn_a_dollar_begins_a_message_anew() -> None:
+    host = Host(MnAsTable)
+    assert host.ask(b"$MNVEL,1" + mn("MNCHK,1")) == b"$" + b"ASCHK,OK*" + character_sum("ASCHK,OK").encode() + b"\r\n"
+    assert host.ask(b"\x00noise$$" + mn("MNCHK,1")).startswith(b"$ASCHK,OK*")
+
+
+def test_mn_the_other_axes_take_what_they_are_told_and_stand() -> None:
+    host = Host(MnAsTable, axis=1)
+    for text in ("MNREM,1", "MNENB,1", "MNMOD,1,1,1", "MNVEL,0,10,20", "MNRUN,1"):
+        assert host.ask(mn(text)).startswith(b"$AS" + text[2:5].encode() + b",OK*")
+    host.wait(3.0)
+    assert host.ask(mn("MNSTS")).startswith(b"$ASSTS" + 3 * b",0.0000,0.0000,00" + b",OK*")
+    assert host.rate == 0.0
+
+
 def status(host: Host) -> str:
     """Return the next status that the table sends by itself."""
     while host.device.read(4096)[0]:

@@ -16,7 +16,7 @@ from vcfbench.drivers.rate_table.dialects import DIALECTS
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.sim.rate_tables.dd16 import Dd16Table, TableErrors
 from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.serve import MAX_SPEED, ServedClock
+from vcfbench.sim.serve import MAX_SPEED, Control, ServedClock
 from vcfbench.sim.serve.raw import Pty
 from vcfbench.testing import serve_simulated
 
@@ -103,6 +103,25 @@ def test_a_status_comes_unasked_to_everybody(statuses: Served) -> None:
         for port in (first, second):
             numbers = [int(port.read_until(b"\n")[4:6]) for _ in range(5)]
             assert numbers == list(range(numbers[0], numbers[0] + 5))
+
+
+def test_a_paused_bench_answers_when_time_goes_on(frames: Served) -> None:
+    """A table takes 5 ms of bench time for an answer: its client's patience ends first, and nothing is lost."""
+    with (
+        Control(frames.server.control.port) as control,
+        serial.serial_for_url(frames.resource("tcp", "table"), timeout=0.2) as port,
+    ):
+        control.request("pause")
+        port.write(CONNECT)
+        assert port.read(16) == b""
+        control.request("advance", seconds=0.004)
+        assert port.read(16) == b""
+        control.request("advance", seconds=0.001)
+        assert port.read(16) == CONNECT
+        port.timeout = 5.0
+        port.write(CONNECT)
+        control.request("resume")
+        assert port.read(16) == CONNECT
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")

@@ -1,9 +1,10 @@
 """A simulated Newport ESP300/301 motion controller with one rotary stage on axis 1.
 
 Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
-``;`` chains; replies end in CR LF. The words of errors are those of PyMeasure's list. Unverified: 19200 Bd, the digits
-of numbers, that blanks are passed over everywhere (so a sibling's manual), the stage's limits, which error an interlock
-reports, that a software limit stops a jog by its ramp.
+``;`` chains; replies end in CR LF. The words of errors are those of PyMeasure's list. That a value which is missing is
+error 38 is what the manual of a sibling (NewStep) says of AC. Unverified: that it holds of the other commands, 19200
+Bd, the digits of numbers, that blanks are passed over everywhere (so a sibling's manual), the stage's limits, which
+error an interlock reports, that a software limit stops a jog by its ramp.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ __all__ = ["EspTable", "TableErrors"]
 
 _TIMING = SerialTiming(baud=19200.0, processing_s=0.002)
 _COMMAND = re.compile(r"(\d*)\s*([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
-_UNKNOWN, _RANGE, _AXIS = 6, 7, 37
+_UNKNOWN, _RANGE, _AXIS, _MISSING = 6, 7, 37, 38
 _EMERGENCY_STOP, _INTERLOCK = 4, 129
 _AXIS_RANGE, _ABOVE_LIMIT, _BELOW_LIMIT, _NOT_ENABLED = 101, 106, 107, 113
 _SHUT_DOWN = {"emergency_stop": _EMERGENCY_STOP, "drive_fault": 102, "following_error": 103, "over_rate": 110}
@@ -37,6 +38,7 @@ _WORDS = {
     _UNKNOWN: "COMMAND DOES NOT EXIST",
     _RANGE: "PARAMETER OUT OF RANGE",
     _AXIS: "AXIS NUMBER MISSING",
+    _MISSING: "COMMAND PARAMETER MISSING",
     9: "AXIS NUMBER OUT OF RANGE",
     _EMERGENCY_STOP: "EMERGENCY STOP ACTIVATED",
     _AXIS_RANGE: "PARAMETER OUT OF RANGE",
@@ -48,6 +50,8 @@ _WORDS = {
     110: "AXIS-1 MAXIMUM VELOCITY EXCEEDED",
     _NOT_ENABLED: "AXIS-1 MOTOR NOT ENABLED",
 }
+_WANT_A_VALUE = frozenset({"VA", "AC", "AG", "MV", "PA", "PR", "SN", "SL", "SR"})
+"""What means nothing without a value or a question mark."""
 _MAX_RATE_DEG_S = 400.0
 _MAX_ACCELERATION_DEG_S2 = 1000.0
 
@@ -190,6 +194,8 @@ class EspTable(Interlocked, LineDevice):
         action = self._of_axis.get(verb)
         if action is None:
             raise _Refused(_UNKNOWN)
+        if not value and verb in _WANT_A_VALUE:
+            raise _Refused(_MISSING)
         return action(value)
 
     def _do_shared(self, verb: str, value: str) -> str | None:

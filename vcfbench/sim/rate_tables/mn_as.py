@@ -3,7 +3,8 @@
 Recovered from the client of such a table: hh is the sum, not the exclusive or, of the characters between ``$`` and
 ``*``. Unverified: what is answered to a refused message (here nothing), that remote control and servo are needed for
 a run, the meaning of the argument ``1`` of REM, ENB, RUN and STP, the digits of numbers, what STS says at constant
-rate (here: moving). One axis of the three turns, the others are at rest.
+rate (here: moving), that a ``$`` begins a message anew. One axis of the three turns; the others take what they are
+told and are at rest.
 """
 
 from __future__ import annotations
@@ -70,7 +71,8 @@ class MnAsTable(Interlocked, LineDevice):
         return self._axis.own_events_s()
 
     def _answer(self, message: bytes) -> bytes | None:
-        found = _MESSAGE.fullmatch(message.decode("latin-1").strip())
+        text = message.decode("latin-1").strip()
+        found = _MESSAGE.fullmatch(text[max(text.rfind("$"), 0) :])  # what broke off before it is lost
         if found is None or found[4].upper() != character_sum(found[1]):
             return None
         verb, arguments = found[2], found[3].split(",")[1:]

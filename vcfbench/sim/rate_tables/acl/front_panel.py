@@ -8,7 +8,11 @@ __all__ = ["FrontPanel"]
 
 
 class FrontPanel:
-    """ACTIVATE REMOTE, and the two lock-outs that the host may ask for; those are told, and act on nothing here."""
+    """ACTIVATE REMOTE, and the two lock-outs that the host may ask for; those are told, and act on nothing here.
+
+    What they bar are the other interfaces: front panel, GPIB, reflective memory. None of them is here: the sockets and
+    the serial line are one, for a real ACUTROL3000 has RS-232 by way of a converter to TCP (TM-9411).
+    """
 
     def __init__(self) -> None:
         self.remote_active = True
