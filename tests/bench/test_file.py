@@ -237,6 +237,8 @@ def _leaf(path: tuple[str, ...]) -> object:
 def test_a_wrong_type_is_one_line_with_its_path(path: tuple[str, ...], value: object) -> None:
     if value is True and isinstance(_leaf(path), bool):
         return  # that is what it should be
+    if value == 1.5j and path[-1] in {"calibrated", "calibration_due"}:
+        return  # so is a date there
     value = "1979-05-27" if value == 1.5j else value
     raw = changed(FULL, path, value)
     text = to_toml(raw).replace('"1979-05-27"', "1979-05-27")
