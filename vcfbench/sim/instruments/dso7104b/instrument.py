@@ -26,7 +26,7 @@ from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORY_COMMANDS
 from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, Found, Pace, acquisition
 from vcfbench.sim.instruments.dso7104b.commands import INVALID
 from vcfbench.sim.instruments.dso7104b.conditions import Never
-from vcfbench.sim.instruments.dso7104b.counter import counted_hz, gate_s
+from vcfbench.sim.instruments.dso7104b.counter import counted_hz, five_digits, gate_s
 from vcfbench.sim.instruments.dso7104b.filters import REMEMBERED_S
 from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
 from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen, Signals
@@ -425,7 +425,7 @@ class Dso7104B(ScpiInstrument):
 
         def finish() -> str:
             hertz = counted_hz(signals, channel, comparator, start_s, stop_s)
-            return self.nr3(INVALID if hertz is None else hertz / (1.0 + self._errors.time_base_error))
+            return self.nr3(INVALID if hertz is None else five_digits(hertz / (1.0 + self._errors.time_base_error)))
 
         return Pending.at(stop_s + views[channel].remembered_s, finish)
 

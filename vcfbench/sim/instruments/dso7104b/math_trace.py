@@ -22,6 +22,7 @@ __all__ = ["FFT_POINTS", "TWO_SOURCES", "WINDOWS", "Spectrum", "combined", "tran
 
 FFT_POINTS = 65536
 _FLOOR_DBV = -200.0
+_SAME = 1e-6
 TWO_SOURCES = ("ADD", "SUBT", "MULT")
 
 _COSINES: dict[str, tuple[float, ...]] = {
@@ -85,7 +86,8 @@ class Spectrum(Struct, frozen=True):
             places_hz = start_hz + step_hz * np.arange(points)
             return np.asarray(np.interp(places_hz, lines_hz, self.dbv, _FLOOR_DBV, _FLOOR_DBV))
         edges = start_hz + (np.arange(points + 1) - 0.5) * step_hz
-        places = np.clip(np.rint(edges / self.step_hz).astype(int), 0, len(self.dbv) - 1)
+        # half a line up belongs to the next point always: rounding to even would show every second line twice
+        places = np.clip(np.ceil(edges / self.step_hz - _SAME).astype(int), 0, len(self.dbv) - 1)
         levels = np.maximum.reduceat(self.dbv, places)[:-1]
         beyond = (edges[:-1] > self.step_hz * len(self.dbv)) | (edges[1:] < 0.0)
         levels[beyond] = _FLOOR_DBV

@@ -27,7 +27,7 @@ _MOST_AVERAGED = 256
 """Samples behind a point of high resolution, where nothing tells how fast the signal is."""
 _AVERAGED_AT_ONCE = 1 << 20
 _FINER = 4.0
-_UNKNOWN_POINTS = 1 << 16
+_UNKNOWN_POINTS = 1 << 17
 """Points that measurements are taken of, where nothing tells how fast the signal is."""
 _MEASURED_MOST = 1 << 20
 _PEAK_SAMPLES = 8
@@ -164,7 +164,7 @@ class Record:
         node = self.views[channel].node
         step_s = self.screen.range_s / points
         finest = math.inf if node is None else self._capture.finest_s(node)
-        enough = math.ceil(2.0 * step_s / finest) if finest else _MOST_AVERAGED
+        enough = math.ceil(0.5 * step_s / finest) if finest else _MOST_AVERAGED
         return max(1, min(enough, int(step_s * self.kept.rate_hz), _AVERAGED_AT_ONCE))
 
     def measured_points(self, channel: int, few: int) -> int:
