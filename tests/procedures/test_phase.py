@@ -12,6 +12,7 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from vcfbench.bench.simulated import true_output
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Waveform
@@ -83,6 +84,25 @@ def test_a_degree_of_the_carrier_moves_k_vc_as_the_closed_form_says(run: vcfbenc
     true = truth()
     angle = math.radians(true["virtual_deg"] - true["demodulator_deg"] - 180.0)
     assert run.results.k_vc_ppm_per_carrier_deg == pytest.approx(-math.tan(angle) * 1e6 * math.pi / 180.0, abs=30.0)
+
+
+def test_a_degree_of_the_demodulator_moves_scale_factor_and_bias_as_the_closed_form_says(run: vcfbench.Run) -> None:
+    """Against the true outputs of gyroscopes whose demodulator is half a degree off either way."""
+    warm = [
+        true_output(simulated("paper", overrides={**OVERRIDES, "sense_path": {"demodulator_phase_rad": at}}))
+        for at in (math.pi + 0.02 + sign * math.radians(0.5) for sign in (1.0, -1.0))
+    ]
+    slopes = [(each(50.0, None) - each(-50.0, None)) / 100.0 for each in warm]
+    let_in_deg_s = (warm[0](0.0, None) - warm[1](0.0, None)) / (sum(slopes) / 2.0)
+    ppm = 1e6 * (slopes[0] / slopes[1] - 1.0)
+    assert run.results.scale_factor_ppm_per_demodulator_deg == pytest.approx(ppm, abs=30.0)
+    assert run.results.bias_deg_s_per_demodulator_deg == pytest.approx(let_in_deg_s, abs=0.01)
+
+
+def test_the_report_has_what_budgets_may_know(run: vcfbench.Run) -> None:
+    said = vcfbench.text_of(run.report()).replace("\n  ", " ")
+    for key in ("k_vc_ppm_carrier_deg", "scale_factor_ppm_demodulator_deg", "bias_deg_s_demodulator_deg"):
+        assert f"{key} = " in said
 
 
 def test_a_record_shows_what_the_run_showed(run: vcfbench.Run) -> None:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import Match, ProcedureSettings, Sources, Station
+from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.sweep.windows import window_times
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
@@ -164,6 +166,61 @@ def test_a_misaligned_axis_goes_into_k_vc_and_scale_factor_as_the_table_s_rate_d
     assert stated.value("turntable.scale_factor").u == pytest.approx(abs(K) * tilted)
     assert stated.value("scale_factor_error_percent").u == pytest.approx(0.0, abs=1e-12)
     assert not any("angle" in each for each in stated.not_in_u)
+
+
+PHASES = Sources(
+    carrier_phase_deg=0.5,
+    demodulator_phase_deg=0.5,
+    k_vc_ppm_carrier_deg=-1e6 * math.radians(math.tan(0.06)),
+    k_vc_ppm_demodulator_deg=1e6 * math.radians(math.tan(0.06) - math.tan(0.055)),
+    scale_factor_ppm_demodulator_deg=1e6 * math.radians(math.tan(0.055)),
+    bias_deg_s_demodulator_deg=0.3,
+)
+"""Virtual and Coriolis signal are 0.06 and 0.055 rad from the demodulator's reference; 17 deg/s of quadrature."""
+
+
+def test_phases_go_into_the_values_as_the_cosines_of_their_angles_scatter() -> None:
+    rng = np.random.default_rng(7)
+    carrier, demodulator = np.radians(rng.uniform(-0.5, 0.5, (2, 200_000)))
+    by_rate, by_v_vc = (
+        np.cos(at) / math.cos(angle)
+        for at, angle in ((0.055 - demodulator, 0.055), (0.06 + carrier - demodulator, 0.06))
+    )
+    stated = four(PHASES)
+    k_vc = stated.value("k_vc")
+    drawn = K_VC * by_v_vc / by_rate
+    assert k_vc.u == pytest.approx(drawn.std(), rel=0.08)  # what the cosine bends counts in full
+    assert 0.95 < np.mean(np.abs(drawn - K_VC) <= k_vc.u95) < 0.98
+    assert stated.value("turntable.scale_factor").u == pytest.approx(abs(K) * by_rate.std(), rel=0.08)
+    of_bias = math.radians(0.3 / math.radians(1.0)) * demodulator
+    assert stated.value("turntable.bias_deg_s").u == pytest.approx(np.degrees(of_bias).std(), rel=0.01)
+
+
+def test_phases_that_both_columns_share_are_not_in_their_comparison() -> None:
+    stated = four(PHASES)
+    assert stated.value("scale_factor_error_percent").u == pytest.approx(0.0, abs=1e-12)
+    assert stated.value("bias_difference_v").u == pytest.approx(0.0, abs=1e-12)
+    slope, bias = stated.value("turntable.scale_factor"), stated.value("turntable.bias")
+    assert [each.source for each in (*slope.contributions, *bias.contributions)] == ["demodulator phase"] * 2
+
+
+def test_what_is_not_known_of_phases_is_said() -> None:
+    said = " ".join(four(Sources()).not_in_u)
+    assert "uncertainty.carrier_phase_deg" in said
+    assert "uncertainty.demodulator_phase_deg" in said
+    without_quadrature = " ".join(four(structs.replace(PHASES, bias_deg_s_demodulator_deg=None)).not_in_u)
+    assert "uncertainty.bias_deg_s_demodulator_deg" in without_quadrature
+    assert "phase" not in " ".join(four(PHASES).not_in_u)
+
+
+def test_a_self_calibration_has_the_phases_of_its_certificate_and_its_own() -> None:
+    phases = PhaseErrors.of(PHASES)
+    of_k_vc, of_own = phases.u_k_vc, phases.u_self_calibrated
+    assert of_k_vc["carrier phase"] == of_own["carrier phase"]
+    assert 1e6 * of_k_vc["carrier phase"] == pytest.approx((524.2 + 38.1) / math.sqrt(3.0), rel=1e-3)
+    assert of_own["demodulator phase"] == pytest.approx(
+        phases.u_scale_factor["demodulator phase"] + of_k_vc["demodulator phase"]
+    )
 
 
 def test_e_n_is_the_difference_over_its_expanded_uncertainty() -> None:

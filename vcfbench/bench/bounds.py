@@ -21,6 +21,7 @@ __all__ = [
     "BaudRate",
     "BiasCoefficient",
     "BiasInstability",
+    "BiasPerDegree",
     "Current",
     "DriftWindow",
     "EnWindow",
@@ -41,8 +42,10 @@ __all__ = [
     "OutputWindow",
     "Pause",
     "PercentWindow",
+    "PhaseLimit",
     "PhaseWindow",
     "PositiveRail",
+    "PpmPerDegree",
     "PpmWindow",
     "Rate",
     "RateLimit",
@@ -161,6 +164,12 @@ ScaleFactorCoefficient = Annotated[float, Meta(ge=0.0, le=1e5)]
 BiasCoefficient = Annotated[float, Meta(ge=0.0, le=1e6)]
 WarmUpTime = Annotated[float, Meta(ge=1.0, le=86_400.0)]
 Misalignment = Annotated[float, Meta(ge=0.0, le=45.0)]
+PhaseLimit = Annotated[float, Meta(ge=0.0, le=45.0)]
+"""deg."""
+PpmPerDegree = Annotated[float, Meta(ge=-1e5, le=1e5)]
+"""ppm/deg: the tangent of 80 degrees, and no demodulator is further off."""
+BiasPerDegree = Annotated[float, Meta(ge=-100.0, le=100.0)]
+"""deg/s a degree: that of 5700 deg/s of quadrature."""
 MeterAge = Annotated[float, Meta(ge=0.0, le=3650.0)]
 """days: ten years; data sheets promise nothing beyond one or two."""
 TableRateError = Annotated[float, Meta(ge=0.0, le=0.1)]

@@ -19,6 +19,7 @@ from vcfbench.bench.bounds import (
     BaudRate,
     BiasCoefficient,
     BiasInstability,
+    BiasPerDegree,
     Horizon,
     Kelvins,
     Latitude,
@@ -27,6 +28,8 @@ from vcfbench.bench.bounds import (
     MeterAge,
     Misalignment,
     Pause,
+    PhaseLimit,
+    PpmPerDegree,
     ScaleFactorCoefficient,
     Seconds,
     StepsPerDegree,
@@ -208,6 +211,11 @@ class Knowledge(Part, frozen=True, kw_only=True):
     `temperature_k` is how far the gyroscope's temperature may be from that for which values are stated, `warm_up_k` how
     far it is from it at power-on, `warm_up_time_s` the time constant; `scale_factor_ppm_k` and `bias_deg_h_k` what a
     kelvin does. `misalignment_deg` is the largest angle between the gyroscope's axis and the table's.
+
+    `carrier_phase_deg` and `demodulator_phase_deg` are how far the phases of carrier and demodulator may be from those
+    for which values are stated. `k_vc_ppm_carrier_deg`, `k_vc_ppm_demodulator_deg`, `scale_factor_ppm_demodulator_deg`
+    and `bias_deg_s_demodulator_deg` are what a degree of either does, as `phase` measures it; 1000 ppm are those of the
+    paper's gyroscope, whose demodulated signal is 3.28 degrees from ideal.
     """
 
     meter_age_days: MeterAge | None = None
@@ -223,6 +231,12 @@ class Knowledge(Part, frozen=True, kw_only=True):
     warm_up_k: Kelvins | None = None
     warm_up_time_s: WarmUpTime = 300.0
     misalignment_deg: Misalignment | None = None
+    carrier_phase_deg: PhaseLimit | None = None
+    demodulator_phase_deg: PhaseLimit | None = None
+    k_vc_ppm_carrier_deg: PpmPerDegree = 1000.0
+    k_vc_ppm_demodulator_deg: PpmPerDegree = 0.0
+    scale_factor_ppm_demodulator_deg: PpmPerDegree = 1000.0
+    bias_deg_s_demodulator_deg: BiasPerDegree | None = None
 
 
 class SimulationErrors(Part, frozen=True, kw_only=True):

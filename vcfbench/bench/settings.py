@@ -147,6 +147,12 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     warm_up_k: float | None = None
     warm_up_time_s: float = 300.0
     misalignment_deg: float | None = None
+    carrier_phase_deg: float | None = None
+    demodulator_phase_deg: float | None = None
+    k_vc_ppm_carrier_deg: float = 1000.0
+    k_vc_ppm_demodulator_deg: float = 0.0
+    scale_factor_ppm_demodulator_deg: float = 1000.0
+    bias_deg_s_demodulator_deg: float | None = None
 
 
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

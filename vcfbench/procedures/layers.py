@@ -220,6 +220,12 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
         warm_up_k=known.warm_up_k,
         warm_up_time_s=known.warm_up_time_s,
         misalignment_deg=known.misalignment_deg,
+        carrier_phase_deg=known.carrier_phase_deg,
+        demodulator_phase_deg=known.demodulator_phase_deg,
+        k_vc_ppm_carrier_deg=known.k_vc_ppm_carrier_deg,
+        k_vc_ppm_demodulator_deg=known.k_vc_ppm_demodulator_deg,
+        scale_factor_ppm_demodulator_deg=known.scale_factor_ppm_demodulator_deg,
+        bias_deg_s_demodulator_deg=known.bias_deg_s_demodulator_deg,
     )
 
 

@@ -123,7 +123,9 @@ class Phases:
     Of `demodulator_deg` half turns are not seen. The `..._from_...` are folded into -90 to 90: `velocity` leads the
     drive signal by a quarter turn. `k_vc_error_ppm` is by how much K_Vc, found by equal outputs, is larger than the
     quotient of both forces' sense signals. `k_vc_ppm_per_carrier_deg` and `k_vc_ppm_per_demodulator_deg` say by how
-    much it changes with a degree of either. `filter_delay_ms` is that of the filter behind the demodulator.
+    much it changes with a degree of either; `scale_factor_ppm_per_demodulator_deg` and
+    `bias_deg_s_per_demodulator_deg` by how much scale factor and bias do: the latter is what quadrature and
+    feed-through let in. `filter_delay_ms` is that of the filter behind the demodulator.
     """
 
     carrier_deg: Measurand
@@ -137,6 +139,8 @@ class Phases:
     k_vc_error_ppm: Measurand
     k_vc_ppm_per_carrier_deg: float
     k_vc_ppm_per_demodulator_deg: float
+    scale_factor_ppm_per_demodulator_deg: float
+    bias_deg_s_per_demodulator_deg: float
     filter_delay_ms: Measurand
     drive_hz: float
     records: int
@@ -343,6 +347,8 @@ def phases_of(
         k_vc_error_ppm=error,
         k_vc_ppm_per_carrier_deg=by_carrier,
         k_vc_ppm_per_demodulator_deg=by_demodulator,
+        scale_factor_ppm_per_demodulator_deg=1e6 * math.radians(math.tan(math.radians(coriolis.deg - demodulator.deg))),
+        bias_deg_s_per_demodulator_deg=_bias_per_deg(settings, states, demodulator.deg),
         filter_delay_ms=measurand(
             1e3 * reference.delay_s, "ms", [Part("records", 1e3 * reference.u_delay_s, reference.dof)]
         ),
@@ -351,6 +357,23 @@ def phases_of(
         target_deg=settings.target_deg,
         target_met=all(each.expanded_u <= settings.target_deg for each in against_drive),
     )
+
+
+def _bias_per_deg(
+    settings: PhaseSettings, states: Sequence[tuple[CaptureSense, SineRecords]], demodulator_deg: float
+) -> float:
+    """Return by how much the bias changes with a degree of the demodulator's phase, deg/s.
+
+    What is there at rest is the mean of both signs of a rate; the demodulator lets in what is a quarter turn from it.
+    """
+    plus, minus = (
+        [_phasor(each) for step, found in states if sign * step.rate_deg_s > 0.0 for each in found.records]
+        for sign in (1.0, -1.0)
+    )
+    first, second = sum(plus) / len(plus), sum(minus) / len(minus)
+    seen = cmath.rect(1.0, -math.radians(demodulator_deg))
+    per_deg_s = ((first - second) / (2.0 * settings.rate_deg_s) * seen).real
+    return math.radians(((first + second) / 2.0 * seen).imag / per_deg_s)
 
 
 def _of_k_vc(coriolis: _Angle, virtual: _Angle, demodulator: _Angle) -> tuple[Measurand, float, float]:
@@ -438,8 +461,10 @@ def report(_settings: PhaseSettings, measured: Measured, found: Phases) -> Repor
     wrong = (
         f"{abs(error.value):.0f} ppm too {'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm"
     )
+    known = ", ".join(f"{key} = {value:.4g}" for key, value in _knowledge(found).items())
     said = (
-        f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n{NOT_HELD}"
+        f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n"
+        f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
     )
     return Report(
         [
@@ -449,6 +474,16 @@ def report(_settings: PhaseSettings, measured: Measured, found: Phases) -> Repor
             *_figures(measured),
         ]
     )
+
+
+def _knowledge(found: Phases) -> dict[str, float]:
+    """Return what budgets may know of it, by the keys of ``[uncertainty]``."""
+    return {
+        "k_vc_ppm_carrier_deg": found.k_vc_ppm_per_carrier_deg,
+        "k_vc_ppm_demodulator_deg": found.k_vc_ppm_per_demodulator_deg,
+        "scale_factor_ppm_demodulator_deg": found.scale_factor_ppm_per_demodulator_deg,
+        "bias_deg_s_demodulator_deg": found.bias_deg_s_per_demodulator_deg,
+    }
 
 
 def _figures(measured: Measured) -> list[Figure]:

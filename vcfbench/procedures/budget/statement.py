@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
+from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
 from vcfbench.procedures.sweep.schedule import earth_left_deg_s
 
 if TYPE_CHECKING:
@@ -122,11 +123,12 @@ def _meaning(settings: ProcedureSettings, words: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """What temperature and mounting do to all values alike, as far as the bench file knows it."""
+    """What temperature, mounting and phases do to the values, as far as the bench file knows it."""
 
     sources: tuple[Source, ...]
     scale_factor_per_k: float
     bias_deg_s_per_k: float
+    phases: PhaseErrors
 
     @classmethod
     def of(cls, settings: ProcedureSettings) -> Circumstances:
@@ -141,21 +143,24 @@ class Circumstances:
         if known.misalignment_deg is not None:
             tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
             sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
-        return cls(tuple(sources), 1e-6 * (known.scale_factor_ppm_k or 0.0), (known.bias_deg_h_k or 0.0) / 3600.0)
+        phases = PhaseErrors.of(known)
+        scale_factor_per_k, bias_per_k = 1e-6 * (known.scale_factor_ppm_k or 0.0), (known.bias_deg_h_k or 0.0) / 3600.0
+        return cls((*sources, *phases.sources), scale_factor_per_k, bias_per_k, phases)
 
     def applied(self, values: Mapping[str, Any], q: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the values of the stated temperature and the gyroscope's own axis."""
+        """Return the values of the stated temperature and phases, and the gyroscope's own axis."""
         if not self.sources:
             return values
         away_k = q.get(_TEMPERATURE, 0.0) + q.get(_WARM_UP, 0.0)
         mounted, drifted = 1.0 + q.get(_MISALIGNMENT, 0.0), self.bias_deg_s_per_k * away_k
+        drifted = drifted + self.phases.bias_deg_s(q)
         found = dict(values)
         for name, value in values.items():
             column, _, kind = name.rpartition(".")
             if kind == "k_vc":
-                found[name] = value / mounted
+                found[name] = value / mounted * self.phases.k_vc(q)
             elif kind == "scale_factor":
-                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k)
+                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k) * self.phases.scale_factor(q)
             elif kind == "bias":
                 found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
             elif kind == "bias_deg_s":
@@ -224,7 +229,8 @@ def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
         yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
     if earth_left_deg_s(settings) is None:
         yield "Earth's rate: it is in the bias"
-    yield "what the phase of the carrier does to K_Vc, and any change of the gyroscope after the run"
+    yield from phases_not_known(known)
+    yield "any change of the gyroscope after the run"
 
 
 def _after(age_days: float) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from vcfbench.analysis.chopped import Block, BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
 from vcfbench.procedures.known.device import UNSEEN
 from vcfbench.procedures.known.levels import K_VC_UNIT
 from vcfbench.procedures.known.v_vc import (
@@ -116,7 +117,6 @@ class KVcResult:
 
 _HOLDS_NOT = (
     "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
-    "the phase of carrier and demodulator: both columns go the same way, so it is in K_Vc as it is on that day",
     "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
     "misalignment of the gyroscope on the table: K_Vc refers to the rate about the table's axis",
     "what temperature changes: the curve holds at the temperature of that day",
@@ -151,11 +151,13 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     slopes, _, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
     per_deg_s = np.polynomial.polynomial.polyval(levels.rate, derivative_of(slopes))
     in_rate = noise / np.outer(per_deg_s, per_deg_s)
+    phases = PhaseErrors.of(settings.station.sources)
     of_rate = {
         READ_TABLE: in_rate,
         READ_DRIVEN: in_rate,
         RATE: covariance_of(levels.rate, 0.0, settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
         EARTH: covariance_of(levels.rate, 0.0, 0.0, _u_earth(settings)),
+        **{name: covariance_of(levels.rate, 0.0, u) for name, u in phases.u_k_vc.items()},
     }
     error = v_vc_error(settings)
     of_v_vc = {
@@ -183,7 +185,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
         ),
         noise=levels.noise,
         v_vc_by=_known_by(settings, error.name),
-        holds_not=_HOLDS_NOT,
+        holds_not=(*_HOLDS_NOT, *phases_not_known(settings.station.sources)),
     )
 
 
@@ -223,6 +225,7 @@ def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows
         Part(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
         Part(RATE, abs(slope) * settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
         *(Part(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
+        *(Part(name, abs(slope) * u) for name, u in PhaseErrors.of(settings.station.sources).u_scale_factor.items()),
     ]
     return measurand(slope, "V/(deg/s)", parts)
 

@@ -19,6 +19,7 @@ from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
+from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
@@ -374,7 +375,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         k_vc_from=settings.known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=settings.known.unseen,
-        holds_not=(*settings.known.holds_not, *_HOLDS_NOT),
+        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *phases_not_known(settings.station.sources)),
         drift=None if reference is None else drift_of(scale_factor, reference, None),
     )
 
@@ -390,6 +391,7 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Par
     common = [
         Part(METER_GAIN, size * meter.u_gain, None, meter.name),
         Part(_RESPONSE, size * _u_response(settings, gain)),
+        *(Part(name, size * u) for name, u in PhaseErrors.of(settings.station.sources).u_self_calibrated.items()),
     ]
     if gain.u_v_vc:
         common.append(Part(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))

@@ -15,6 +15,7 @@ import numpy as np
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
@@ -170,7 +171,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=known.unseen,
-        holds_not=(*known.holds_not, *_HOLDS_NOT),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *phases_not_known(settings.station.sources)),
         drift=None if known.reference is None else drift_of(scale_factor, known.reference, settings.max_drift_ppm),
     )
 
@@ -243,6 +244,8 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
     ]
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
+    phases = PhaseErrors.of(settings.station.sources)
+    found += [((name, alike * u, None), None) for name, u in phases.u_self_calibrated.items()]
     same_meter = False
     for share in shares_of(settings.known.k_vc):
         name, of, dof, covariance = share

@@ -1,0 +1,98 @@
+"""What the phases of carrier and demodulator put into values, as far as the bench file knows them.
+
+The demodulator sees a signal with the cosine of its angle to the reference, so a change of the carrier's phase changes
+what V_Vc does, and with it K_Vc; one of the demodulator's changes both columns alike, and lets quadrature through.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.analysis.budget import Source
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.bench.settings import Sources
+
+__all__ = ["CARRIER_PHASE", "DEMODULATOR_PHASE", "PhaseErrors", "phases_not_known"]
+
+CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseErrors:
+    """How far both phases may be from those that values are stated for, and what a degree of each does."""
+
+    sources: tuple[Source, ...]
+    k_vc_per_carrier_deg: float
+    """Relative."""
+    k_vc_per_demodulator_deg: float
+    scale_factor_per_demodulator_deg: float
+    bias_deg_s_per_demodulator_deg: float
+
+    @classmethod
+    def of(cls, known: Sources) -> PhaseErrors:
+        """Return what is known of them: no source where no limit is."""
+        limits = {CARRIER_PHASE: known.carrier_phase_deg, DEMODULATOR_PHASE: known.demodulator_phase_deg}
+        sources = [Source.within(name, 0.0, limit, "deg") for name, limit in limits.items() if limit is not None]
+        return cls(
+            tuple(sources),
+            _per_deg(known.k_vc_ppm_carrier_deg, known.carrier_phase_deg),
+            1e-6 * known.k_vc_ppm_demodulator_deg,
+            _per_deg(known.scale_factor_ppm_demodulator_deg, known.demodulator_phase_deg),
+            known.bias_deg_s_demodulator_deg or 0.0,
+        )
+
+    def k_vc(self, q: Mapping[str, Any]) -> Any:
+        """Return by what K_Vc is multiplied."""
+        by_carrier = self.k_vc_per_carrier_deg * q.get(CARRIER_PHASE, 0.0)
+        return 1.0 + by_carrier + self.k_vc_per_demodulator_deg * q.get(DEMODULATOR_PHASE, 0.0)
+
+    def scale_factor(self, q: Mapping[str, Any]) -> Any:
+        """Return by what the scale factor of either column is multiplied."""
+        return 1.0 + self.scale_factor_per_demodulator_deg * q.get(DEMODULATOR_PHASE, 0.0)
+
+    def bias_deg_s(self, q: Mapping[str, Any]) -> Any:
+        """Return what quadrature adds to the bias, deg/s."""
+        return self.bias_deg_s_per_demodulator_deg * q.get(DEMODULATOR_PHASE, 0.0)
+
+    @property
+    def u_k_vc(self) -> dict[str, float]:
+        """What each puts into K_Vc, relative standard uncertainties."""
+        return self._relative(self.k_vc_per_carrier_deg, self.k_vc_per_demodulator_deg)
+
+    @property
+    def u_scale_factor(self) -> dict[str, float]:
+        """What each puts into a scale factor on the table."""
+        return self._relative(0.0, self.scale_factor_per_demodulator_deg)
+
+    @property
+    def u_self_calibrated(self) -> dict[str, float]:
+        """What each puts into a scale factor by V_Vc, whose K_Vc was found at other phases."""
+        by_demodulator = self.scale_factor_per_demodulator_deg + self.k_vc_per_demodulator_deg
+        return self._relative(self.k_vc_per_carrier_deg, by_demodulator)
+
+    def _relative(self, by_carrier: float, by_demodulator: float) -> dict[str, float]:
+        by = {CARRIER_PHASE: by_carrier, DEMODULATOR_PHASE: by_demodulator}
+        return {source.name: abs(by[source.name]) * source.u for source in self.sources if by[source.name]}
+
+
+def _per_deg(ppm_deg: float, limit_deg: float | None) -> float:
+    """Return what a degree does, relative, such that the limit does what it may at most: the cosine's own curve too."""
+    curved = (1.0 - math.cos(math.radians(limit_deg))) / limit_deg if limit_deg else 0.0
+    return math.copysign(1e-6 * abs(ppm_deg) + curved, ppm_deg)
+
+
+def phases_not_known(known: Sources) -> Iterator[str]:
+    """Say what is not in uncertainties for want of a limit."""
+    if known.carrier_phase_deg is None:
+        yield "a change of the carrier's phase: K_Vc is that at the phase of the run (uncertainty.carrier_phase_deg)"
+    if known.demodulator_phase_deg is None:
+        what = "a change of the demodulator's phase, by which scale factor and, with quadrature, bias change"
+        yield f"{what} (uncertainty.demodulator_phase_deg)"
+    elif known.bias_deg_s_demodulator_deg is None:
+        what = "quadrature that the demodulator's phase lets into the bias"
+        yield f"{what} (uncertainty.bias_deg_s_demodulator_deg; `phase` measures it)"
