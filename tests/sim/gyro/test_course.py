@@ -64,6 +64,23 @@ def test_what_nobody_sees_and_nothing_remembers_is_not_worked_out(monkeypatch: p
     assert len(worked_out) == 1
 
 
+def test_a_picture_of_the_output_may_be_asked_for_late() -> None:
+    """What acts has changed meanwhile, and the chain would have forgotten what the picture shows."""
+    clock = VirtualClock()
+    at_once, late = started(clock), started(clock)
+    clock.sleep_until(0.5)
+    captures = [world.capture(0.5, 0.6) for world in (at_once, late)]
+    clock.sleep_until(0.6)
+    times = np.linspace(0.5, 0.6, 50)
+    shown = captures[0].samples("output", times)
+    late.advance()
+    for instant_s in (0.7, 3.0, 30.0):
+        clock.sleep_until(instant_s)
+        late.drive_v_vc(Drive(instant_s))
+        late.value_v("output")
+    np.testing.assert_array_equal(captures[1].samples("output", times), shown)
+
+
 def test_what_nobody_sees_does_not_pile_up() -> None:
     """A V_Vc that changes for an hour leaves as much behind as the chain remembers."""
     clock = VirtualClock()

@@ -7,6 +7,7 @@ remembers: a start-up that nobody watches costs next to nothing, and so does a l
 from __future__ import annotations
 
 import cmath
+import copy
 import math
 from collections import deque
 from typing import TYPE_CHECKING
@@ -28,11 +29,11 @@ if TYPE_CHECKING:
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["Acting", "Course", "chain_at"]
+__all__ = ["Acting", "Answer", "Course", "chain_at"]
 
 FORGOTTEN_DEG_S = 1e-18
-FORGOTTEN_NEPERS = 46.0
-"""What has decayed by so much, to 1e-20, is no more: it is less than the rounding of what came later."""
+FORGOTTEN_NEPERS = 36.0
+"""What has decayed by so much, to 2e-16, is no more than the rounding of what came later."""
 
 
 class Acting(Struct, frozen=True):
@@ -127,14 +128,14 @@ class Course:
         self._noted.append(self._latest)
         self._forget(decayed)
 
-    def response(self, now_s: float) -> Response:
-        """Return the chain's response to what was noted last, from when that began.
+    def response(self, from_s: float) -> Response:
+        """Return the chain's response to what was noted last, its time from when that began; exact from `from_s` on.
 
         Raises:
             RuntimeError: nothing was noted.
         """
         if self._latest is not None and self._noted:
-            self._forget(self._latest.decayed_by(now_s))
+            self._forget(self._latest.decayed_by(from_s))
         while self._noted:
             self._followed = self._follow(self._noted.popleft().acting)
         if self._followed is None:
@@ -160,6 +161,32 @@ class Course:
                 chain = acting.chain(self._design)
                 modal = before.response.chain.handed_over(modal, turn, chain)
         return _Followed(acting, chain.respond(modal, acting.forcing(), turn))
+
+
+class Answer:
+    """The chain's response to what was noted last, worked out when it is first asked for; nobody looks before `from_s`.
+
+    A meter on a rail, or a picture of the drive, never asks.
+    """
+
+    __slots__ = ("_course", "_from_s", "_response")
+
+    def __init__(self, course: Course, from_s: float) -> None:
+        self._course = course
+        self._from_s = from_s
+        self._response: Response | None = None
+
+    def response(self) -> Response:
+        """Return the response, its time from when what acts began."""
+        if self._response is None:
+            self._response = self._course.response(self._from_s)
+        return self._response
+
+    def part(self) -> None:
+        """Have what is asked later answered apart from the course, which goes on to something else."""
+        if self._response is None:
+            self._course = copy.copy(self._course)
+            self._course.part()
 
 
 def chain_at(design: ChainDesign, bench: BenchParameters, temperature_c: float, drive: DriveSegment) -> Chain:

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign
-from vcfbench.sim.gyro.course import Acting, Course, chain_at
+from vcfbench.sim.gyro.course import Acting, Answer, Course, chain_at
 from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
@@ -230,11 +230,11 @@ class Gyro:
         return self._acting
 
     def _situation(self, acting: Acting) -> Situation:
-        """Return what holds while it acts, the chain's response with it; somebody looks."""
+        """Return what holds while it acts; somebody looks."""
         if self._given is None:
             self._given = Situation(
                 acting.bench,
-                self._course.response(self.now_s),
+                Answer(self._course, self.now_s),
                 self._drive_mode,
                 acting.drive,
                 acting.passage,
@@ -247,6 +247,8 @@ class Gyro:
     def _end_acting(self) -> None:
         """Have what acts on the chain so far end now, before something changes it."""
         self._phase = self._phase_now()
+        if self._given is not None:
+            self._given.answer.part()
         self._acting = self._given = None
 
     def _arrive(self, stop_s: float) -> None:

@@ -102,13 +102,17 @@ class Interval(Struct, frozen=True, dict=True):
     def whole(self) -> NDArray[np.float64]:
         """What makes (Re modal, Im modal, flicker, integral) of (Re modal, Im modal, flicker, random numbers)."""
         n, k = len(self.decay), len(self.fade)
-        by_itself = np.zeros((2 * n + k + 1, 2 * n + k))
-        rotation = np.diag(self.decay)
-        by_itself[:n] = np.hstack((rotation.real, -rotation.imag, self.carried.real))
-        by_itself[n : 2 * n] = np.hstack((rotation.imag, rotation.real, self.carried.imag))
-        by_itself[2 * n : -1, 2 * n :] = np.diag(self.fade)
-        by_itself[-1] = np.concatenate((self.integral[:n].real, -self.integral[:n].imag, self.integral[n:].real))
-        return np.hstack((by_itself, self.factor))
+        whole = np.zeros((2 * n + k + 1, 4 * n + 2 * k + 1))
+        modes, rates = np.arange(n), 2 * n + np.arange(k)
+        whole[modes, modes] = whole[n + modes, n + modes] = self.decay.real
+        whole[n + modes, modes] = self.decay.imag
+        whole[modes, n + modes] = -self.decay.imag
+        whole[:n, 2 * n : 2 * n + k], whole[n : 2 * n, 2 * n : 2 * n + k] = self.carried.real, self.carried.imag
+        whole[rates, rates] = self.fade
+        whole[-1, :n], whole[-1, n : 2 * n] = self.integral[:n].real, -self.integral[:n].imag
+        whole[-1, 2 * n : 2 * n + k] = self.integral[n:].real
+        whole[:, 2 * n + k :] = self.factor
+        return whole
 
     def integral_of(self, state: NoiseState) -> float:
         """Return the integral of the filtered noise that a state makes by itself, V s."""
@@ -142,6 +146,12 @@ class NoisyChain:
         self.chain = chain
         self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
         self._integral = self._integral_row(chain, follow)
+        self._rows = np.vstack((self._output, self._integral))
+        self._plain = _Gathered.of(self._input, self._exponents)
+        self._turned = _Gathered.of(self._input, self._exponents, np.conj)
+        n, rows = self._n, len(self._exponents)
+        self._kept = np.concatenate((np.arange(n), rows + np.arange(n), np.arange(n, rows)))
+        """The rows of real and imaginary parts that exist: flicker and integral are real."""
         self._follow = follow
         shows = np.column_stack((chain.to_filtered, chain.to_filtered * chain.eigenmodes, turning_with(chain)))
         self.shows = np.concatenate((shows, follow.T @ shows))
@@ -159,14 +169,15 @@ class NoisyChain:
 
     def covariance(self, interval_s: float) -> NDArray[np.float64]:
         """Return the covariance of (Re modal, Im modal, flicker, integral) gathered over `interval_s`."""
-        rows = np.vstack((self._output, self._integral))
-        hermitian = rows @ self._gathered(interval_s, np.conj) @ rows.conj().T
-        plain = rows @ self._gathered(interval_s, np.asarray) @ rows.T
-        real, imaginary = 0.5 * (hermitian + plain).real, 0.5 * (hermitian - plain).real
-        cross = 0.5 * (plain - hermitian).imag
-        full = np.block([[real, cross], [cross.T, imaginary]])
-        kept = self._kept()
-        return np.asarray(full[np.ix_(kept, kept)])
+        rows, count = self._rows, len(self._exponents)
+        hermitian = rows @ self._turned.over(interval_s) @ rows.conj().T
+        plain = rows @ self._plain.over(interval_s) @ rows.T
+        full = np.empty((2 * count, 2 * count))
+        full[:count, :count] = 0.5 * (hermitian + plain).real
+        full[count:, count:] = 0.5 * (hermitian - plain).real
+        full[:count, count:] = cross = 0.5 * (plain - hermitian).imag
+        full[count:, :count] = cross.T
+        return np.asarray(full[np.ix_(self._kept, self._kept)])
 
     def step(self, state: NoiseState, interval_s: float, random: np.random.Generator) -> tuple[NoiseState, float]:
         """Return the state after `interval_s` and the integral of the filtered noise over it, V s."""
@@ -246,10 +257,10 @@ class NoisyChain:
     def spread(self, time_s: float, duration_s: float, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the covariance of what is gathered by `time_s` with a weighted sum of what is by `duration_s`."""
         seen, left = self._seen(weights), duration_s - time_s
-        plain = self._gathered(time_s, np.asarray) @ (np.exp(self._exponents * left) * seen)
-        turned = self._gathered(time_s, np.conj) @ (np.exp(self._exponents * left) * seen).conj()
-        shown = np.vstack((self._output, self._integral)) @ (0.5 * (plain + turned))
-        return np.asarray(np.concatenate((shown.real, shown.imag))[self._kept()])
+        plain = self._plain.over(time_s) @ (np.exp(self._exponents * left) * seen)
+        turned = self._turned.over(time_s) @ (np.exp(self._exponents * left) * seen).conj()
+        shown = self._rows @ (0.5 * (plain + turned))
+        return np.asarray(np.concatenate((shown.real, shown.imag))[self._kept])
 
     def spread_shown(
         self, grown: NDArray[np.complex128], duration_s: float, weights: NDArray[np.float64]
@@ -273,18 +284,30 @@ class NoisyChain:
         """Return g for which Re(g @ modes) is the weighted sum of (Re modal, Im modal, flicker, integral)."""
         n = self._n
         real = np.concatenate((weights[:n] - 1j * weights[n : 2 * n], weights[2 * n :]))
-        return np.asarray(real @ np.vstack((self._output, self._integral)))
+        return np.asarray(real @ self._rows)
 
-    def _gathered(self, interval_s: float, other: np.ufunc | _AsArray) -> NDArray[np.complex128]:
-        total = np.add.outer(self._exponents, other(self._exponents))
-        safe = np.where(total == 0, -1.0, total)
-        grown = np.where(total == 0, interval_s, np.expm1(safe * interval_s) / safe)
-        return np.asarray((self._input @ other(self._input).T) * grown)
 
-    def _kept(self) -> NDArray[np.intp]:
-        """Return the rows of real and imaginary parts that exist: flicker and integral are real."""
-        n, rows = self._n, len(self._exponents)
-        return np.concatenate((np.arange(n), rows + np.arange(n), np.arange(n, rows)))
+class _Gathered(Struct, frozen=True):
+    """What modes gather together of their inputs: `strength` ab times the integral of exp(`speed` ab t)."""
+
+    strength: NDArray[np.complex128]
+    still: NDArray[np.bool_]
+    """Where the speed is 0."""
+    speed: NDArray[np.complex128]
+    """-1 where it is 0."""
+
+    @classmethod
+    def of(
+        cls, inputs: NDArray[np.complex128], exponents: NDArray[np.complex128], other: np.ufunc | _AsArray = np.asarray
+    ) -> _Gathered:
+        """Return that of modes with themselves, or with their conjugates."""
+        total = np.add.outer(exponents, other(exponents))
+        return cls(inputs @ other(inputs).T, total == 0, np.where(total == 0, -1.0, total))
+
+    def over(self, interval_s: float) -> NDArray[np.complex128]:
+        """Return what is gathered over an interval."""
+        grown = np.where(self.still, interval_s, np.expm1(self.speed * interval_s) / self.speed)
+        return np.asarray(self.strength * grown)
 
 
 def _make_room(kept: dict[Any, Any]) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.chain import Response
+    from vcfbench.sim.gyro.course import Answer
     from vcfbench.sim.gyro.drive import DriveSegment, Motion
     from vcfbench.sim.gyro.electronic import ElectronicNoise
     from vcfbench.sim.gyro.electronics import Passage, Pin
@@ -34,13 +35,13 @@ PINS = ("rail_positive", "rail_negative")
 
 
 class Situation(Struct, frozen=True):
-    """What holds from one event to the next: the chain's response, the drive, what is on V_Vc and the supply pins.
+    """What holds from one event to the next: the chain's answer, the drive, what is on V_Vc and the supply pins.
 
     A PCB without enough power is not `alive`.
     """
 
     bench: BenchParameters
-    response: Response
+    answer: Answer
     drive_mode: Resonance
     drive: DriveSegment
     passage: Passage
@@ -90,6 +91,11 @@ class Stretch(Struct, frozen=True):
             return 0.0
         fastest = max((abs(exponent) for _, exponent in source.terms), default=0.0)
         return FINEST_RAD / fastest if fastest else math.inf
+
+    @property
+    def _response(self) -> Response:
+        """The chain's, from `responding_s` before the start."""
+        return self.given.answer.response()
 
     def _share(self, node: str) -> float:
         return self.shares.get(node, 1.0)
@@ -141,7 +147,7 @@ class Stretch(Struct, frozen=True):
     def _output_integral(self, duration: float) -> float:
         variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
         noise = self.noise_integral_v_s / duration
-        filtered = self.given.response.filtered.later(self.responding_s)
+        filtered = self._response.filtered.later(self.responding_s)
         moving = self._moving_limits()
         limits_v = self._still_limits_v() if moving is None else moving.tightest(duration)
         return output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
@@ -173,9 +179,7 @@ class Stretch(Struct, frozen=True):
         if node == "carrier":
             return (self._carrier_v() * turn * _turned(self.given.drive.drive_rad_s, duration)).real
         carried = (
-            self.given.response.sense.later(self.responding_s)
-            .carried(1j * self.given.drive.drive_rad_s)
-            .integral(duration)
+            self._response.sense.later(self.responding_s).carried(1j * self.given.drive.drive_rad_s).integral(duration)
         )
         if self.noise is not None:
             carried += self.noise.carried_v_s(self.given.drive.drive_rad_s, duration)
@@ -215,7 +219,7 @@ class Stretch(Struct, frozen=True):
         if coarse is not None:
             return coarse.interpolated(self._open_circuit(node, coarse.times_s()))
         if node == "output":
-            filtered = self.given.response.filtered.at(self.responding_s + elapsed).real
+            filtered = self._response.filtered.at(self.responding_s + elapsed).real
             noisy = filtered if self.noise is None else filtered + self.noise.filtered(elapsed)
             volts = self._amplified(noisy, elapsed)
             rippling = self._rippling()
@@ -227,7 +231,7 @@ class Stretch(Struct, frozen=True):
         elapsed = times_s - self.start_s
         phase = self.phase_rad + self.given.drive.drive_rad_s * elapsed
         if node == "sense":
-            envelope = self.given.response.sense.at(self.responding_s + elapsed)
+            envelope = self._response.sense.at(self.responding_s + elapsed)
             envelope = envelope if self.noise is None else envelope + self.noise.sense(elapsed)
             return np.asarray((envelope * np.exp(1j * phase)).real)
         loop = self.given.bench.drive_loop
