@@ -126,6 +126,18 @@ def test_rows_load_no_driver_and_no_simulation() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_installed_packages_are_looked_through_for_strange_names_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bench of known instruments never waits for that: some milliseconds."""
+    asked: list[str] = []
+    monkeypatch.setattr(models, "entry_points", lambda group: asked.append(group) or [])
+    models._installed_names.cache_clear()
+    assert find_language("34401A") is None
+    assert models.find_model("acl") is None
+    assert not asked
+    assert models.find_model("34499Z") is None
+    assert asked == ["vcfbench.models"]
+
+
 def test_a_registered_model_fills_a_role() -> None:
     assert bench('"34401A"', '"M1"').multimeter.model == "M1"
     assert find_driver("M1").driver_class is Meter

@@ -359,7 +359,7 @@ def find_model(name: str) -> Model | None:
     Raises:
         ConfigError: another package registers it and cannot be loaded.
     """
-    return _find(name, MODELS, Model)
+    return _find(name, Model)
 
 
 def find_language(name: str) -> TableLanguage | None:
@@ -368,7 +368,7 @@ def find_language(name: str) -> TableLanguage | None:
     Raises:
         ConfigError: another package registers it and cannot be loaded.
     """
-    return _find(name, LANGUAGES, TableLanguage)
+    return _find(name, TableLanguage)
 
 
 def recognised(maker: str, model: str) -> Model | TableLanguage | None:
@@ -383,12 +383,12 @@ def _every(kind: type[_Row]) -> tuple[_Row, ...]:
     return tuple(row for row in rows if isinstance(row, kind))
 
 
-def _find(name: str, own: tuple[_Row, ...], kind: type[_Row]) -> _Row | None:
+def _find(name: str, kind: type[_Row]) -> _Row | None:
+    own: tuple[Model | TableLanguage, ...] = (*MODELS, *LANGUAGES)
     row = next((each for each in own if each.name == name), None)
-    if row is not None or name not in _installed_names():
-        return row
-    loaded = _load(name)
-    return loaded if isinstance(loaded, kind) else None
+    if row is None and name in _installed_names():  # looked for only where it is none of our own: that takes long
+        row = _load(name)
+    return row if isinstance(row, kind) else None
 
 
 @cache  # looking through the installed packages takes milliseconds

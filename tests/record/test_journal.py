@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.record import journal as journal_module
-from vcfbench.record.journal import Journal, read_journal
+from vcfbench.record.journal import Journal, SimulatedJournal, read_journal
 from vcfbench.record.schema import Point, Status
 
 if TYPE_CHECKING:
@@ -147,6 +147,19 @@ def test_one_write_and_one_sync_a_line(tmp_path: Path, monkeypatch: pytest.Monke
     journal.step({"n": 2})
     assert [data.count(b"\n") for data in writes] == [1, 1]
     assert len(synced) == 2
+    journal.close()
+
+
+def test_a_simulated_run_is_synchronised_at_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its lines are in the file at once all the same: who kills the program loses none."""
+    synced: list[int] = []
+    monkeypatch.setattr(journal_module, "_sync", synced.append)
+    journal = SimulatedJournal(tmp_path / "j")
+    journal.step({"n": 1})
+    assert [line["n"] for line in journal.lines()] == [1]
+    assert not synced
+    journal.footer({})
+    assert len(synced) == 1
     journal.close()
 
 

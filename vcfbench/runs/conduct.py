@@ -319,10 +319,11 @@ class _Record(Struct):
             course.take_error(execution.error)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0) -> Journal:
-        from vcfbench.record.journal import Journal, MemoryJournal  # noqa: PLC0415
+        from vcfbench.record.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
 
         kept = self.course.directory
-        self.journal = MemoryJournal() if kept is None else Journal(kept.journal)
+        on_disk = SimulatedJournal if self.prepared.description.simulated else Journal
+        self.journal = MemoryJournal() if kept is None else on_disk(kept.journal)
         self.course.header = self._header("" if kept is None else kept.run, identities, began_s)
         self.journal.header(self.course.header)
         return self.journal

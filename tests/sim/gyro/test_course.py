@@ -50,17 +50,21 @@ def test_who_looks_late_sees_what_one_who_always_looked_sees(seen_s: float) -> N
 
 
 def test_what_nobody_sees_and_nothing_remembers_is_not_worked_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Down to rest the drive takes some hundred pieces; who looks a minute later needs the last of them alone."""
+    """Start-up and the way down to rest have some hundred pieces each; who looks later needs the last of them alone."""
     clock, worked_out = VirtualClock(), []
     respond = Chain.respond
     monkeypatch.setattr(Chain, "respond", lambda *asked: worked_out.append(asked) or respond(*asked))
     world = started(clock)
+    world.table.demand_rate(100.0, 50.0)
     clock.sleep_until(30.0)
     world.set_rail("positive", 0.0)
     clock.sleep_until(90.0)
-    world.advance()
-    assert not worked_out
     assert world.value_v("output") == 0.0
+    world.set_rail("positive", 10.0)
+    clock.sleep_until(120.0)
+    assert world.value_v("rail_positive") == 10.0
+    assert not worked_out
+    assert world.value_v("output") == pytest.approx(-1.24, rel=0.1)
     assert len(worked_out) == 1
 
 
