@@ -9,7 +9,7 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -54,6 +54,8 @@ class VoltmeterSpecification(Struct, frozen=True):
         limit_sigmas: how many standard deviations of its specimens a limit of `accuracy` is, as the maker says; None
             where nothing is said: then any error within the limit is as likely as any other. The simulated
             instruments are drawn from the same.
+        added_noise: power-line cycles to the largest noise that they add to a reading, as a part of the range and in
+            V; the scatter of readings has it, so no uncertainty takes it from here.
     """
 
     model: str
@@ -62,6 +64,7 @@ class VoltmeterSpecification(Struct, frozen=True):
     accuracy_source: str
     resolution_source: str
     limit_sigmas: float | None = None
+    added_noise: Mapping[float, tuple[float, float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def accuracy_of(self, range_v: float, age_days: float) -> Accuracy:
         """Return what is promised of a range so long after a calibration.
@@ -103,6 +106,11 @@ class VoltmeterSpecification(Struct, frozen=True):
         if nplc not in self.resolution:
             raise ValueError(f"a {self.model} integrates over {_listed(self.resolution)} cycles, not {nplc:g}")
         return self.resolution[nplc] * range_v
+
+    def added_noise_v(self, range_v: float, nplc: float) -> float:
+        """Return the largest noise that is promised of an integration of `nplc` cycles, V; 0 where none is added."""
+        part, volts = self.added_noise.get(nplc, (0.0, 0.0))
+        return part * range_v + volts
 
 
 class LevelSpecification(Struct, frozen=True):
@@ -169,6 +177,7 @@ HP_34401A: Final = VoltmeterSpecification(
     accuracy_source="User's Guide 34401-90004 p. 216; the sums agree with the test limits of the Service Guide, p. 69",
     resolution_source="User's Guide 34401-90004 p. 54-57",
     limit_sigmas=4.0,  # "better than 4 sigma", User's Guide p. 227
+    added_noise=MappingProxyType({0.02: (1e-4, 20e-6), 0.2: (1e-5, 20e-6), 1.0: (1e-5, 0.0)}),  # p. 217
 )
 
 _TRUEVOLT_SIGMAS: Final = 2.0

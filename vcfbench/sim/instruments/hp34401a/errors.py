@@ -105,13 +105,15 @@ class MeterErrors(Struct, frozen=True):
     """Imperfections of a specimen, those of dc voltage first; each can be set by itself."""
 
     gain_error: float = 0.0
-    """Relative error of the reading, V/V (p. 216: 1 year 0.0035 % on the 10 V range)."""
+    """Relative error of the reading on the 10 V range, V/V (p. 216: 1 year 0.0035 %); on the others as its limit."""
     offset_v: float = 0.0
-    """Offset on the 10 V range, V; on the others in proportion (p. 216: 0.0005 % of range)."""
+    """Offset on the 10 V range, V (p. 216: 0.0005 % of range); on the others as its limit, 0.0035 % of 0.1 V."""
     unzeroed_offset_v: float = 0.0
-    """Further offset while autozero is off, V (p. 216: 0.0002 % of range + 5 uV)."""
+    """Further offset on the 10 V range while autozero is off, V (p. 216: 0.0002 % of range + 5 uV)."""
     noise: float = 0.0
     """White noise, rms, as a multiple of the resolution that goes with the integration time."""
+    short_noise: float = 0.0
+    """Further noise of 1, 0.2 and 0.02 power line cycles, rms, as a part of the published one (p. 217)."""
     input_ohm: float = math.inf
     """Input resistance: 10 Mohm +-1 %, above 10 Gohm on the lower ranges with automatic impedance (p. 53)."""
     quantised: bool = False
@@ -139,6 +141,7 @@ class MeterErrors(Struct, frozen=True):
             offset_v=float(rng.normal(0.0, 50e-6 / 4)),
             unzeroed_offset_v=float(rng.normal(0.0, 25e-6 / 4)),
             noise=0.3,
+            short_noise=0.25,
             input_ohm=float(10e6 * (1 + rng.uniform(-0.01, 0.01))),
             quantised=True,
             noise_seed=int(rng.integers(1 << 31)),

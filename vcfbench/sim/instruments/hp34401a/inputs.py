@@ -17,6 +17,7 @@ from vcfbench.sim.instruments.hp34401a.calibration import Corrections
 from vcfbench.sim.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, Function
+from vcfbench.specifications import HP_34401A
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.ac import Detected
     from vcfbench.sim.instruments.hp34401a.setup import Setup
     from vcfbench.sim.trace import History, Piece
+    from vcfbench.specifications import VoltmeterSpecification
 
 __all__ = ["FAST_APERTURES_S", "Conditions", "Inputs", "MeterErrors", "Reading"]
 
@@ -31,6 +33,12 @@ FAST_APERTURES_S = MappingProxyType({0.02: 400e-6, 0.2: 3e-3})
 """Integration below one cycle does not depend on the line (p. 217)."""
 _OVERHEAD_S = {0.02: 0.6e-3, 0.2: 0.33e-3}
 """What the published reading rates leave beside integration and delay (p. 217; inferred)."""
+_USUAL_RANGE_V, _YEAR_DAYS = 10.0, 365.0
+_UNZEROED, _UNZEROED_V = 2e-6, 5e-6
+"""Published error while autozero is off (p. 216)."""
+_LOOKED_AT_V = 1.0
+"""On ranges up to this the peaks of a direct voltage are looked at: no source of the bench overloads the others so."""
+_PEAK_LOOKS = 1 << 12
 _AC_READING_S = 0.02
 """50 readings a second with the settling delays defeated (p. 219)."""
 _RANGING_S = 0.02
@@ -71,11 +79,37 @@ class Conditions(NamedTuple):
 
 
 class _Scale(NamedTuple):
-    """A range, how far beyond it readings go, and the resolution."""
+    """A range, how far beyond it readings go, the resolution, and what a short integration adds to the noise, rms."""
 
     range: float
     over_range: float
     resolution: float
+    added_noise: float = 0.0
+
+
+class _Share(NamedTuple):
+    """The errors of a range as multiples of those of the 10 V range, by their published limits."""
+
+    reading: float
+    offset: float
+    unzeroed: float
+
+
+_USUAL = _Share(1.0, 1.0, 1.0)
+
+
+def _shares(sheet: VoltmeterSpecification) -> dict[float, _Share]:
+    """Return the errors of the ranges that a data sheet knows."""
+    usual = sheet.accuracy_of(_USUAL_RANGE_V, _YEAR_DAYS)
+    limits = {range_v: sheet.accuracy_of(range_v, _YEAR_DAYS) for range_v in sheet.accuracy}
+    return {
+        range_v: _Share(
+            limit.reading / usual.reading,
+            limit.range * range_v / (usual.range * _USUAL_RANGE_V),
+            (_UNZEROED * range_v + _UNZEROED_V) / (_UNZEROED * _USUAL_RANGE_V + _UNZEROED_V),
+        )
+        for range_v, limit in limits.items()
+    }
 
 
 class Inputs:
@@ -89,6 +123,7 @@ class Inputs:
         source_ohm: resistance of the node that the 10 Mohm of direct voltage load.
         sense: the node between the sense terminals, None while they are open.
         fast_apertures_s: integration times that do not depend on the line, by power line cycles.
+        sheet: what is published of its direct voltages.
     """
 
     def __init__(
@@ -101,6 +136,7 @@ class Inputs:
         source_ohm: float,
         sense: str | None,
         fast_apertures_s: Mapping[float, float] = FAST_APERTURES_S,
+        sheet: VoltmeterSpecification = HP_34401A,
     ) -> None:
         self._world = world
         self._node = node
@@ -109,6 +145,8 @@ class Inputs:
         self._mains_hz = mains_hz
         self._source_ohm = source_ohm
         self._fast_apertures_s = fast_apertures_s
+        self._sheet = sheet
+        self._shares = _shares(sheet)
         self._noise = random.Random(errors.noise_seed)  # noqa: S311  (noise, not secrets)
         self._history: History | None = None
         self.corrections = Corrections()
@@ -166,19 +204,40 @@ class Inputs:
         autozero = conditions.autozero or function.name in ("FRES", "VOLT:RAT")
         end = start_s + aperture * (2 if autozero else 1) + _OVERHEAD_S.get(setup.nplc, 0.0)
         window = self._world.window(self._node, start_s, start_s + aperture)
-        scale = _Scale(setup.range, function.over_range_of(setup.range), function.fraction_of(setup.nplc) * setup.range)
+        scale = self._scale(function, setup.range, setup.nplc)
         if function.name == "VOLT":
             loading = self.loading(setup.range, high_impedance=conditions.high_impedance)
+            peak = self._peak(start_s, start_s + aperture) if setup.range <= _LOOKED_AT_V else None
 
             def volts() -> float | Reading:
                 seen_v = window.mean_v() * loading
-                again = self._integrated_again(function, setup, conditions, seen_v)
-                return again or self._as_read(seen_v, scale, autozero=autozero)
+                most_v = seen_v if peak is None else max(seen_v, peak() * loading, key=abs)
+                again = self._integrated_again(function, setup, conditions, most_v)
+                return again or self._as_read(seen_v, scale, most_v, autozero=autozero)
 
             return Reading(end, volts)
         if function.name == "VOLT:RAT":
             return self._ratio(function, window.mean_v, scale, start_s, setup.nplc)
         return Reading(end, lambda: self._resistive(function, window.mean_v(), scale))
+
+    def _scale(self, function: Function, range_: float, nplc: float) -> _Scale:
+        fraction, added = function.fraction_of(nplc), 0.0
+        if self._errors.short_noise and function.unit == "V":
+            added = self._errors.short_noise * self._sheet.added_noise_v(range_, nplc)
+        return _Scale(range_, function.over_range_of(range_), fraction * range_, added)
+
+    def _peak(self, start_s: float, stop_s: float) -> Callable[[], float]:
+        """Look at the terminals between two times, and return how to ask for the voltage farthest from 0."""
+        import numpy as np  # noqa: PLC0415  (only where a range can be overloaded by peaks)
+
+        looked_at = self._world.capture(max(start_s, self._world.clock.now()), stop_s)
+        times = start_s + (np.arange(_PEAK_LOOKS) + 0.5) * ((stop_s - start_s) / _PEAK_LOOKS)
+
+        def farthest_v() -> float:
+            volts = looked_at.samples(self._node, times)
+            return float(volts[np.abs(volts).argmax()])
+
+        return farthest_v
 
     def _integrated_again(
         self, function: Function, setup: Setup, conditions: Conditions, seen_v: float
@@ -197,19 +256,21 @@ class Inputs:
             return 1.0
         return self._errors.input_ohm / (self._errors.input_ohm + self._source_ohm)
 
-    def _as_read(self, true_v: float, scale: _Scale, *, autozero: bool) -> float:
-        if abs(true_v) > scale.range * scale.over_range:
-            return math.copysign(OVERLOAD, true_v)
-        errors = self._errors
-        reading = true_v * (1.0 + errors.gain_error) + errors.offset_v * scale.range / 10.0
+    def _as_read(self, true_v: float, scale: _Scale, most_v: float, *, autozero: bool) -> float:
+        """Return a reading of a mean, an overload by the volts farthest from 0."""
+        if abs(most_v) > scale.range * scale.over_range:
+            return math.copysign(OVERLOAD, most_v)
+        errors, share = self._errors, self._shares.get(scale.range, _USUAL)
+        reading = true_v * (1.0 + errors.gain_error * share.reading) + errors.offset_v * share.offset
         if not autozero:
-            reading += errors.unzeroed_offset_v
-        return self._shown(self.corrections.apply("VOLT", scale.range, reading), scale.resolution)
+            reading += errors.unzeroed_offset_v * share.unzeroed
+        return self._shown(self.corrections.apply("VOLT", scale.range, reading), scale.resolution, scale.added_noise)
 
-    def _shown(self, reading: float, resolution: float) -> float:
+    def _shown(self, reading: float, resolution: float, added_noise: float = 0.0) -> float:
         """Return a reading with the converter's noise, in its steps."""
         if self._errors.noise:
-            reading += self._noise.gauss(0.0, self._errors.noise * resolution)
+            noise = self._errors.noise * resolution
+            reading += self._noise.gauss(0.0, math.hypot(noise, added_noise) if added_noise else noise)
         if self._errors.quantised:
             step = resolution / 10.0
             reading = round(reading / step) * step
@@ -226,9 +287,10 @@ class Inputs:
         reference = self._world.window(self._sense, middle, middle + aperture)
 
         def value() -> float:
-            of_sense = _Scale(10.0, 1.2, 10.0 * function.fraction_of(nplc))
-            below = self._as_read(reference.mean_v(), of_sense, autozero=True)
-            above = self._as_read(signal_v(), scale, autozero=True)
+            of_sense = self._scale(function, 10.0, nplc)
+            below_v, above_v = reference.mean_v(), signal_v()
+            below = self._as_read(below_v, of_sense, below_v, autozero=True)
+            above = self._as_read(above_v, scale, above_v, autozero=True)
             overloaded = OVERLOAD in (abs(below), abs(above)) or below == 0.0
             return OVERLOAD if overloaded else above / below
 

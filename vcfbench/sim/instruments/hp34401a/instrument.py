@@ -33,12 +33,14 @@ from vcfbench.sim.scpi import (
     Status,
     real,
 )
+from vcfbench.specifications import HP_34401A
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.sim.instruments.hp34401a.inputs import Reading
     from vcfbench.sim.scpi import CommandTable, Interface
+    from vcfbench.specifications import VoltmeterSpecification
 
 __all__ = ["TABLE", "Hp34401A", "MeterErrors"]
 
@@ -102,6 +104,7 @@ class Hp34401A(ScpiInstrument):
             source_ohm=source_ohm,
             sense=sense,
             fast_apertures_s=self.fast_apertures_s,
+            sheet=self.data_sheet(),
         )
         self.questionable = Register()
         status = Status({3: self.questionable})
@@ -118,6 +121,10 @@ class Hp34401A(ScpiInstrument):
         self.beeps = 0
         self._calibrating = False
         self.reset()
+
+    def data_sheet(self) -> VoltmeterSpecification:
+        """Return what is published of the direct voltages of the model."""
+        return HP_34401A
 
     def made_trigger_system(self) -> TriggerSystem:
         """Return the trigger system of the model."""

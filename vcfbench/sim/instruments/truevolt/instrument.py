@@ -117,6 +117,10 @@ class Truevolt(Hp34401A):
             model=model or self.kind.model,
         )
 
+    def data_sheet(self) -> VoltmeterSpecification:
+        """Return what is published of the direct voltages of the model."""
+        return self.kind.sheet
+
     def made_trigger_system(self) -> TriggerSystem:
         """Return the trigger system: a memory that forgets the oldest readings."""
         self.ring = RingTriggerSystem(
