@@ -57,6 +57,7 @@ def test_both_tell_the_same(watched: Watching) -> None:
     assert watched.journal is not None
     live, read = watched.view, watched.journal.view
     assert live.points == read.points
+    assert read.planned_s == pytest.approx(live.planned_s)  # so that the page knows when it ends
     assert len(live.points) == 17
     assert [each["what"] for each in live.steps] == [each["what"] for each in read.steps]
     assert live.log == read.log

@@ -124,7 +124,8 @@ class JournalFollower:
 
     def _begin(self, header: Mapping[str, Any]) -> None:
         self._began_s = float(header.get("began_s") or 0.0)
-        bench = header.get("bench") or {}
+        bench, planned_s = header.get("bench") or {}, header.get("planned_s")
+        self.view.planned_s = planned_s if isinstance(planned_s, float) else None
         self.view.about = {
             "run": header.get("run") or shown(self.path.parent),
             "procedure": header.get("procedure"),

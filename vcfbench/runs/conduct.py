@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
-    from vcfbench.runs.asked import Prepared
+    from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.results import CameTo
     from vcfbench.runs.run import Run
 
@@ -205,7 +205,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
         if prepared.description.simulated:
             _load_numpy()
     _warn_of_calibrations(asked, prepared)
-    record = _Record(course, prepared)
+    record = _Record(course, prepared, planned)
     course.observers = _shielded(asked.observers)
     directory = record.prepare()
     procedure, description = prepared.procedure, prepared.description
@@ -279,6 +279,7 @@ class _Record(Struct):
 
     course: _Course
     prepared: Prepared
+    planned: DryRun
     journal: Journal | None = None
     safe_reports: Sequence[SafeReport] = ()
     identities: Mapping[str, Identity] = field(default_factory=dict)
@@ -308,7 +309,7 @@ class _Record(Struct):
         prepared.require_bench(bench)
         course.checked.metadata = with_ambient(course.checked.metadata, bench)
         began_s = bench.clock.now() if prepared.began_s is None else prepared.began_s
-        journal = self._open_journal(bench.identities, began_s)
+        journal = self._open_journal(bench.identities, began_s, bench.clock.now() - began_s)
         executor = Executor(bench, journal, watchers, operator_of(course.asked, bench), began_s)
         try:
             with blamed_on(prepared.procedure):
@@ -318,17 +319,18 @@ class _Record(Struct):
         if execution.error is not None:
             course.take_error(execution.error)
 
-    def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0) -> Journal:
+    def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
         from vcfbench.record.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
 
         kept = self.course.directory
         on_disk = SimulatedJournal if self.prepared.description.simulated else Journal
         self.journal = MemoryJournal() if kept is None else on_disk(kept.journal)
-        self.course.header = self._header("" if kept is None else kept.run, identities, began_s)
+        told = {"began_s": began_s, "planned_s": done_s + self.planned.bench_seconds}
+        self.course.header = self._header("" if kept is None else kept.run, identities, told)
         self.journal.header(self.course.header)
         return self.journal
 
-    def _header(self, name: str, identities: Mapping[str, Identity], began_s: float) -> dict[str, Any]:
+    def _header(self, name: str, identities: Mapping[str, Identity], times: Mapping[str, float]) -> dict[str, Any]:
         import msgspec  # noqa: PLC0415
 
         from vcfbench.bench.equipment import equipment_on  # noqa: PLC0415
@@ -347,7 +349,7 @@ class _Record(Struct):
             "options": msgspec.to_builtins(course.asked.options, enc_hook=str),
             "settings": msgspec.to_builtins(self.prepared.settings),
             "bench": msgspec.to_builtins(description),
-            "began_s": began_s,
+            **times,
             "metadata": course.checked.metadata.as_json(),
             "equipment": [each.as_json() for each in equipment],
             **profile_of(description),

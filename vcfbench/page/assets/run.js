@@ -132,11 +132,16 @@ function drawAbout() {
 
 function drawProgress() {
   if (run.end || !run.about.run) return;
-  const waited = Math.min((performance.now() - run.told_ms) / 1e3, run.doing ? run.doing.duration_s : 0);
-  const t = run.t_s + (run.pace ? waited / run.pace : waited);
+  const since = (performance.now() - run.told_ms) / 1e3 / (run.pace || 1);
+  // of a run in another process steps are known when they are done
+  const t = run.t_s + (isLive ? Math.min(since, run.doing ? run.doing.duration_s : 0) : since);
   byId("status").textContent = "running";
   byId("status").className = "pill running";
   byId("going").hidden = false;
+  byId("look").hidden = isLive && Boolean(token);
+  byId("look").textContent = isLive
+    ? "This address can only look. The address that the terminal of the run shows can stop it."
+    : "This run goes on in a process of its own. It can be stopped only there: Ctrl-C in its terminal makes the bench safe.";
   if (run.planned_s) {
     const begun = run.began_s;
     const done = Math.min(1, (t - begun) / run.planned_s);
@@ -235,6 +240,7 @@ function figureOf(part) {
 function drawEnd() {
   const end = run.end;
   byId("going").hidden = true;
+  byId("look").hidden = true;
   byId("stop").hidden = true;
   byId("status").textContent = end.status;
   byId("status").className = `pill ${end.status}`;
@@ -273,7 +279,7 @@ function take(news) {
   }
   const now = performance.now();
   run.began_s = news.began_s;
-  if (run.seen_ms === undefined && news.doing) { run.seen_ms = now; run.seen_s = news.t_s; }
+  if (run.seen_ms === undefined && (news.doing || !isLive)) { run.seen_ms = now; run.seen_s = news.t_s; }
   if (run.seen_ms !== undefined && news.t_s - run.seen_s > 2) run.pace = (now - run.seen_ms) / 1e3 / (news.t_s - run.seen_s);
   Object.assign(run, { t_s: news.t_s, doing: news.doing, end: news.end, told_ms: now });
   if (!run.end && news.doing) byId("doing").textContent = news.doing.what;
