@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -175,6 +176,8 @@ def test_a_notebook_shows_table_and_results(quick: Run) -> None:
     shown = quick._repr_html_()
     assert "complete" in shown
     assert "scale factor" in shown.lower()
+    assert shown.count("<svg") == shown.count("<figcaption>") == 2
+    assert re.findall(r'id="r[0-9a-f]{8}-[12]-', shown)  # figures of two runs in one notebook do not mix
     points, *_ = shown.split("</table>")
     assert points.count("<tr>") == 1 + 3
 

@@ -20,7 +20,7 @@ def test_every_part_but_figures_is_a_piece_of_html() -> None:
     assert tree.findtext("h2") == "H & h"
     assert tree.findtext("pre") == "one\n two"
     assert tree.findtext("div/table/caption") == "a < b"
-    assert [each.text for each in tree.iter("th")] == ["rate / (deg/s)", "what"]
+    assert [each.text for each in tree.iter("th")] == ["rate / (°/s)", "what"]
     assert [each.text for each in tree.iter("td")] == ["1.0", "<b>", "-", "&"]
     sides = [(each.get("style") or "").partition(";")[0] for each in tree.iter("th")]
     assert sides == ["text-align:right", "text-align:left"]

@@ -20,7 +20,7 @@ def test_every_part_has_its_place_and_figures_their_address() -> None:
         "",
         "**what**",
         "",
-        "| rate / &#40;deg/s&#41; | what |",
+        "| rate / &#40;°/s&#41; | what |",
         "| ---: | :--- |",
         "| 1.0 | up |",
         "| &#45; | a&#124;b |",

@@ -27,7 +27,7 @@ def words_of(svg: str) -> list[str]:
 def test_a_figure_is_an_element_with_its_words_as_words() -> None:
     svg = svg_of(FIGURE)
     assert svg.startswith("<svg ")
-    assert {"rate / (deg/s)", "output / V"} <= set(words_of(svg))
+    assert {"rate / (°/s)", "output / V"} <= set(words_of(svg))
     assert "metadata" not in svg
     assert "Matplotlib" not in svg
 

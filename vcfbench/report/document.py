@@ -49,9 +49,10 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """Words, in lines that stay as they are."""
+    """Words, in lines that stay as they are; `verbatim` where also their characters must: what a person wrote."""
 
     text: str
+    verbatim: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +76,15 @@ class Cell:
 class Column:
     """A column of a table: name and unit for its head, `format` of its numbers (``".5f"``), and its side.
 
-    Texts are printed as they are, None as ``-``.
+    Texts are printed as they are, None as ``-``. `verbatim` says that none of their characters may be set otherwise on
+    a page: commands, names of files, what a person wrote.
     """
 
     name: str
     unit: str = ""
     format: str = ""
     align: Literal["left", "right"] = "right"
+    verbatim: bool = False
 
     @property
     def head(self) -> str:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 from vcfbench.report.document import Figure, Heading, Notice, Table, Text
 from vcfbench.report.text import printable_lines
+from vcfbench.report.typography import marked_up
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.report.document import Part, Report
+    from vcfbench.report.document import Column, Part, Report
 
 __all__ = ["escaped", "html_of"]
 
@@ -36,29 +37,35 @@ def escaped(text: str) -> str:
 def _part(part: Part, draw: Callable[[Figure], str] | None) -> str:
     match part:
         case Heading():
-            return f"<h{part.level}>{escaped(part.text)}</h{part.level}>"
+            return f"<h{part.level}>{_set(part.text)}</h{part.level}>"
         case Table():
             return _table(part)
         case Text():
-            return f"<pre>{escaped(part.text)}</pre>"
+            return f"<pre>{(escaped if part.verbatim else _set)(part.text)}</pre>"
         case Notice():
-            return f'<p class="notice {part.kind}"><strong>{escaped(part.text)}</strong></p>'
+            return f'<p class="notice {part.kind}"><strong>{_set(part.text)}</strong></p>'
         case Figure():
             return "" if draw is None else draw(part)
 
 
 def _table(table: Table) -> str:
-    sides = [column.align for column in table.columns]
-    caption = f"<caption>{escaped(table.title)}</caption>" if table.title else ""
-    head = f"<thead>{_row('th', [column.head for column in table.columns], sides)}</thead>" if table.has_heads else ""
-    body = "".join(_row("td", row, sides) for row in table.printed())
+    columns = table.columns
+    caption = f"<caption>{_set(table.title)}</caption>" if table.title else ""
+    head = f"<thead>{_row('th', [column.head for column in columns], columns)}</thead>" if table.has_heads else ""
+    body = "".join(_row("td", row, columns) for row in table.printed())
     return f'<div style="overflow-x:auto"><table>{caption}{head}<tbody>{body}</tbody></table></div>'
 
 
-def _row(tag: str, cells: Sequence[str], sides: Sequence[str]) -> str:
-    return f"<tr>{''.join(_cell(tag, *each) for each in zip(cells, sides, strict=True))}</tr>"
+def _row(tag: str, cells: Sequence[str], columns: Sequence[Column]) -> str:
+    return f"<tr>{''.join(_cell(tag, *each) for each in zip(cells, columns, strict=True))}</tr>"
 
 
-def _cell(tag: str, text: str, side: str) -> str:
+def _cell(tag: str, text: str, column: Column) -> str:
     whole = ";white-space:nowrap" if len(text) <= _SHORT else ""
-    return f'<{tag} style="text-align:{side}{whole}">{escaped(text)}</{tag}>'
+    said = escaped(text) if column.verbatim else _set(text)
+    return f'<{tag} style="text-align:{column.align}{whole}">{said}</{tag}>'
+
+
+def _set(text: str) -> str:
+    """Return `text` as HTML, its names and units set as on paper."""
+    return marked_up(text, escaped)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Final
 from vcfbench.report.document import Heading, Report
 from vcfbench.report.html import escaped, html_of
 from vcfbench.report.plot import GRID, INK, PALETTE, caption_of, svg_of
+from vcfbench.report.typography import marked_up
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.report.document import Figure, Part
 
-__all__ = ["page_of"]
+__all__ = ["page_of", "piece_of"]
 
 _THEMED: Final = {INK: "var(--ink)", GRID: "var(--line)"} | {
     colour: f"var(--series-{number})" for number, colour in enumerate(PALETTE, start=1)
@@ -60,15 +61,33 @@ def _sections(report: Report) -> Iterator[list[Part]]:
         yield section
 
 
+def piece_of(report: Report, name: str) -> str:
+    """Return the report as a piece of HTML with its figures, for a notebook: on white, whatever is around it.
+
+    `name` keeps the ids of its drawings apart from those of other pieces.
+    """
+    numbers = iter(range(1, len(report.parts) + 1))
+
+    def draw(figure: Figure) -> str:
+        drawn = _captioned(figure, (number := next(numbers)), svg_of(figure, f"{name}-{number}"))
+        return drawn.replace("<figure>", '<figure style="max-width:44rem;background:#fff;color:#20262e">', 1)
+
+    return html_of(report, draw)
+
+
 def _figure(figure: Figure, number: int, *, printed: bool) -> str:
     svg = svg_of(figure, f"f{number}")
     if not printed:
         for colour, themed in _THEMED.items():
             svg = svg.replace(colour, themed)
+    return _captioned(figure, number, svg)
+
+
+def _captioned(figure: Figure, number: int, svg: str) -> str:
     # a title of its own: what is read aloud in place of the picture
     svg = svg.replace("<svg ", f'<svg role="img" aria-label="{escaped(figure.title)}" ', 1)
-    below = f" {escaped(caption)}" if (caption := caption_of(figure)) else ""
-    words = f"<figcaption><b>Figure {number}.</b> {escaped(figure.title)}.{below}</figcaption>"
+    below = f" {marked_up(caption, escaped)}" if (caption := caption_of(figure)) else ""
+    words = f"<figcaption><b>Figure {number}.</b> {marked_up(figure.title, escaped)}.{below}</figcaption>"
     return f"<figure>\n{svg}\n{words}\n</figure>"
 
 

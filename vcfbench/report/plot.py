@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.report.thinning import COLUMNS, thinned
+from vcfbench.report.typography import in_unicode, marked_up_in_svg
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,6 +55,7 @@ _METADATA: Final = {
     "pdf": dict.fromkeys(("CreationDate", "Creator", "Producer")),
     "png": {"Software": None},
 }
+_WORDS: Final = re.compile(r"(?<=>)[^<>]+(?=</text>)")
 _ID: Final = re.compile(r'(?<=\bid=")[^"]+|(?<=xlink:href="#)[^"]+|(?<=url\(#)[^)]+')
 
 
@@ -69,6 +71,7 @@ def svg_of(figure: Figure, name: str = "figure") -> str:
     svg = text.getvalue()
     svg = re.sub(r"<(metadata|style)\b.*?</\1>\s*", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     svg = svg.replace("<svg ", '<svg style="stroke-linejoin:round;stroke-linecap:butt" ', 1)  # what its style was
+    svg = _WORDS.sub(lambda found: marked_up_in_svg(found[0]), svg)
     return _ID.sub(lambda found: f"{name}-{found[0]}", svg).strip()
 
 
@@ -110,9 +113,14 @@ def _drawing(figure: Figure, *, titled: bool) -> Any:
 
     drawing = Drawing(figsize=_SIZE_IN, layout="constrained")
     axes = drawing.subplots()
-    axes.set(xlabel=figure.x.title, ylabel=figure.y.title, xscale=figure.x.scale, yscale=figure.y.scale)
+    axes.set(
+        xlabel=in_unicode(figure.x.title),
+        ylabel=in_unicode(figure.y.title),
+        xscale=figure.x.scale,
+        yscale=figure.y.scale,
+    )
     if titled:
-        axes.set_title(figure.title)
+        axes.set_title(in_unicode(figure.title))
     colours = cycle(PALETTE)
     chosen: dict[str, str] = {}
     for series in figure.series:
@@ -145,7 +153,7 @@ def _mark(axis: Any, told: Axis) -> None:
 
 def _draw(axes: Any, series: Series, colour: str) -> None:
     x, y = thinned(series.x, series.y) or (series.x, series.y)
-    look = {"color": colour, "label": series.label}
+    look = {"color": colour, "label": in_unicode(series.label)}
     if series.low is not None:
         axes.fill_between(series.x, series.low, series.high, color=colour, alpha=0.18, linewidth=0)
     if series.kind == "bars":

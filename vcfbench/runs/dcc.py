@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 from vcfbench.errors import ConfigError
 from vcfbench.record.schema import Status
 from vcfbench.report.text import printable_lines
+from vcfbench.report.typography import in_unicode
 from vcfbench.runs.quantities import values_of
 from vcfbench.runs.reported import method_of
 from vcfbench.runs.si_units import in_si
@@ -163,10 +164,10 @@ def _statements(parent: ET.Element, run: Run) -> None:
 
 def _measured(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
     header = run.header
-    _say(parent, "name", str(header.get("title") or run.procedure))
+    _say(parent, "name", in_unicode(str(header.get("title") or run.procedure)))
     method = _under(_under(parent, "usedMethods"), "usedMethod")
     _say(method, "name", run.procedure)
-    _say(method, "description", method_of(run))
+    _say(method, "description", in_unicode(method_of(run)))
     if run.equipment:
         equipment = _under(parent, "measuringEquipments")
         for each in run.equipment:
@@ -223,7 +224,7 @@ def _quantity(parent: ET.Element, value: ResultValue) -> None:
     quantity = _under(parent, "quantity")
     _say(quantity, "name", value.name)
     if value.of:
-        _say(quantity, "description", value.of)
+        _say(quantity, "description", in_unicode(value.of))
     in_words = in_si(value.unit)
     if in_words is None:
         _say(quantity, "noQuantity", f"{value.value!r} {value.unit}, U95 {value.u95!r}, k {value.coverage_factor!r}")

@@ -79,10 +79,10 @@ def _notices(run: Run) -> Iterator[Notice]:
         yield Notice(f"Verdict: {word.upper()}", word)
 
 
-def _pairs(rows: Sequence[tuple[str, Any]], title: str = "") -> Table:
+def _pairs(rows: Sequence[tuple[str, Any]], *, verbatim: bool = False) -> Table:
     """Lay out names beside values; what is not known is left out."""
     known = [(name, str(value)) for name, value in rows if value is not None]
-    return Table([Column("", align="left"), Column("", align="left")], known, title)
+    return Table([Column("", align="left"), Column("", align="left", verbatim=verbatim)], known)
 
 
 def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
@@ -98,9 +98,9 @@ def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("operator", told.operator),
         *((f"tag {key}", value) for key, value in told.tags.items()),
     ]
-    yield _pairs(rows)
+    yield _pairs(rows, verbatim=True)
     if told.note is not None:
-        yield Text(f"Note: {told.note}")
+        yield Text(f"Note: {told.note}", verbatim=True)
 
 
 def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
@@ -238,9 +238,9 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("procedure's file", f"{own['path']}, SHA-256 {own['sha256']}" if isinstance(own, dict) else None),
         ("record", None if run.directory is None else f"journal.jsonl, SHA-256 {_sha256(run)}"),
     ]
-    yield _pairs(rows)
+    yield _pairs(rows, verbatim=True)
     if run.equipment:
-        columns = [Column(name, align="left") for name in ("role", "resource", "firmware")]
+        columns = [Column(name, align="left", verbatim=True) for name in ("role", "resource", "firmware")]
         answered = [(e.role, e.resource, None if e.identity is None else e.identity.firmware) for e in run.equipment]
         yield Table(columns, answered, "Where the instruments answered")
 

@@ -179,14 +179,17 @@ class Run:
         return Report([*self._came_to.parts, *broken, *left_out, *verdict])
 
     def _repr_html_(self) -> str:
-        """Show the run in a notebook: how it ended, and its report."""
+        """Show the run in a notebook: how it ended, and its report with its figures."""
+        from zlib import crc32  # noqa: PLC0415
+
         from vcfbench.report.document import Text  # noqa: PLC0415
-        from vcfbench.report.html import html_of  # noqa: PLC0415
+        from vcfbench.report.page import piece_of  # noqa: PLC0415  # loads Matplotlib
 
         said = [Text(f"{self.name or self.procedure}: {self.status.value}")]
         if self.error is not None:
             said.append(Text(str(self.error)))
-        return html_of(Report([*said, *self.report().parts]))
+        name = (self.name or self.procedure).encode()  # a directory may be called anything
+        return piece_of(Report([*said, *self.report().parts]), f"r{crc32(name):08x}")
 
 
 def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:

@@ -1,0 +1,67 @@
+"""How names and units are set where a page can: V with the index Vc, degrees as a sign, a thin space before a unit.
+
+Reports are written in plain characters, as terminals and files of numbers have them: ``V_Vc``, ``deg/s^2``. Only what
+is made for reading asks here, so that a name looks the same in HTML, PDF, Markdown and certificates.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["in_unicode", "marked_up", "marked_up_in_svg"]
+
+_NAMES: Final = {"V_Vc": ("V", "Vc"), "K_Vc": ("K", "Vc"), "Ω_z": ("Ω", "z"), "E_n": ("E", "n"), "U95": ("U", "95")}
+_NAME: Final = re.compile(rf"(?<![\w.\-])({'|'.join(_NAMES)})(?![\w])")
+_THIN: Final = "\u202f"
+"""A narrow space at which no line is broken."""
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNIT: Final = r"(?:[munkMµ]?(?:V|A|W|Hz)|[mµn]?s|h|min|K|ppm|%|°C|°/|\(°/)"
+_RULES: Final[tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...]] = (
+    (re.compile(r"(?<![\w.])Omega_z(?!\w)"), "Ω_z"),
+    (re.compile(r"\bu(?=[VAs]\b)"), "µ"),
+    (re.compile(r"\bdegC\b"), "°C"),
+    (re.compile(r"(?<=\d) deg\b(?!/)"), "°"),
+    (re.compile(r"(?<=/ )deg$|^deg$|(?<![\w.])deg(?=/)"), "°"),
+    (re.compile(r"(?<=/)sqrt\((\w+)\)"), r"√\1"),
+    (re.compile(r"(?<=[A-Za-z°])\^(-?\d)(?!\d)"), lambda found: found[1].translate(_RAISED)),
+    (re.compile(rf"(?<=\d) (?={_UNIT}(?!\w))|(?<=\d) (?=V/|\(°|°/)"), _THIN),
+)
+
+
+def in_unicode(text: str) -> str:
+    """Return `text` with signs in place of words for units and Greek letters, and thin spaces before units."""
+    for rule, sign in _RULES:
+        text = rule.sub(sign, text)
+    return text
+
+
+def marked_up(text: str, escaped: Callable[[str], str]) -> str:
+    """Return `text` set as :func:`in_unicode` does, names with their index as HTML has it, all else `escaped`."""
+    pieces = _NAME.split(in_unicode(text))
+    return "".join(_with_index(each) if place % 2 else _kept(each, escaped) for place, each in enumerate(pieces))
+
+
+def _kept(piece: str, escaped: Callable[[str], str]) -> str:
+    """Return `piece` escaped; the thin spaces, which Python does not call printable, stay."""
+    return _THIN.join(map(escaped, piece.split(_THIN)))
+
+
+def marked_up_in_svg(text: str) -> str:
+    """Return the words of an SVG text, escaped already, with the index of names below their line."""
+    first, *rest = _NAME.split(text)
+    found = first
+    for name, words in zip(rest[::2], rest[1::2], strict=True):
+        letter, index = _NAMES[name]
+        found += f'{letter}<tspan dy="2" font-size="75%">{index}</tspan>' + (
+            f'<tspan dy="-2">{words}</tspan>' if words else ""
+        )
+    return found
+
+
+def _with_index(name: str) -> str:
+    letter, index = _NAMES[name]
+    return f"<i>{letter}</i><sub>{index}</sub>"
