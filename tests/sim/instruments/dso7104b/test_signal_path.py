@@ -190,6 +190,28 @@ def test_what_peak_detection_shows_is_what_is_measured() -> None:
     assert bench.number(":MEAS:VPP?") == pytest.approx(2.0, abs=1e-3)
 
 
+# --- how many samples are measured
+
+
+@pytest.mark.parametrize(
+    ("finest_s", "range_s", "points"),
+    [
+        (2e-6, 5e-3, 1000),  # the drive signal at 0.5 ms/div: the screen tells it
+        (2e-6, 10e-3, 20_000),
+        (math.inf, 1.0, 1000),
+        (1e-9, 1.0, 1 << 20),
+        (1e-10, 2e-6, 8000),  # no more than there are samples
+    ],
+)
+def test_measurements_see_the_memory_where_the_screen_misses_the_signal(
+    finest_s: float, range_s: float, points: int
+) -> None:
+    bench = Bench()
+    bench.finest_s["drive"] = finest_s
+    bench.ask(f":TIM:RANG {range_s!r};:DIG CHAN1;*OPC?")
+    assert bench.scope.record.measured_points(1, 1000) == points
+
+
 # --- the counter
 
 

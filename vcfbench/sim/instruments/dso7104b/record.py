@@ -26,7 +26,8 @@ _SAMPLE_RATE_HZ = 4e9
 _MOST_AVERAGED = 256
 """Samples behind a point of high resolution, where nothing tells how fast the signal is."""
 _AVERAGED_AT_ONCE = 1 << 20
-_FINER = 4.0
+_SCREEN_TELLS, _FINER = 2.6, 4.0
+"""Times of the finest time: up to where the screen's points tell a signal, and of what else it is looked at."""
 _UNKNOWN_POINTS = 1 << 17
 """Points that measurements are taken of, where nothing tells how fast the signal is."""
 _MEASURED_MOST = 1 << 20
@@ -170,11 +171,11 @@ class Record:
     def measured_points(self, channel: int, few: int) -> int:
         """Return of how many points measurements are taken: of the screen's, or of the memory's where those miss it.
 
-        That is where a sine would have less than 63 points in a period; of the memory then as many as tell the signal.
+        That is where a sine would have less than 48 points in a period; of the memory then as many as tell the signal.
         """
         node = self.views[channel].node
         finest = math.inf if node is None else self._capture.finest_s(node)
-        if self.kept.kind in {"AVER", "HRES", "PEAK"} or self.screen.range_s <= 2.0 * finest * few:
+        if self.kept.kind in {"AVER", "HRES", "PEAK"} or self.screen.range_s <= _SCREEN_TELLS * finest * few:
             return few
         enough = math.ceil(_FINER * self.screen.range_s / finest) if finest else _UNKNOWN_POINTS
         return int(max(few, min(enough, _MEASURED_MOST, self.screen.range_s * self.kept.rate_hz)))
