@@ -15,7 +15,8 @@ from benchmarks.export import record
 from tests import warm
 from vcfbench.errors import ConfigError
 from vcfbench.runs import export_formats
-from vcfbench.runs.export import FORMATS, ExportColumn, ExportTable, export_run
+from vcfbench.runs.export import FORMATS, export_run
+from vcfbench.runs.export_table import ExportColumn, ExportTable
 
 if TYPE_CHECKING:
     from pathlib import Path

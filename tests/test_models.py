@@ -159,7 +159,7 @@ def test_what_speaks_the_same_words_is_one_line_of_the_bench_file() -> None:
     driver = find_driver("34410A", described.multimeter.like).driver_class
     assert driver.model == "34410A"
     assert issubclass(driver, Hp34401A)
-    assert twins(described)["multimeter"].__name__ == "Hp34401A"
+    assert twins(described)["multimeter"].__name__ == "Hp34401ATwin"
 
 
 @pytest.mark.parametrize("model", [row.name for row in MODELS if "chamber" not in row.roles])

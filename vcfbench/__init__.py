@@ -76,10 +76,11 @@ if TYPE_CHECKING:
     from vcfbench.runs.compared import RunComparison, compare_runs
     from vcfbench.runs.conduct import run
     from vcfbench.runs.export import Exported, export_run
+    from vcfbench.runs.listing import run_summaries
     from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
-    from vcfbench.runs.summary import RunSummary, run_summaries
+    from vcfbench.runs.summary import RunSummary
     from vcfbench.runs.written import write_certificate, write_report
     from vcfbench.studies.conduct import study
     from vcfbench.studies.result import StudyResult, load_study
@@ -375,10 +376,8 @@ _HOMES = {
         "RawReading",
         "Run",
     ),
-    "runs.summary": (
-        "RunSummary",
-        "run_summaries",
-    ),
+    "runs.listing": ("run_summaries",),
+    "runs.summary": ("RunSummary",),
     "runs.written": (
         "write_certificate",
         "write_report",

@@ -43,15 +43,15 @@ from typing import TYPE_CHECKING, Any
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
-from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
-from vcfbench.sim.instruments.e36312a import E36312A
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
+from vcfbench.sim.instruments.e36312a import E36312ATwin
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.instruments.infiniivision import KeysightDsoX3024A, XSeriesErrors
 from vcfbench.sim.instruments.keithley import Keithley2000, KeithleyDMM6500
-from vcfbench.sim.instruments.trueform import Trueform, TrueformErrors
-from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A
+from vcfbench.sim.instruments.trueform import TrueformErrors, TrueformTwin
+from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -116,21 +116,23 @@ class Bench:
 
 
 _DEVICES: dict[str, Callable[[World, str], Device]] = {
-    "e3631a": lambda world, interface: E3631A(
+    "e3631a": lambda world, interface: E3631ATwin(
         world, rails={"P25V": "positive", "N25V": "negative"}, errors=SupplyErrors.none(), interface=interface
     ),
-    "e36312a": lambda world, _interface: E36312A(world, errors=SupplyErrors.none()),
-    "hp34401a": lambda world, interface: Hp34401A(world, node="output", errors=MeterErrors.none(), interface=interface),
-    "keysight34461a": lambda world, interface: Keysight34461A(
+    "e36312a": lambda world, _interface: E36312ATwin(world, errors=SupplyErrors.none()),
+    "hp34401a": lambda world, interface: Hp34401ATwin(
         world, node="output", errors=MeterErrors.none(), interface=interface
     ),
-    "keysight34465a": lambda world, interface: Keysight34465A(
+    "keysight34461a": lambda world, interface: Keysight34461ATwin(
+        world, node="output", errors=MeterErrors.none(), interface=interface
+    ),
+    "keysight34465a": lambda world, interface: Keysight34465ATwin(
         world, node="output", errors=MeterErrors.none(), interface=interface
     ),
     "keithley2000": lambda world, _interface: Keithley2000(world, errors=MeterErrors.none()),
     "dmm6500": lambda world, _interface: KeithleyDMM6500(world, errors=MeterErrors.none()),
-    "agilent33220a": lambda world, _interface: Agilent33220A(world, GeneratorErrors.none()),
-    "keysight33622a": lambda world, _interface: Trueform.of_model("33622A", 120e6)(world, TrueformErrors.none()),
+    "agilent33220a": lambda world, _interface: Agilent33220ATwin(world, GeneratorErrors.none()),
+    "keysight33622a": lambda world, _interface: TrueformTwin.of_model("33622A", 120e6)(world, TrueformErrors.none()),
     "dsox3024a": lambda world, _interface: KeysightDsoX3024A(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, XSeriesErrors.none()
     ),

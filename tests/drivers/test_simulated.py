@@ -13,10 +13,10 @@ from vcfbench.errors import DeadlineExceeded, InterlockError
 from vcfbench.interfaces import Regulation
 from vcfbench.sim import serial_backend
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
 from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
-from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
 from vcfbench.sim.visa_backend import SimVisaLibrary
 from vcfbench.sim.world import World
@@ -65,7 +65,7 @@ def plugs(world: World) -> Iterator[Plugs]:
 
 @pytest.mark.parametrize(("interface", "resource"), [("gpib", "GPIB0::5::INSTR"), ("rs232", "ASRL1::INSTR")])
 def test_supply(plugs: Plugs, interface: str, resource: str) -> None:
-    device = E3631A(plugs.world, errors=SupplyErrors.none(), interface=interface)
+    device = E3631ATwin(plugs.world, errors=SupplyErrors.none(), interface=interface)
     supply = plugs.open("power", "E3631A", resource, device)
     supply.configure_output("P25V", 10.0, 0.1)
     supply.configure_output("N25V", -10.0, 0.1)
@@ -83,7 +83,7 @@ def test_supply(plugs: Plugs, interface: str, resource: str) -> None:
 
 
 def test_a_supply_in_current_limit_says_so(plugs: Plugs) -> None:
-    supply = plugs.open("power", "E3631A", "GPIB0::5::INSTR", E3631A(plugs.world, errors=SupplyErrors.none()))
+    supply = plugs.open("power", "E3631A", "GPIB0::5::INSTR", E3631ATwin(plugs.world, errors=SupplyErrors.none()))
     supply.configure_output("P25V", 10.0, 0.001)
     supply.enable_outputs()
     sleep(supply.clock, 2.0)
@@ -101,7 +101,7 @@ def test_a_supply_in_current_limit_says_so(plugs: Plugs) -> None:
     ],
 )
 def test_generator(plugs: Plugs, interface: str, resource: str) -> None:
-    device = Agilent33220A(plugs.world, GeneratorErrors.none(), interface)
+    device = Agilent33220ATwin(plugs.world, GeneratorErrors.none(), interface)
     generator = plugs.open("rate_source", "33220A", resource, device)
     generator.configure_sine(1000.0, 2.0, 4.0)
     assert generator.configure_dc(-9.876) == pytest.approx(-9.876, abs=1e-3)
@@ -120,7 +120,7 @@ def test_generator(plugs: Plugs, interface: str, resource: str) -> None:
 @pytest.mark.parametrize(("interface", "resource"), [("gpib", "GPIB0::22::INSTR"), ("rs232", "ASRL2::INSTR")])
 def test_meter(plugs: Plugs, interface: str, resource: str) -> None:
     plugs.world.set_rail("positive", 10.0)
-    device = Hp34401A(plugs.world, node="rail_positive", errors=MeterErrors.none(), interface=interface)
+    device = Hp34401ATwin(plugs.world, node="rail_positive", errors=MeterErrors.none(), interface=interface)
     meter = plugs.open("multimeter", "34401A", resource, device)
     meter.configure_dc_voltage(10.0, 10.0)
     begin_s = meter.clock.now()
@@ -136,7 +136,7 @@ def test_meter(plugs: Plugs, interface: str, resource: str) -> None:
 
 def test_a_reading_that_outlasts_its_deadline_is_never_returned_later(plugs: Plugs) -> None:
     plugs.world.set_rail("positive", 10.0)
-    device = Hp34401A(plugs.world, node="rail_positive", errors=MeterErrors.none())
+    device = Hp34401ATwin(plugs.world, node="rail_positive", errors=MeterErrors.none())
     meter = plugs.open("multimeter", "34401A", "GPIB0::22::INSTR", device)
     meter.configure_dc_voltage(10.0, 100.0)
     session = meter._session

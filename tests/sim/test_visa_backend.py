@@ -12,8 +12,8 @@ from pyvisa import constants
 from pyvisa.constants import AccessModes, StatusCode
 
 from tests.sim.instruments.fake_world import FakeWorld
-from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.visa_backend import SimVisaLibrary
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ NAMES = (GPIB, USB, VXI, SOCKET, SERIAL)
 class Station(NamedTuple):
     world: FakeWorld
     manager: pyvisa.ResourceManager
-    meter: Hp34401A
+    meter: Hp34401ATwin
 
     def open(self, name: str = GPIB, **settings: object) -> MessageBasedResource:
         return self.manager.open_resource(name, **settings)  # type: ignore[return-value]
@@ -42,7 +42,7 @@ def build(handle: str) -> Station:
     world = FakeWorld()
     errors = MeterErrors.none()
     meters = {
-        name: Hp34401A(world, errors=errors, interface="rs232" if name in (SOCKET, SERIAL) else "gpib")  # type: ignore[arg-type]
+        name: Hp34401ATwin(world, errors=errors, interface="rs232" if name in (SOCKET, SERIAL) else "gpib")  # type: ignore[arg-type]
         for name in NAMES
     }
     SimVisaLibrary.register(handle, meters, world.clock)
@@ -243,8 +243,8 @@ def test_benches_side_by_side(station: Station) -> None:
 
 def test_waiting_for_one_instrument_lets_the_others_live() -> None:
     world = FakeWorld()
-    supply = E3631A(world, errors=SupplyErrors.none())  # type: ignore[arg-type]
-    meter = Hp34401A(world, errors=MeterErrors.none())  # type: ignore[arg-type]
+    supply = E3631ATwin(world, errors=SupplyErrors.none())  # type: ignore[arg-type]
+    meter = Hp34401ATwin(world, errors=MeterErrors.none())  # type: ignore[arg-type]
     SimVisaLibrary.register("both", {"GPIB0::5::INSTR": supply, GPIB: meter}, world.clock)
     manager = pyvisa.ResourceManager("both@vcfbench")
     try:
@@ -288,9 +288,9 @@ def test_a_resolver_makes_benches_on_demand(monkeypatch: pytest.MonkeyPatch) -> 
     world = FakeWorld()
     asked: list[str] = []
 
-    def resolve(path: str) -> tuple[dict[str, Hp34401A], object]:
+    def resolve(path: str) -> tuple[dict[str, Hp34401ATwin], object]:
         asked.append(path)
-        return {GPIB: Hp34401A(world, errors=MeterErrors.none())}, world.clock  # type: ignore[arg-type]
+        return {GPIB: Hp34401ATwin(world, errors=MeterErrors.none())}, world.clock  # type: ignore[arg-type]
 
     monkeypatch.setattr(SimVisaLibrary, "_resolvers", [resolve])
     for handle, path in (("@vcfbench", ""), ("my bench.toml@vcfbench", "my bench.toml")):

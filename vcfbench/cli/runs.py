@@ -64,7 +64,7 @@ def list_(
 ) -> None:
     """List the records, oldest first: device, key results, verdict."""
     from vcfbench.cli.metadata import tags_of  # noqa: PLC0415
-    from vcfbench.runs.summary import run_summaries  # noqa: PLC0415
+    from vcfbench.runs.listing import run_summaries  # noqa: PLC0415
 
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
@@ -193,7 +193,7 @@ _SHOWN_RESULTS = 2
 def _print_list(known: Sequence[RunSummary]) -> None:
     from vcfbench.report.document import Column, Table  # noqa: PLC0415
     from vcfbench.report.text import table_text  # noqa: PLC0415
-    from vcfbench.runs.recorded import printable  # noqa: PLC0415
+    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
 
     rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))
@@ -218,7 +218,7 @@ def _print_csv(known: Sequence[RunSummary]) -> None:
     import csv  # noqa: PLC0415
     import sys  # noqa: PLC0415
 
-    from vcfbench.runs.recorded import printable  # noqa: PLC0415
+    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
 
     names = list(dict.fromkeys(name for each in known for name in each.results))
     writer = csv.writer(sys.stdout, lineterminator="\n")
@@ -287,7 +287,7 @@ def _told_of(run: Run) -> Iterator[str]:
 
 
 def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
-    from vcfbench.runs.recorded import printable  # noqa: PLC0415
+    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
 
     line = _line(directory, record)
     status = _status(line["status"], line["damage"])

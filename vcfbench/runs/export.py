@@ -13,6 +13,7 @@ from vcfbench.record.journal import lines_of, read_header
 from vcfbench.record.metadata import equipment_of, metadata_from
 from vcfbench.record.outline import outline_of
 from vcfbench.record.schema import Point
+from vcfbench.runs.export_table import ExportColumn, ExportTable
 from vcfbench.runs.recorded import directory_of
 from vcfbench.runs.run import Run
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from vcfbench.record.directory import RunDirectory
 
-__all__ = ["FORMATS", "ExportColumn", "ExportTable", "Exported", "export_run"]
+__all__ = ["FORMATS", "Exported", "export_run"]
 
 FORMATS: Final = ("csv", "parquet", "hdf5", "xlsx", "mat")
 _SUFFIXES: Final = {
@@ -55,33 +56,6 @@ _MEANINGS: Final = {
     "v_vc_measured_v": "V_Vc as it was measured at the same time",
     "v_vc_std_v": "standard deviation of one such reading",
 }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExportColumn:
-    """One quantity: its name, which ends in its unit, the unit, what it means, and its values, shape (n,).
-
-    Counts are whole numbers; of a quantity nan is what was not measured.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    values: NDArray[np.float64] | NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExportTable:
-    """Columns of the same length; `name` is ``points`` or ``readings``, `about` what the record says of the run."""
-
-    name: str
-    columns: tuple[ExportColumn, ...]
-    about: Mapping[str, str | float]
-
-    @property
-    def rows(self) -> int:
-        """How many rows there are."""
-        return len(self.columns[0].values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from vcfbench.runs.export import ExportTable
+    from vcfbench.runs.export_table import ExportTable
 
 __all__ = ["WRITERS"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from vcfbench.record.directory import RunDirectory, find_run
 from vcfbench.record.directory import list_runs as recorded_runs
 from vcfbench.record.metadata import equipment_of, metadata_from
 from vcfbench.record.schema import Status
+from vcfbench.runs.recomputed import came_to_of, printable
 from vcfbench.runs.run import Run, breaks
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from vcfbench.record.journal import JournalRecord
-    from vcfbench.runs.results import CameTo
 
 
 def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
@@ -69,7 +68,7 @@ def list_runs(
     """
     if all(each is None for each in (dut, since, status, procedure, tags)):
         return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))
-    from vcfbench.runs.summary import run_summaries  # noqa: PLC0415
+    from vcfbench.runs.listing import run_summaries  # noqa: PLC0415
 
     asked = run_summaries(runs, dut=dut, since=since, status=status, procedure=procedure, tags=tags)
     return tuple(_run_or_why_not(RunDirectory(each.directory)) for each in asked)
@@ -127,54 +126,6 @@ def asked_again(record: JournalRecord) -> list[str]:
 def not_checked(record: JournalRecord) -> tuple[str, ...]:
     """Return what the run left unchecked, and why."""
     return tuple(str(step["not_checked"]) for step in record.steps if "not_checked" in step)
-
-
-def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, str | None]:
-    """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
-    from vcfbench.runs.results import nothing, stored  # noqa: PLC0415
-
-    if record.status is not Status.COMPLETE:
-        return nothing(record.points), f"the record is {record.status.value}"
-    try:
-        return _computed(directory, record), None
-    except BenchError as error:
-        why = printable(error.what)
-    try:
-        return stored(directory, record), why
-    except ConfigError as error:
-        return nothing(record.points), f"{why}; {error.what}"
-
-
-def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
-    """Compute the results again.
-
-    Raises:
-        BenchError: procedure or settings are not known here, or the procedure gives no result of these points any more.
-    """
-    from vcfbench.plans.measured import Measured  # noqa: PLC0415
-    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
-    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-    from vcfbench.record.journal import lines_of  # noqa: PLC0415
-    from vcfbench.runs.results import come_to  # noqa: PLC0415
-
-    name = record.header.get("procedure")
-    if not isinstance(name, str) or name not in PROCEDURES:
-        raise ConfigError(f"the procedure {name!r} is not known here")
-    procedure = PROCEDURES[name]
-    settings = recorded_settings(procedure, record.header.get("settings"))
-    measured = Measured(record.points, lambda: record.lines)  # they have been read: a million readings take a second
-    try:
-        return come_to(procedure, settings, settings.acceptance, measured)
-    except BenchError as error:
-        raise ConfigError(f"the points give no result: {error.what}") from error
-    finally:
-        measured.read_again_from(partial(lines_of, directory.journal))  # and are not held in memory
-
-
-def printable(value: object) -> str:
-    """Return what a record says as it can be printed: a file must not write on the terminal by itself."""
-    text = str(value)
-    return text if text.isprintable() else ascii(text)
 
 
 def _error(record: JournalRecord) -> BenchError | None:

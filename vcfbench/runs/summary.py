@@ -5,13 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from vcfbench.errors import ConfigError
-from vcfbench.record.directory import RunDirectory, began, recorded_runs
+from vcfbench.record.directory import RunDirectory, began
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.outline import outline_of
 from vcfbench.record.plain import ReadOnly, plain
@@ -20,10 +19,11 @@ from vcfbench.runs.results import stored_outcome
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
     from vcfbench.record.outline import Outline
 
-__all__ = ["KeyResult", "RunSummary", "Selection", "ordered", "run_summaries", "selection_of", "summary_of"]
+__all__ = ["KeyResult", "RunSummary", "Selection", "ordered", "selection_of", "summary_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,47 +144,6 @@ def _instant(told: str | datetime | None) -> datetime | None:
     return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
 
 
-def run_summaries(
-    runs: str | Path = "runs",
-    *,
-    dut: str | None = None,
-    since: str | datetime | None = None,
-    status: str | None = None,
-    procedure: str | None = None,
-    tags: Mapping[str, str] | None = None,
-    index: str | None = None,
-    everywhere: bool = False,
-) -> tuple[RunSummary, ...]:
-    """Return what a list says of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
-
-    ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
-
-    Args:
-        runs: directory of the records.
-        dut: only those of this device.
-        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
-        status: only those that ended so.
-        procedure: only those of this procedure.
-        tags: only those that have all of them.
-        index: URL of the database of an index that is asked, and brought up to date before; without it that beside
-            the records, where one was made there (``vcfbench runs index``), or the records themselves.
-        everywhere: also those that other stations have put into the index at `index`.
-
-    Raises:
-        ConfigError: there is no such status, the date is none, or the index at `index` cannot be used.
-    """
-    chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
-    if everywhere and index is None:
-        raise ConfigError("everywhere: expected an index that other stations share, came none", hint="--index URL")
-    if index is not None or (Path(runs) / "index.sqlite").is_file():
-        from vcfbench.runs.index import indexed  # noqa: PLC0415  # loads SQLAlchemy
-
-        found = indexed(Path(runs), chosen, index, everywhere=everywhere)
-        if found is not None:
-            return found
-    return ordered(each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
-
-
 def ordered(summaries: Iterator[RunSummary]) -> tuple[RunSummary, ...]:
     """Return runs by when they began."""
     return tuple(sorted(summaries, key=lambda each: (each.started, each.run)))
@@ -232,7 +191,7 @@ def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
 
 def _read(directory: RunDirectory) -> RunSummary:
     """Read a record in full, and compute its results again where they are not stored."""
-    from vcfbench.runs.recorded import came_to_of  # noqa: PLC0415  # few records need it
+    from vcfbench.runs.recomputed import came_to_of  # noqa: PLC0415  # few records need it
 
     record = directory.read()
     header, told = record.header, metadata_from(record.header)

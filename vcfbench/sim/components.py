@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.sources import Sine
+    from vcfbench.sim.sine import Sine
 
     Values = NDArray[np.float64]
     Path = Callable[[Values], NDArray[np.complex128]]

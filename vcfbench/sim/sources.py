@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.sim.sine import Sine, sines
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -42,22 +44,6 @@ Bend = tuple[float, float, float, float]
 """A memoryless input: b0 + b1 V + b2 V^2 + b3 V^3 of the open-circuit voltage."""
 
 
-class Sine(Struct, frozen=True):
-    """amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time."""
-
-    amplitude_v: float
-    frequency_hz: float
-    phase_rad: float
-
-    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return its volts at bench times."""
-        return _sines((self,), times_s)
-
-    def value_v(self, now_s: float) -> float:
-        """Return its volts at one bench time."""
-        return self.amplitude_v * math.sin(math.tau * self.frequency_hz * now_s + self.phase_rad)
-
-
 class Drive(Struct, frozen=True):
     """What a generator puts out, open circuit.
 
@@ -74,7 +60,7 @@ class Drive(Struct, frozen=True):
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return its volts at bench times."""
-        return _sines((Sine(self.amplitude_v, self.frequency_hz, self.phase_rad), *self.overtones), times_s) + self.dc_v
+        return sines((Sine(self.amplitude_v, self.frequency_hz, self.phase_rad), *self.overtones), times_s) + self.dc_v
 
     def components(self) -> tuple[Component, ...]:
         """Return what it is made of."""
@@ -98,15 +84,6 @@ class Drive(Struct, frozen=True):
             source_ohm=self.source_ohm * share,
             overtones=tuple(replace(sine, amplitude_v=sine.amplitude_v * share) for sine in self.overtones),
         )
-
-
-def _sines(sines: tuple[Sine, ...], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
-
-    volts = np.zeros_like(times_s)
-    for each in sines:
-        volts += each.amplitude_v * np.sin(2 * math.pi * each.frequency_hz * times_s + each.phase_rad)
-    return volts
 
 
 class Piece(Struct, frozen=True):

@@ -16,8 +16,8 @@ from vcfbench.bench.file import load_bench
 from vcfbench.bench.guard import guard_of
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import LimitError
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
-from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
+from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
+from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
@@ -135,7 +135,7 @@ def peak_v(told: Guarded) -> float:
 @given(messages(GENERATOR))
 def test_no_words_make_the_generator_exceed_the_limit(typed: list[str]) -> None:
     world = NoPcb()
-    told = Guarded("rate_source", Conversation(Agilent33220A(world, GeneratorErrors.none()), world.clock), BENCH)
+    told = Guarded("rate_source", Conversation(Agilent33220ATwin(world, GeneratorErrors.none()), world.clock), BENCH)
     for message in typed:
         told.say(message)
         assert peak_v(told) <= MAX_V * (1 + 1e-3), message  # settings are rounded to four digits
@@ -145,7 +145,7 @@ def test_no_words_make_the_generator_exceed_the_limit(typed: list[str]) -> None:
 @given(messages(SUPPLY))
 def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
     world = FakeWorld()
-    supply = E3631A(world, errors=SupplyErrors.none(), interface="gpib")  # type: ignore[arg-type]
+    supply = E3631ATwin(world, errors=SupplyErrors.none(), interface="gpib")  # type: ignore[arg-type]
     world.clock.attend(supply)
     told = Guarded("power", Conversation(supply, world.clock), BENCH)
     for message in typed:
@@ -170,7 +170,7 @@ def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
 )
 def test_a_unit_that_is_changed_on_the_way_counts(message: str) -> None:
     world = NoPcb()
-    told = Guarded("rate_source", Conversation(Agilent33220A(world, GeneratorErrors.none()), world.clock), BENCH)
+    told = Guarded("rate_source", Conversation(Agilent33220ATwin(world, GeneratorErrors.none()), world.clock), BENCH)
     told.say("OUTP:LOAD INF;:VOLT 5")
     told.say(message)
     assert peak_v(told) <= MAX_V * (1 + 1e-3)

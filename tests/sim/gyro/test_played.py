@@ -14,7 +14,7 @@ from tests.cells import few
 from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import carrier_rhs, combs, output_v, steady_output_v
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ SECONDS = 0.12
 def playing(*messages: str) -> tuple[VirtualClock, World]:
     """A powered World with a 33220A that has been told so much and, last of all, to put it out."""
     clock, world = powered(BENT)
-    generator = Agilent33220A(world, GeneratorErrors.none(), noise_seed=3)
+    generator = Agilent33220ATwin(world, GeneratorErrors.none(), noise_seed=3)
     for message in ("OUTP:LOAD INF;:VOLT 2", *messages, "OUTP ON"):
         generator.write(message.encode() + b"\n")
         while (wake := generator.wake_at()) is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
 from vcfbench.sim.sources import Drive
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ class Socket:
     def __init__(self, errors: GeneratorErrors | None = None) -> None:
         self.clock = VirtualClock()
         self.drives: list[Drive | Played | None] = []
-        self.generator = Agilent33220A(self, errors or GeneratorErrors.none(), noise_seed=5)
+        self.generator = Agilent33220ATwin(self, errors or GeneratorErrors.none(), noise_seed=5)
 
     def drive_v_vc(self, source: Drive | Played | None) -> None:
         self.drives.append(source)

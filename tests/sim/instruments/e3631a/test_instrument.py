@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
-from vcfbench.sim.instruments.e3631a import E3631A, OutputErrors, SupplyErrors
+from vcfbench.sim.instruments.e3631a import E3631ATwin, OutputErrors, SupplyErrors
 from vcfbench.sim.sources import Ripple
 
 
 class Bench(NamedTuple):
     world: FakeWorld
-    supply: E3631A
+    supply: E3631ATwin
     talk: Conversation
 
 
 def bench(errors: SupplyErrors | None = None, interface: str = "gpib") -> Bench:
     world = FakeWorld()
-    supply = E3631A(world, errors=errors or SupplyErrors.none(), interface=interface)  # type: ignore[arg-type]
+    supply = E3631ATwin(world, errors=errors or SupplyErrors.none(), interface=interface)  # type: ignore[arg-type]
     world.clock.attend(supply)
     return Bench(world, supply, Conversation(supply, world.clock))
 

@@ -15,7 +15,7 @@ from tests.sim.instruments.e3631a.test_instrument import bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.e3631a import E3631A, OutputErrors, SupplyErrors
+from vcfbench.sim.instruments.e3631a import E3631ATwin, OutputErrors, SupplyErrors
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -29,14 +29,14 @@ TRANSIENT_S = 50e-6 / TO_1_PERCENT
 
 class Real(NamedTuple):
     world: World
-    supply: E3631A
+    supply: E3631ATwin
     talk: Conversation
 
 
 def real(errors: SupplyErrors | None = None) -> Real:
     clock = AttendedClock(VirtualClock())
     world = World(clock, ideal_bench(), 0)
-    supply = E3631A(world, errors=errors or SupplyErrors.none())
+    supply = E3631ATwin(world, errors=errors or SupplyErrors.none())
     clock.attend(supply)
     return Real(world, supply, Conversation(supply, clock))
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 
 
 class MeterBench(NamedTuple):
     world: FakeWorld
-    meter: Hp34401A
+    meter: Hp34401ATwin
     talk: Conversation
 
     def value(self, query: str = "READ?") -> float:
@@ -27,7 +27,7 @@ def bench(
     errors: MeterErrors | None = None, interface: str = "gpib", source_ohm: float = 0.0, sense: str | None = None
 ) -> MeterBench:
     world = FakeWorld()
-    meter = Hp34401A(
+    meter = Hp34401ATwin(
         world, errors=errors or MeterErrors.none(), interface=interface, source_ohm=source_ohm, sense=sense
     )
     world.clock.attend(meter)

@@ -15,7 +15,7 @@ from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.instruments.hp34401a.ac import Response, crest_limit, detect
 from vcfbench.sim.instruments.hp34401a.errors import AcErrors
 from vcfbench.sim.sources import Drive, Sine
@@ -255,7 +255,7 @@ def _piece(sines: tuple[Sine, ...], start_s: float, stop_s: float) -> Piece:
 @pytest.mark.parametrize("frequency_hz", [1e3, 1e5, 1e6])
 def test_on_the_world_a_generator_at_a_megahertz_reads_what_it_puts_out(frequency_hz: float) -> None:
     world = World(VirtualClock(), ideal_bench(), 0)
-    meter = Hp34401A(world, node="v_vc", errors=MeterErrors.none())
+    meter = Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none())
     talk = Conversation(meter, world.clock)
     world.drive_v_vc(Drive(0.2, 1.0, frequency_hz, 0.4, source_ohm=0.0))
     read = float(talk.ask("MEAS:VOLT:AC? 1") or "nan")

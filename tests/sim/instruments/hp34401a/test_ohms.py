@@ -11,7 +11,7 @@ from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.instruments.hp34401a.errors import CurrentErrors, OhmsErrors
 from vcfbench.sim.leads import Leads
 from vcfbench.sim.sources import Drive
@@ -204,7 +204,7 @@ def world() -> World:
 
 def test_on_the_world_a_node_presents_what_hangs_on_it(world: World) -> None:
     """V_Vc: the pull-down alone, the generator beside it, a load beside both."""
-    talk = Conversation(Hp34401A(world, node="v_vc", errors=MeterErrors.none()), world.clock)
+    talk = Conversation(Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none()), world.clock)
     pull_down = world.parameters.virtual_path.pull_down_ohm
     assert float(talk.ask("MEAS:RES?") or "nan") == pytest.approx(pull_down, rel=1e-6)
     world.drive_v_vc(Drive(0.0, source_ohm=50.0))
@@ -215,7 +215,7 @@ def test_on_the_world_a_node_presents_what_hangs_on_it(world: World) -> None:
 
 def test_on_the_world_a_free_lead_is_open_and_a_powered_node_is_no_resistor(world: World) -> None:
     leads = Leads(world, "multimeter", {"input": "rail_positive"})
-    talk = Conversation(Hp34401A(leads, node="input", errors=MeterErrors.none()), world.clock)
+    talk = Conversation(Hp34401ATwin(leads, node="input", errors=MeterErrors.none()), world.clock)
     assert float(talk.ask("MEAS:CONT?") or "nan") == pytest.approx(0.0, abs=1e-6)
     world.set_rail("positive", 10.0)
     assert float(talk.ask("MEAS:CONT?") or "nan") > 1e37

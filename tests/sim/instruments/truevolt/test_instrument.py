@@ -8,9 +8,9 @@ import pytest
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.hp34401a import MeterErrors
-from vcfbench.sim.instruments.truevolt import Keysight34461A, Keysight34465A, Truevolt
+from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin, Truevolt
 
-MODELS = [Keysight34461A, Keysight34465A]
+MODELS = [Keysight34461ATwin, Keysight34465ATwin]
 
 
 class Bench:
@@ -44,7 +44,7 @@ def test_it_reads_the_mean_over_the_aperture(kind: type[Truevolt]) -> None:
 @pytest.mark.parametrize(("nplc", "aperture_s"), [(0.02, 0.3e-3), (0.2, 3e-3), (1.0, 0.02), (10.0, 0.2)])
 def test_apertures_of_a_34461a_are_the_guides(nplc: float, aperture_s: float) -> None:
     """Guide p. 452, 50 Hz."""
-    assert Bench(Keysight34461A).meter.inputs.aperture_s(nplc) == pytest.approx(aperture_s)
+    assert Bench(Keysight34461ATwin).meter.inputs.aperture_s(nplc) == pytest.approx(aperture_s)
 
 
 @pytest.mark.parametrize("kind", MODELS)
@@ -57,7 +57,7 @@ def test_autozero_doubles_the_time_of_a_reading(kind: type[Truevolt]) -> None:
 
 
 def test_an_integration_time_in_seconds_is_kept() -> None:
-    bench = Bench(Keysight34465A)
+    bench = Bench(Keysight34465ATwin)
     bench.talk.write("CONF:VOLT:DC 10;:VOLT:DC:ZERO:AUTO OFF;:VOLT:DC:APER 0.3")
     longer_s = bench.duration_s("READ?")
     bench.talk.write("VOLT:DC:APER 0.1")
@@ -89,7 +89,7 @@ def test_specimens_scatter_as_the_data_sheet_of_the_model_says(kind: type[Truevo
 
 
 def test_null_statistics_and_limits_are_on_at_once() -> None:
-    bench = Bench(Keysight34461A)
+    bench = Bench(Keysight34461ATwin)
     bench.talk.write("CONF:VOLT:DC 10;:VOLT:NULL ON;:CALC:AVER ON;:CALC:LIM:LOW -0.5;UPP 0.5;:CALC:LIM ON")
     assert bench.value("READ?") == 0.0  # the first reading becomes the null value
     bench.world.offset_v = 2.0
@@ -106,7 +106,7 @@ def test_null_statistics_and_limits_are_on_at_once() -> None:
 
 
 def test_autorange_once_takes_the_range_of_the_signal_and_stays() -> None:
-    bench = Bench(Keysight34465A)
+    bench = Bench(Keysight34465ATwin)
     bench.world.offset_v = 0.05
     bench.talk.write("VOLT:RANG:AUTO ONCE")
     assert bench.talk.ask("VOLT:RANG?;RANG:AUTO?") == "+1.00000000E-01;0"
@@ -117,15 +117,15 @@ def test_autorange_once_takes_the_range_of_the_signal_and_stays() -> None:
 
 
 def test_an_overload_is_told_as_one() -> None:
-    bench = Bench(Keysight34461A)
+    bench = Bench(Keysight34461ATwin)
     bench.talk.write("CONF:VOLT:DC 0.1")
     assert bench.talk.ask("READ?") == "+9.90000000E+37"
     assert bench.talk.ask("STAT:QUES?") == "+1"
 
 
 def test_it_calls_itself_what_the_bench_calls_it() -> None:
-    assert (Bench(Keysight34465A, model="34470A").talk.ask("*IDN?") or "").split(",")[1] == "34470A"
-    assert (Bench(Keysight34465A).talk.ask("*IDN?") or "").split(",")[1] == "34465A"
+    assert (Bench(Keysight34465ATwin, model="34470A").talk.ask("*IDN?") or "").split(",")[1] == "34470A"
+    assert (Bench(Keysight34465ATwin).talk.ask("*IDN?") or "").split(",")[1] == "34465A"
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -17,7 +17,6 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from vcfbench.sim.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
-from vcfbench.sim.instruments.agilent33220a.commands import TABLE
 from vcfbench.sim.instruments.agilent33220a.levels import Levels
 from vcfbench.sim.instruments.agilent33220a.modulation import Player
 from vcfbench.sim.instruments.agilent33220a.rules import Rules
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
     from vcfbench.sim.sources import Drive, Played
 
-__all__ = ["TABLE", "Agilent33220A", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+__all__ = ["Agilent33220A", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
 
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 """Every point of the longest waveform as -1.2345678E-01 and a comma; what a real one takes is unverified."""
@@ -69,7 +68,7 @@ class Agilent33220A(ScpiInstrument):
     errors_class: ClassVar = GeneratorErrors
     own_name: ClassVar[str] = "33220A"
     kind: ClassVar[Kind] = KIND_33220A
-    table: ClassVar[CommandTable] = TABLE
+    table: ClassVar[CommandTable]
     reset_state: ClassVar[Settings] = RESET
     longest_line: ClassVar[int] = _LONGEST_LINE
 

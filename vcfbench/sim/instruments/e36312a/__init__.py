@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.e36312a.instrument import E36312A, Errors36312A
+from vcfbench.sim.instruments.e36312a.instrument import Errors36312A
+from vcfbench.sim.instruments.e36312a.twin import E36312ATwin
 
-__all__ = ["E36312A", "Errors36312A"]
+__all__ = ["E36312ATwin", "Errors36312A"]

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec.structs import replace
 
-from vcfbench.sim.instruments.e3631a import E3631A, SupplyErrors
 from vcfbench.sim.instruments.e3631a.errors import Accuracy
+from vcfbench.sim.instruments.e3631a.instrument import E3631A, SupplyErrors
 from vcfbench.sim.instruments.e3631a.kinds import KINDS
-from vcfbench.sim.instruments.e36312a.commands import TABLE
 from vcfbench.sim.scpi import GPIB, LAN, USB, Dialect
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ class E36312A(E3631A):
     """The supply; arguments as of the E3631A."""
 
     errors_class: ClassVar = Errors36312A
-    table: ClassVar[CommandTable] = TABLE
+    table: ClassVar[CommandTable]
     dialect: ClassVar[Dialect] = Dialect(queue_depth=20, takes_blocks=False)
     interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "usb": USB, "lan": LAN})
     kinds: ClassVar[tuple[OutputKind, ...]] = tuple(replace(each, rise_s=_RISE_S, fall_s=_FALL_S) for each in KINDS)

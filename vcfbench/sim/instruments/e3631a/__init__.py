@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.e3631a.instrument import (
-    E3631A,
-    TABLE,
-    OutputErrors,
-    SupplyErrors,
-)
+from vcfbench.sim.instruments.e3631a.instrument import OutputErrors, SupplyErrors
+from vcfbench.sim.instruments.e3631a.twin import E3631ATwin
 
-__all__ = ["E3631A", "TABLE", "OutputErrors", "SupplyErrors"]
+__all__ = ["E3631ATwin", "OutputErrors", "SupplyErrors"]

@@ -11,25 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from vcfbench.sim.instruments.e3631a.system_commands import remote_only
 from vcfbench.sim.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Number,
     ScpiError,
-    Text,
-    Word,
-    bare_integer,
-    boolean,
-    quoted,
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.e3631a.instrument import E3631A
     from vcfbench.sim.instruments.e3631a.output import Output
 
-__all__ = ["CALIBRATION_COMMANDS", "Calibration"]
+__all__ = ["Calibration", "Point", "adjust_amps", "adjust_volts", "level_a", "level_v"]
 
 _SHARES = {"MIN": 0.05, "MAX": 1.0}
 """The two points, parts of the rated value (of the voltage, the range less its 3 %)."""
@@ -103,56 +92,18 @@ class Calibration(Struct):
         return both
 
 
-def _signed(output: Output, magnitude: float) -> float:
-    return output.kind.sign * magnitude
+def level_v(output: Output, level: str) -> float:
+    """Return the voltage of the point `level`, "MIN" or "MAX"."""
+    return output.kind.sign * (_SHARES[level] * _rated_v(output))
+
+
+def level_a(output: Output, level: str) -> float:
+    """Return the current of the point `level`, "MIN" or "MAX"."""
+    return _SHARES[level] * output.kind.rated_a
 
 
 def _rated_v(output: Output) -> float:
     return abs(output.kind.volts.maximum) / 1.03
-
-
-def _require_on(supply: E3631A) -> None:
-    supply.calibration.require_unsecured()
-    if not supply.output_on:
-        raise ScpiError(708)
-
-
-@remote_only
-def _go_to_volts(supply: E3631A, level: str) -> None:
-    _require_on(supply)
-    supply.calibration.begin(supply.selected, "VOLT", level)
-    supply.program(supply.selected, volts=_signed(supply.output, _SHARES[level] * _rated_v(supply.output)))
-
-
-@remote_only
-def _go_to_amps(supply: E3631A, level: str) -> None:
-    _require_on(supply)
-    supply.calibration.begin(supply.selected, "CURR", level)
-    supply.program(supply.selected, amps=_SHARES[level] * supply.output.kind.rated_a)
-
-
-@remote_only
-def _take_volts(supply: E3631A, measured: float) -> None:
-    _require_on(supply)
-    supply.observe()
-    output = supply.output
-    shown = output.voltage_reading()
-    both = supply.calibration.take(supply.selected, "VOLT", Point(output.volts, measured, shown))
-    if both is not None:
-        adjust_volts(output, *both)
-        supply.drive()
-
-
-@remote_only
-def _take_amps(supply: E3631A, measured: float) -> None:
-    _require_on(supply)
-    supply.observe()
-    output = supply.output
-    shown = output.current_reading()
-    both = supply.calibration.take(supply.selected, "CURR", Point(output.amps, measured, shown))
-    if both is not None:
-        adjust_amps(output, *both)
-        supply.drive()
 
 
 def _lines(low: Point, high: Point, rated: float) -> tuple[Correction, Correction]:
@@ -187,49 +138,3 @@ def adjust_amps(output: Output, low: Point, high: Point) -> None:
         current_readback_gain=shown.gain * (1.0 + errors.current_readback_gain) - 1.0,
         current_readback_offset_a=shown.gain * errors.current_readback_offset_a + shown.offset,
     )
-
-
-def _count(supply: E3631A) -> int:
-    return supply.calibration.count
-
-
-@remote_only
-def _set_code(supply: E3631A, code: str) -> None:
-    supply.calibration.require_unsecured()
-    supply.calibration.code = code
-
-
-@remote_only
-def _set_secured(supply: E3631A, state: object, code: str) -> None:
-    if code != supply.calibration.code:
-        raise ScpiError(703)
-    supply.calibration.secured = bool(state)
-
-
-def _secured(supply: E3631A) -> bool:
-    return supply.calibration.secured
-
-
-@remote_only
-def _set_text(supply: E3631A, text: str) -> None:
-    supply.calibration.require_unsecured()
-    supply.calibration.text = text
-
-
-def _text(supply: E3631A) -> str:
-    return supply.calibration.text
-
-
-_CODE = Word(word_too_long=704)
-_LEVEL = (Choice(("MINimum", "MAXimum")),)
-
-CALIBRATION_COMMANDS = (
-    Command("CALibration:COUNt", query=_count, reply=bare_integer),
-    Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
-    Command("CALibration:SECure:STATe", (Boolean(), _CODE), do=_set_secured, query=_secured, reply=boolean),
-    Command("CALibration:STRing", (Text(limit=40),), do=_set_text, query=_text, reply=quoted),
-    Command("CALibration:VOLTage[:DATA]", (Number(unit="V"),), do=_take_volts),
-    Command("CALibration:CURRent[:DATA]", (Number(unit="A"),), do=_take_amps),
-    Command("CALibration:VOLTage:LEVel", _LEVEL, do=_go_to_volts),
-    Command("CALibration:CURRent:LEVel", _LEVEL, do=_go_to_amps),
-)

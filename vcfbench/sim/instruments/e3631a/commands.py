@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.e3631a.calibration import CALIBRATION_COMMANDS
+from vcfbench.sim.instruments.e3631a.calibration_commands import CALIBRATION_COMMANDS
 from vcfbench.sim.instruments.e3631a.output_commands import OUTPUT_COMMANDS, TRIGGER_COMMANDS
 from vcfbench.sim.instruments.e3631a.system_commands import STATUS_COMMANDS, SYSTEM_COMMANDS
 from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable

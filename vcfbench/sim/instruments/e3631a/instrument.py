@@ -15,7 +15,6 @@ from msgspec import Struct
 
 from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.instruments.e3631a.calibration import Calibration
-from vcfbench.sim.instruments.e3631a.commands import TABLE
 from vcfbench.sim.instruments.e3631a.errors import OutputErrors, SupplyErrors
 from vcfbench.sim.instruments.e3631a.kinds import KINDS
 from vcfbench.sim.instruments.e3631a.output import Output, stepped
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable, Interface
     from vcfbench.sim.world import World
 
-__all__ = ["E3631A", "TABLE", "OutputErrors", "SupplyErrors"]
+__all__ = ["E3631A", "OutputErrors", "SupplyErrors"]
 
 _INTERFACES = {"gpib": GPIB, "rs232": RS232}
 _DIALECT = Dialect(
@@ -86,7 +85,7 @@ class E3631A(ScpiInstrument):
     """
 
     errors_class: ClassVar = SupplyErrors
-    table: ClassVar[CommandTable] = TABLE
+    table: ClassVar[CommandTable]
     dialect: ClassVar[Dialect] = _DIALECT
     interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType(_INTERFACES)
     kinds: ClassVar[tuple[OutputKind, ...]] = KINDS

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.hp34401a.instrument import (
-    TABLE,
-    Hp34401A,
-    MeterErrors,
-)
+from vcfbench.sim.instruments.hp34401a.instrument import MeterErrors
+from vcfbench.sim.instruments.hp34401a.twin import Hp34401ATwin
 
-__all__ = ["TABLE", "Hp34401A", "MeterErrors"]
+__all__ = ["Hp34401ATwin", "MeterErrors"]

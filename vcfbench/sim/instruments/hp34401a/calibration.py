@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
+from vcfbench.sim.instruments.hp34401a.corrections import FLATNESS_HZ
 from vcfbench.sim.scpi import Pending, ScpiError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.inputs import Conditions, Inputs, Reading
     from vcfbench.sim.instruments.hp34401a.setup import Setup
 
-__all__ = ["Calibration", "CalibrationMemory", "Corrections"]
+__all__ = ["Calibration", "CalibrationMemory"]
 
 _COUNT_LIMIT = 32767
 """After it the count is 0 again (p. 97)."""
@@ -37,41 +38,7 @@ _FREQUENCY_SPAN_HZ = (1e3, 1e5)
 _SIGNAL_SPAN = 0.1
 _OFFSET_SPAN = 5e-3
 _GAIN_SPAN = 0.01
-_GAIN_HZ, _FLATNESS_HZ = 1e3, 5e4
-_FULL_FLATNESS_HZ = 3e5
-
-
-class _Correction(NamedTuple):
-    offset: float = 0.0
-    gain: float = 1.0
-
-
-class Corrections:
-    """What calibrations have changed, by function and range; nothing to begin with."""
-
-    def __init__(self) -> None:
-        self._held: dict[tuple[str, float], _Correction] = {}
-        self.flatness = 0.0
-        """Added to the specimen's ac flatness error, at 300 kHz."""
-
-    def apply(self, name: str, range_: float, reading: float) -> float:
-        """Return a reading corrected."""
-        held = self._held.get((name, range_))
-        return reading if held is None else (reading - held.offset) * held.gain
-
-    def shift(self, name: str, range_: float, reading: float) -> None:
-        """Make what now reads `reading` read 0."""
-        held = self._held.get((name, range_), _Correction())
-        self._held[name, range_] = _Correction(held.offset + reading / held.gain, held.gain)
-
-    def stretch(self, name: str, range_: float, factor: float) -> None:
-        """Multiply what is read by `factor`."""
-        held = self._held.get((name, range_), _Correction())
-        self._held[name, range_] = _Correction(held.offset, held.gain * factor)
-
-    def tilt(self, factor: float) -> None:
-        """Multiply what is read at the frequency of the flatness calibration by `factor`, more above, less below."""
-        self.flatness += (factor - 1.0) * (_FULL_FLATNESS_HZ / _FLATNESS_HZ) ** 2
+_GAIN_HZ = 1e3
 
 
 class CalibrationMemory:
@@ -162,9 +129,9 @@ class Calibration:
 
     def _flatness(self) -> bool:
         frequency = self._inputs.frequency_hz()
-        for nominal in (_GAIN_HZ, _FLATNESS_HZ):
+        for nominal in (_GAIN_HZ, FLATNESS_HZ):
             if math.isclose(frequency, nominal, rel_tol=_SIGNAL_SPAN):
-                return nominal == _FLATNESS_HZ
+                return nominal == FLATNESS_HZ
         raise ScpiError(708)
 
 

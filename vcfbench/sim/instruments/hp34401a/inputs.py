@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from vcfbench.sim.instruments.hp34401a import counter, ohms
 from vcfbench.sim.instruments.hp34401a.ac import SETTLING_S, Response, crest_limit, detect
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
-from vcfbench.sim.instruments.hp34401a.calibration import Corrections
+from vcfbench.sim.instruments.hp34401a.corrections import Corrections
 from vcfbench.sim.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.functions import APERTURES_S, Function

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from vcfbench.sim.instruments.hp34401a import ohms
 from vcfbench.sim.instruments.hp34401a.calculation import MATH_RULES, OVERLOAD, Math
 from vcfbench.sim.instruments.hp34401a.calibration import Calibration, CalibrationMemory
-from vcfbench.sim.instruments.hp34401a.commands import TABLE
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.functions import BY_NAME, Function
 from vcfbench.sim.instruments.hp34401a.inputs import FAST_APERTURES_S, Conditions, Inputs
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable, Interface
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["TABLE", "Hp34401A", "MeterErrors"]
+__all__ = ["Hp34401A", "MeterErrors"]
 
 _DIALECT = Dialect(
     queue_depth=20,
@@ -76,7 +75,7 @@ class Hp34401A(ScpiInstrument):
     errors_class: ClassVar = MeterErrors
     interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "rs232": RS232})
     functions: ClassVar[Mapping[str, Function]] = BY_NAME
-    table: ClassVar[CommandTable] = TABLE
+    table: ClassVar[CommandTable]
     dialect: ClassVar[Dialect] = _DIALECT
     fast_apertures_s: ClassVar[Mapping[float, float]] = FAST_APERTURES_S
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.trueform.instrument import Trueform, TrueformErrors
+from vcfbench.sim.instruments.trueform.instrument import TrueformErrors
+from vcfbench.sim.instruments.trueform.twin import TrueformTwin
 
-__all__ = ["Trueform", "TrueformErrors"]
+__all__ = ["TrueformErrors", "TrueformTwin"]

@@ -13,10 +13,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from vcfbench.sim.instruments.agilent33220a import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A, GeneratorErrors
 from vcfbench.sim.instruments.agilent33220a.settings import RESET, OutputRange
 from vcfbench.sim.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
-from vcfbench.sim.instruments.trueform.commands import TABLE
 from vcfbench.sim.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, Series, kind
 from vcfbench.sim.instruments.trueform.levels import LimitedLevels
 from vcfbench.specifications import KEYSIGHT_33500B
@@ -54,7 +53,7 @@ class Trueform(Agilent33220A):
     """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A."""
 
     errors_class: ClassVar = TrueformErrors
-    table: ClassVar[CommandTable] = TABLE
+    table: ClassVar[CommandTable]
     longest_line: ClassVar[int] = _LONGEST_LINE
     series: ClassVar[Series]
 

@@ -17,7 +17,6 @@ from vcfbench import specifications
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
-from vcfbench.sim.instruments.truevolt.commands import table
 from vcfbench.sim.instruments.truevolt.kinds import KIND_34461A, KIND_34465A, Kind
 from vcfbench.sim.instruments.truevolt.mathematics import LimitTest, Null, Statistics
 from vcfbench.sim.instruments.truevolt.memory import RingTriggerSystem
@@ -30,10 +29,10 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.instruments.hp34401a.trigger import TriggerSystem
-    from vcfbench.sim.scpi import CommandTable, Interface
+    from vcfbench.sim.scpi import Interface
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["Errors34461A", "Errors34465A", "Keysight34461A", "Keysight34465A", "Truevolt"]
+__all__ = ["Errors34461A", "Errors34465A", "Truevolt"]
 
 _DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_blocks=False)
 """Depth and words are unverified."""
@@ -204,23 +203,3 @@ class Truevolt(Hp34401A):
             self.statistics.take(reading)
         self.questionable.latch(self.limit_test.bits(reading))
         return reading
-
-
-class Keysight34461A(Truevolt):
-    """The 34461A."""
-
-    errors_class: ClassVar = Errors34461A
-    kind: ClassVar[Kind] = KIND_34461A
-    functions: ClassVar[Mapping[str, Function]] = KIND_34461A.functions()
-    table: ClassVar[CommandTable] = table(KIND_34461A)
-    fast_apertures_s: ClassVar[Mapping[float, float]] = KIND_34461A.fast_apertures_s
-
-
-class Keysight34465A(Truevolt):
-    """The 34465A without options."""
-
-    errors_class: ClassVar = Errors34465A
-    kind: ClassVar[Kind] = KIND_34465A
-    functions: ClassVar[Mapping[str, Function]] = KIND_34465A.functions()
-    table: ClassVar[CommandTable] = table(KIND_34465A)
-    fast_apertures_s: ClassVar[Mapping[float, float]] = KIND_34465A.fast_apertures_s

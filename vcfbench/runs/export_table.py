@@ -1,0 +1,42 @@
+"""What an export is made of, whatever the kind of file: columns of the same length, with units and meanings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+__all__ = ["ExportColumn", "ExportTable"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExportColumn:
+    """One quantity: its name, which ends in its unit, the unit, what it means, and its values, shape (n,).
+
+    Counts are whole numbers; of a quantity nan is what was not measured.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    values: NDArray[np.float64] | NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExportTable:
+    """Columns of the same length; `name` is ``points`` or ``readings``, `about` what the record says of the run."""
+
+    name: str
+    columns: tuple[ExportColumn, ...]
+    about: Mapping[str, str | float]
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return len(self.columns[0].values)

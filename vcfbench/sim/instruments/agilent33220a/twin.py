@@ -1,0 +1,19 @@
+"""The simulated 33220A as it is made: the generator behind its command table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.sim.instruments.agilent33220a.commands import TABLE
+from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A
+
+if TYPE_CHECKING:
+    from vcfbench.sim.scpi import CommandTable
+
+__all__ = ["Agilent33220ATwin"]
+
+
+class Agilent33220ATwin(Agilent33220A):
+    """The 33220A with its commands; arguments as of the generator."""
+
+    table: ClassVar[CommandTable] = TABLE

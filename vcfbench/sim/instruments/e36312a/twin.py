@@ -1,0 +1,19 @@
+"""The simulated E36312A as it is made: the supply behind its command table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.sim.instruments.e36312a.commands import TABLE
+from vcfbench.sim.instruments.e36312a.instrument import E36312A
+
+if TYPE_CHECKING:
+    from vcfbench.sim.scpi import CommandTable
+
+__all__ = ["E36312ATwin"]
+
+
+class E36312ATwin(E36312A):
+    """The E36312A with its commands; arguments as of the supply."""
+
+    table: ClassVar[CommandTable] = TABLE

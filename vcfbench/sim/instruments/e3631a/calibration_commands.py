@@ -1,0 +1,118 @@
+"""CALibration of the E3631A (User's Guide E3631-90002, ed. 10, p. 104-108)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.sim.instruments.e3631a.calibration import Point, adjust_amps, adjust_volts, level_a, level_v
+from vcfbench.sim.instruments.e3631a.system_commands import remote_only
+from vcfbench.sim.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Number,
+    ScpiError,
+    Text,
+    Word,
+    bare_integer,
+    boolean,
+    quoted,
+)
+
+if TYPE_CHECKING:
+    from vcfbench.sim.instruments.e3631a.instrument import E3631A
+
+__all__ = ["CALIBRATION_COMMANDS"]
+
+
+def _require_on(supply: E3631A) -> None:
+    supply.calibration.require_unsecured()
+    if not supply.output_on:
+        raise ScpiError(708)
+
+
+@remote_only
+def _go_to_volts(supply: E3631A, level: str) -> None:
+    _require_on(supply)
+    supply.calibration.begin(supply.selected, "VOLT", level)
+    supply.program(supply.selected, volts=level_v(supply.output, level))
+
+
+@remote_only
+def _go_to_amps(supply: E3631A, level: str) -> None:
+    _require_on(supply)
+    supply.calibration.begin(supply.selected, "CURR", level)
+    supply.program(supply.selected, amps=level_a(supply.output, level))
+
+
+@remote_only
+def _take_volts(supply: E3631A, measured: float) -> None:
+    _require_on(supply)
+    supply.observe()
+    output = supply.output
+    shown = output.voltage_reading()
+    both = supply.calibration.take(supply.selected, "VOLT", Point(output.volts, measured, shown))
+    if both is not None:
+        adjust_volts(output, *both)
+        supply.drive()
+
+
+@remote_only
+def _take_amps(supply: E3631A, measured: float) -> None:
+    _require_on(supply)
+    supply.observe()
+    output = supply.output
+    shown = output.current_reading()
+    both = supply.calibration.take(supply.selected, "CURR", Point(output.amps, measured, shown))
+    if both is not None:
+        adjust_amps(output, *both)
+        supply.drive()
+
+
+def _count(supply: E3631A) -> int:
+    return supply.calibration.count
+
+
+@remote_only
+def _set_code(supply: E3631A, code: str) -> None:
+    supply.calibration.require_unsecured()
+    supply.calibration.code = code
+
+
+@remote_only
+def _set_secured(supply: E3631A, state: object, code: str) -> None:
+    if code != supply.calibration.code:
+        raise ScpiError(703)
+    supply.calibration.secured = bool(state)
+
+
+def _secured(supply: E3631A) -> bool:
+    return supply.calibration.secured
+
+
+@remote_only
+def _set_text(supply: E3631A, text: str) -> None:
+    supply.calibration.require_unsecured()
+    supply.calibration.text = text
+
+
+def _text(supply: E3631A) -> str:
+    return supply.calibration.text
+
+
+_CODE = Word(word_too_long=704)
+
+
+_LEVEL = (Choice(("MINimum", "MAXimum")),)
+
+
+CALIBRATION_COMMANDS = (
+    Command("CALibration:COUNt", query=_count, reply=bare_integer),
+    Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
+    Command("CALibration:SECure:STATe", (Boolean(), _CODE), do=_set_secured, query=_secured, reply=boolean),
+    Command("CALibration:STRing", (Text(limit=40),), do=_set_text, query=_text, reply=quoted),
+    Command("CALibration:VOLTage[:DATA]", (Number(unit="V"),), do=_take_volts),
+    Command("CALibration:CURRent[:DATA]", (Number(unit="A"),), do=_take_amps),
+    Command("CALibration:VOLTage:LEVel", _LEVEL, do=_go_to_volts),
+    Command("CALibration:CURRent:LEVel", _LEVEL, do=_go_to_amps),
+)

@@ -1,0 +1,19 @@
+"""The simulated E3631A as it is made: the supply behind its command table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.sim.instruments.e3631a.commands import TABLE
+from vcfbench.sim.instruments.e3631a.instrument import E3631A
+
+if TYPE_CHECKING:
+    from vcfbench.sim.scpi import CommandTable
+
+__all__ = ["E3631ATwin"]
+
+
+class E3631ATwin(E3631A):
+    """The E3631A with its commands; arguments as of the supply."""
+
+    table: ClassVar[CommandTable] = TABLE

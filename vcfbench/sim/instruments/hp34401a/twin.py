@@ -1,0 +1,19 @@
+"""The simulated 34401A as it is made: the meter behind its command table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.sim.instruments.hp34401a.commands import TABLE
+from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+
+if TYPE_CHECKING:
+    from vcfbench.sim.scpi import CommandTable
+
+__all__ = ["Hp34401ATwin"]
+
+
+class Hp34401ATwin(Hp34401A):
+    """The 34401A with its commands; arguments as of the meter."""
+
+    table: ClassVar[CommandTable] = TABLE

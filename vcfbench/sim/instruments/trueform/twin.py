@@ -1,0 +1,19 @@
+"""The simulated 33500B and 33600A as they are made: a generator of the series behind its command table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from vcfbench.sim.instruments.trueform.commands import TABLE
+from vcfbench.sim.instruments.trueform.instrument import Trueform
+
+if TYPE_CHECKING:
+    from vcfbench.sim.scpi import CommandTable
+
+__all__ = ["TrueformTwin"]
+
+
+class TrueformTwin(Trueform):
+    """A generator of the series with its commands; arguments as of the 33220A."""
+
+    table: ClassVar[CommandTable] = TABLE
