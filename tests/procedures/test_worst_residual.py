@@ -187,23 +187,34 @@ def of_generators() -> Spread:
 
 
 def held(true: Spread, count: int) -> tuple[float, float]:
-    """Return how often U95 of what is found holds the truth, and the standard deviation of the error over its u."""
+    """Return how often U95 of what is found holds the truth, and the standard deviation of the error over its u.
+
+    Where errors alone may make as much there is a bound, which must hold it each time.
+    """
     rng, size = np.random.default_rng(8), float(np.abs(true.residuals).max())
     z, within = [], []
     for _ in range(count):
         moved = rng.uniform(-1.0, 1.0, len(true.common)) * np.sqrt(3.0) @ true.common
         moved += rng.multivariate_normal(np.zeros(true.residuals.size), true.normal, method="eigh")
         found = replace(true, residuals=true.residuals + moved)
-        off, stated = float(np.abs(found.residuals).max()) - size, found.largest()
+        value, stated = float(np.abs(found.residuals).max()), found.largest()
+        if value <= stated.by_errors:
+            assert size <= value + stated.by_errors
+            continue
+        off = value - size
         z.append(off / stated.u)
         within.append(abs(off) <= stated.u95)
     return float(np.mean(within)), float(np.std(z))
 
 
-def test_u95_of_what_is_found_holds_the_truth_when_ranges_of_generators_are_drawn() -> None:
-    share, sd = held(of_generators(), 250)
-    assert 0.93 <= share <= 0.97
-    assert 0.93 <= sd <= 1.07
+@pytest.mark.parametrize(
+    ("count", "chance"), [(250, 0.02), pytest.param(4000, 0.0, marks=pytest.mark.exhaustive, id="many")]
+)
+def test_u95_of_what_is_found_holds_the_truth_when_ranges_of_generators_are_drawn(count: int, chance: float) -> None:
+    """`chance` is what a share may be off besides, of so few."""
+    share, sd = held(of_generators(), count)
+    assert 0.93 - chance <= share <= 0.97 + chance
+    assert 0.93 - 3.0 * chance <= sd <= 1.07 + 3.0 * chance
 
 
 @pytest.mark.parametrize(("apart", "least", "most"), [(0.0, 0.90, 0.95), (1.0, 0.93, 0.97), (3.0, 0.92, 0.97)])

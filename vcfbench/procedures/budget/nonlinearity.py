@@ -103,9 +103,10 @@ def with_nonlinearity(
     values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
     for number, each in enumerate(worst, len(stated.values)):
         value = each.moved(stated_value(every.results[number], every, "ppm", _LARGEST))
-        why = each.only_bound or ("" if value.value > each.by_errors_ppm(value) else "errors alone may make as much")
-        if why:
-            said.append(f"{value.name}: {why}; it is below {value.value + value.u95:.2g} ppm (95 %)")
+        by_errors = each.by_errors_ppm(value)
+        why = each.only_bound or ("" if value.value > by_errors else "errors alone may make as much")
+        if why:  # no truth is further from what is found than the largest error of a residual
+            said.append(f"{value.name}: {why}; it is below {value.value + by_errors:.2g} ppm (95 %)")
         else:
             values.append(value)
             kept.append(number)

@@ -2,14 +2,12 @@
 
 A residual is a linear functional of the outputs, the largest of several is not. Where more than one may be it, trials
 (JCGM 101) around what was found tell how far it moves. They lie higher than it, since errors make one residual or
-another the largest; what was found may lie as much too high itself, for the same reason. So the shift of the truth is
-known to lie between that of the trials and its opposite and no better: an input of its own, with a rectangular
-distribution in the place of the trials' mean.
+another the largest; what was found lies higher than the truth for the same reason, and by about as much. Both cancel:
+what is left is the scatter of the trials about their own mean.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -116,13 +114,10 @@ class Spread:
 
     def largest(self) -> Largest:
         """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
-        rng = np.random.default_rng(0)
-        errors = self._drawn(rng)
+        errors = self._drawn(np.random.default_rng(0))
         moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
-        shift = float(moved.mean())
-        off = moved - shift + shift * rng.uniform(-1.0, 1.0, moved.size)
-        u = math.hypot(moved.std(), shift / math.sqrt(3.0))
-        return Largest(u, _quantile_95(np.abs(off)), _quantile_95(np.abs(errors).max(axis=1)))
+        off = np.abs(moved - moved.mean())
+        return Largest(float(moved.std()), _quantile_95(off), _quantile_95(np.abs(errors).max(axis=1)))
 
     def _drawn(self, rng: np.random.Generator) -> Floats:
         """Return errors of the residuals, a row a trial."""
