@@ -246,3 +246,19 @@ def test_a_run_that_is_stopped_makes_the_served_bench_safe(short: Path, tmp_path
         with Control(told.address()[1]) as control:
             assert control.request("get", name="applied_rate_deg_s") == pytest.approx(0.0, abs=0.1)
             assert control.request("get", name="rail.positive.voltage_v") == pytest.approx(0.0, abs=0.5)
+
+
+@needs_ptys
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_real_line_gives_the_same_bytes_as_one_in_process(dialect: str, short: Path, tmp_path: Path) -> None:
+    """Each character to and from the table takes its time, here as there; those of the others take none."""
+    speak(short, dialect)
+    text = short.read_text(encoding="utf-8").replace('"sim://paper"', '"/dev/ttyS0"')
+    short.write_text(text, encoding="utf-8")
+    alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
+    with serving(short, "--rs232", "real", "--seed", "7") as served:
+        with Control(load_bench(served).served.address()[1]) as control:
+            wires = control.request("status")["instruments"]["rate_table"]
+        on_terminals(served, {"rate_table": wires})
+        assert answer(tmp_path, "turntable", "--bench", str(served)) == alone

@@ -69,7 +69,7 @@ def serve(
         typer.Option(
             "--rs232",
             metavar="KIND",
-            help="Serial lines: ideal; real (9600 Bd, small buffers, handshake); three-wire (no handshake).",
+            help="Serial lines: ideal; real (characters take time, small buffers, handshake); three-wire (none).",
         ),
     ] = "ideal",
     port_mapper: Annotated[
