@@ -61,6 +61,8 @@ def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
         "site.latitude_deg": "48.1",
         "acceptance.nonlinearity_ppm": "0 1000",
         "acceptance.guard_band": "U95",
+        "expected.bias_v": "-0.1 0.1",
+        "uncertainty.temperature_k": "1.5",
     }
     done = new("cell.toml", "--yes", *(word for key, value in told.items() for word in ("--set", f"{key}={value}")))
     assert done.exit_code == 0, done.stderr
@@ -74,6 +76,10 @@ def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
     assert bench.limits.max_v_vc_v == 5
     assert bench.wiring.oscilloscope.channel_3 == "v_vc"
     assert (bench.acceptance.nonlinearity_ppm, bench.acceptance.guard_band) == ((0.0, 1000.0), "U95")
+    written = (tmp_path / "cell.toml").read_text("utf-8")
+    assert "\nbias_v = [-0.1, 0.1]" in written
+    assert "\ntemperature_k = 1.5" in written
+    assert "\n# bias_instability_deg_h = 5.6" in written  # what nobody knows stays switched off
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from vcfbench.bench.bounds import NAME_PATTERN
 from vcfbench.bench.served import served_places
 from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.cli.interview import day, number, pair, say, yes_or_no
+from vcfbench.cli.result_questions import put_number, put_text, results
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_language, find_model, languages, models_for
 
@@ -55,7 +56,7 @@ def interviewed(draft: Draft, interview: Interview, finding: Finding) -> None:
     _limits(draft, interview)
     _wiring(draft, interview)
     _site(draft, interview)
-    _acceptance(draft, interview)
+    results(draft, interview)
 
 
 # Instruments
@@ -219,19 +220,10 @@ def _names(draft: Draft, interview: Interview) -> None:
         draft.change({"name": answer})
 
     interview.ask("name", "Short name of the station", draft.values["name"], name)
-    interview.ask("title", "Its title, for reports", draft.values["title"], partial(_text, draft, "title"))
+    interview.ask("title", "Its title, for reports", draft.values["title"], partial(put_text, draft, "title"))
     for key, words in (("name", "Name of the laboratory"), ("address", "Its address"), ("operator", "Who runs it")):
         path = f"laboratory.{key}"
-        interview.ask(path, f"{words} (Enter: none)", "", partial(_text, draft, path))
-
-
-def _text(draft: Draft, path: str, answer: str) -> None:
-    if answer:
-        draft.change({path: answer})
-
-
-def _number(draft: Draft, path: str, answer: str) -> None:
-    draft.change({path: number(answer)})
+        interview.ask(path, f"{words} (Enter: none)", "", partial(put_text, draft, path))
 
 
 def _calibration(draft: Draft, interview: Interview, role: str) -> None:
@@ -251,7 +243,7 @@ def _calibration(draft: Draft, interview: Interview, role: str) -> None:
 
     interview.ask(f"{role}.calibration_due", "  due again on", str(_a_year_after(made)), due)
     path = f"{role}.certificate"
-    interview.ask(path, "  number of the certificate (Enter: none)", "", partial(_text, draft, path))
+    interview.ask(path, "  number of the certificate (Enter: none)", "", partial(put_text, draft, path))
 
 
 def _a_year_after(made: date) -> date:
@@ -348,38 +340,16 @@ def _rails(draft: Draft, interview: Interview) -> None:
 def _wiring(draft: Draft, interview: Interview) -> None:
     if "power" in draft.roles():
         words = "Supply output of the positive rail (P25V, P6V; the negative one is N25V)"
-        interview.ask("wiring.rails.positive", words, "P25V", partial(_text, draft, "wiring.rails.positive"))
+        interview.ask("wiring.rails.positive", words, "P25V", partial(put_text, draft, "wiring.rails.positive"))
     if "oscilloscope" not in draft.roles():
         return
     say(f"Oscilloscope: what each channel sees: {_NODES}")
     for channel, proposed in enumerate(("drive", "carrier", "sense", "output"), start=1):
         path = f"wiring.oscilloscope.channel_{channel}"
-        interview.ask(path, f"  channel {channel}", proposed, partial(_text, draft, path))
+        interview.ask(path, f"  channel {channel}", proposed, partial(put_text, draft, path))
 
 
 def _site(draft: Draft, interview: Interview) -> None:
     words = "Latitude, deg, north positive (for the Earth's rate)"
-    interview.ask("site.latitude_deg", words, "0", partial(_number, draft, "site.latitude_deg"))
-    interview.ask("site.mains_hz", "Mains frequency, Hz (50, 60)", "50", partial(_number, draft, "site.mains_hz"))
-
-
-def _acceptance(draft: Draft, interview: Interview) -> None:
-    say("Limits of results, low and high each: outside, a run has failed. Enter: not judged.")
-    for key, words in (
-        ("scale_factor_v_per_deg_s", "Scale factor, V/(deg/s), signed"),
-        ("bias_deg_s", "Bias, deg/s"),
-        ("nonlinearity_ppm", "Non-linearity, ppm of the span"),
-        ("k_vc_deg_s_per_v", "K_Vc, (deg/s)/V"),
-        ("scale_factor_error_percent", "Scale factor by V_Vc against table, %"),
-    ):
-        path = f"acceptance.{key}"
-        interview.ask(path, f"  {words}", "", partial(_window, draft, path))
-    if draft.value("acceptance"):
-        path = "acceptance.guard_band"
-        words = "  nearer to a limit than U95 is marginal (none, U95)"
-        interview.ask(path, words, _NONE, partial(_text, draft, path))
-
-
-def _window(draft: Draft, path: str, answer: str) -> None:
-    if answer:
-        draft.change({path: list(pair(answer))})
+    interview.ask("site.latitude_deg", words, "0", partial(put_number, draft, "site.latitude_deg"))
+    interview.ask("site.mains_hz", "Mains frequency, Hz (50, 60)", "50", partial(put_number, draft, "site.mains_hz"))
