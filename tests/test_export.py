@@ -172,6 +172,14 @@ def test_nothing_measured_is_a_table_without_rows(tmp_path: Path) -> None:
         assert export_run(directory, tmp_path / f"out.{kind}", raw=True).rows == 0
 
 
+def test_a_long_table_says_how_far_it_is(tmp_path: Path) -> None:
+    column = ExportColumn("n", "", "counts", np.arange(25_000))
+    told: list[tuple[int, int]] = []
+    table = ExportTable("readings", (column,), {}, progress=lambda rows, of: told.append((rows, of)))
+    export_formats.WRITERS["csv"](table, tmp_path / "x.csv")
+    assert told == [(10_000, 25_000), (20_000, 25_000), (25_000, 25_000)]
+
+
 def test_a_damaged_record_is_not_exported(tmp_path: Path) -> None:
     directory = record(tmp_path, 2500)
     journal = directory / "journal.jsonl"

@@ -13,7 +13,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
@@ -174,11 +174,25 @@ def export(
 
     from vcfbench.runs.export import export_run  # noqa: PLC0415
 
-    done = export_run(run, output, format=format_, raw=raw, runs=runs)
+    done = export_run(run, output, format=format_, raw=raw, runs=runs, progress=_progress())
     if json:
         print_json({**asdict(done), "file": str(done.file)})
     else:
         typer.echo(f"{shown(done.file)}: {done.rows} {done.table}, {len(done.columns)} columns")
+
+
+def _progress() -> Callable[[int, int], None] | None:
+    """Return what shows on a terminal how far an export is: a spreadsheet of a million rows takes most of a minute."""
+    import sys  # noqa: PLC0415
+
+    if not sys.stderr.isatty():
+        return None
+
+    def show(rows: int, of: int) -> None:
+        end = "\r" if rows < of else "\r\x1b[K"
+        typer.echo(f"\r{100 * rows // of:3} % of {of} rows{end}", err=True, nl=False)
+
+    return show
 
 
 _HEAD = ("run", "procedure", "status", "bench", "seed", "device", "points", "results", "verdict")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +18,7 @@ from vcfbench.runs.recorded import directory_of
 from vcfbench.runs.run import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -76,6 +76,7 @@ def export_run(
     format: str | None = None,  # noqa: A002 - the word of the command
     raw: bool = False,
     runs: str | Path = "runs",
+    progress: Callable[[int, int], None] | None = None,
 ) -> Exported:
     """Write the points of a run, or every raw reading, for other programs; a file of that name is replaced, whole.
 
@@ -85,6 +86,7 @@ def export_run(
         format: ``"csv"``, ``"parquet"``, ``"hdf5"``, ``"xlsx"`` or ``"mat"``; None goes by the suffix of `file`.
         raw: every reading instead of the points.
         runs: directory of the records.
+        progress: is called with the rows written and all of them, while a table is written as CSV or xlsx.
 
     Raises:
         ConfigError: there is no such record, it is damaged, the format is unknown or needs the extra ``export``, the
@@ -94,7 +96,7 @@ def export_run(
 
     directory = _directory(run, runs)
     written_as = _format(file, format)
-    table = (_readings if raw else _points)(directory)
+    table = replace((_readings if raw else _points)(directory), progress=progress)
     path = Path(f"{directory.run}-{table.name}.{written_as}" if file is None else file)
     draft = path.with_name(f".{path.name}.draft")
     try:

@@ -126,6 +126,8 @@ def _rows(table: ExportTable) -> Iterator[Iterator[tuple[float | int | None, ...
     """Yield the rows, so many at a time, as numbers of Python; None is what was not measured."""
     for first in range(0, table.rows, _AT_ONCE):
         yield zip(*(_plain(each.values[first : first + _AT_ONCE]) for each in table.columns), strict=True)
+        if table.progress is not None:
+            table.progress(min(first + _AT_ONCE, table.rows), table.rows)
 
 
 def _plain(values: Any) -> list[float | int | None]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     import numpy as np
     from numpy.typing import NDArray
@@ -35,6 +35,8 @@ class ExportTable:
     name: str
     columns: tuple[ExportColumn, ...]
     about: Mapping[str, str | float]
+    progress: Callable[[int, int], None] | None = None
+    """Is told how many rows of all are written, by formats that take their time."""
 
     @property
     def rows(self) -> int:
