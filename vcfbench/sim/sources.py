@@ -122,11 +122,15 @@ class Played(Protocol):
 
 
 class Ripple(Struct, frozen=True):
-    """What a supply leaves on its output of the rectified mains: a sine, its phase at bench time 0."""
+    """What a supply leaves on its output of the rectified mains: a sine, its phase at bench time 0.
+
+    `beside` is what else is on the output, harmonics and noise: sines of bench time, of which nothing goes further.
+    """
 
     rms_v: float
     frequency_hz: float
     phase_rad: float
+    beside: tuple[Sine, ...] = ()
 
 
 class Approach(Struct, frozen=True):

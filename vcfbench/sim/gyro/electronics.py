@@ -90,11 +90,16 @@ class Pin(Struct, frozen=True):
 
     def voltage(self, now_s: float) -> Oscillation:
         """Return the voltage from `now_s` on."""
-        smooth = self.smooth(now_s)
-        return Oscillation(smooth.constant_v, [*smooth.terms, *self.rippling(now_s)])
+        smooth, rippling = self.smooth(now_s), self.rippling(now_s)
+        beside = self.ripple.beside if rippling and self.ripple is not None else ()
+        more = ((each, 2 * math.pi * each.frequency_hz) for each in beside)
+        noisy = [
+            (-1j * cmath.rect(each.amplitude_v, speed * now_s + each.phase_rad), 1j * speed) for each, speed in more
+        ]
+        return Oscillation(smooth.constant_v, [*smooth.terms, *rippling, *noisy])
 
     def rippling(self, now_s: float) -> list[tuple[complex, complex]]:
-        """Return the ripple from `now_s` on; without a voltage there is none."""
+        """Return the ripple from `now_s` on, without what is beside it; without a voltage there is none."""
         ripple = self.ripple
         if ripple is None or not self.smooth_v(now_s):
             return []

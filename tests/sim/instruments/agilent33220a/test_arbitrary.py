@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 
+import numpy as np
 import pytest
 
 from tests.sim.instruments.agilent33220a.bench import Socket
@@ -27,6 +28,24 @@ def test_a_waveform_of_full_length_is_taken(kind: str) -> None:
     places = [0, 1, 1234, FULL - 1]
     wanted = [2 * CODES[place] / 8191 for place in places]  # open circuit: twice the 1 V of the peak
     assert box.volts([(place + 0.5) / FULL for place in places]) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_points_are_looked_up_at_the_ticks_of_50_mhz() -> None:
+    """User's Guide p. 325: of 65536 points at 1 kHz, 65.5 a microsecond, some are skipped; at 500 Hz none is."""
+    box = Socket()
+    box.send(LINES["block"])
+    box.send("FUNC:USER VOLATILE;:FUNC USER;:FREQ 1000;:VOLT 2;:OUTP ON")
+    ticks = 50_000 + np.arange(50_000)
+    seen = box.volts((ticks[:, None] + np.array([0.1, 0.5, 0.9])) / 50e6)
+    assert np.all(np.ptp(seen, axis=1) == 0.0)
+    places = (ticks - 50_000) * FULL // 50_000
+    between = (ticks * FULL) % 50_000 > 0  # a tick that falls on a point may show it or the one before
+    assert seen[between, 0] == pytest.approx(2 * np.array(CODES)[places[between]] / 8191, abs=1e-6)
+    assert len(set(places)) == 50_000
+    box.send("FREQ 500")
+    shown = box.volts(1.0 + (np.arange(100_000) + 0.5) / 50e6)
+    codes = np.round(shown / 2 * 8191).astype(int)
+    assert set(codes) == set(CODES)
 
 
 def test_one_point_more_is_too_much_data() -> None:

@@ -526,3 +526,15 @@ def test_what_is_learnt_brings_the_settings_back_without_an_error(box: Socket, s
     assert {key: value for key, value in box.generator.state.items() if key not in numbers} == {
         key: value for key, value in state.items() if key not in numbers
     }
+
+
+@pytest.mark.parametrize("command", ["*SAV 5", "*RCL 5", "MEM:STAT:DEL 5", "MEM:STAT:NAME 5,TEST", "*SAV -1"])
+def test_a_memory_that_is_not_there_is_refused_and_no_other_touched(command: str) -> None:
+    box = Socket()
+    box.send("FREQ 2000;*SAV 4;:FREQ 3000")
+    box.send(command)
+    assert box.errors() == ['-222,"Data out of range"']
+    assert box.ask("FREQ?") == "+3.0000000000000E+03"
+    box.send("*RCL 4")
+    assert box.ask("FREQ?") == "+2.0000000000000E+03"
+    assert box.ask("MEM:STAT:NAME? 4") == '"STATE_4"'

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.e3631a import E3631ATwin, OutputErrors, SupplyErrors
-from vcfbench.sim.sources import Ripple
+from vcfbench.sim.sources import Ripple, Sine
 
 
 class Bench(NamedTuple):
@@ -340,6 +340,27 @@ def test_ripple_is_there_while_the_output_is_on() -> None:
     talk.write("OUTP OFF")
     talk.settle()
     assert world.ripples == {"negative": None}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ripple_and_noise_of_a_specimen_are_within_0_35_mv_rms_and_2_mv_peak_to_peak(seed: int) -> None:
+    """By the sum of its sines over 2 s; the second, third and fourth harmonic are there, and no line is as large."""
+    drawn = SupplyErrors.drawn(np.random.default_rng(seed))
+    times = np.arange(0.0, 2.0, 2e-5)
+    for errors in (drawn.p6v, drawn.p25v, drawn.n25v):
+        ripple = errors.ripple()
+        volts = Sine(math.sqrt(2.0) * ripple.rms_v, ripple.frequency_hz, 0.3).at(times)
+        volts = volts + sum(each.at(times) for each in ripple.beside)
+        assert 0.1e-3 < float(volts.std()) < 0.35e-3
+        assert float(np.ptp(volts)) < 2e-3
+        sizes = {each.frequency_hz: each.amplitude_v for each in ripple.beside}
+        assert {200.0, 300.0, 400.0} < set(sizes)
+        assert sizes[200.0] * 2 == pytest.approx(sizes[400.0] * 4)
+        assert sum(sizes[hertz] ** 2 for hertz in (200.0, 300.0, 400.0)) / 2 == pytest.approx(
+            errors.ripple_harmonics_v**2
+        )
+        noise = sum(size**2 for hertz, size in sizes.items() if hertz not in (200.0, 300.0, 400.0)) / 2
+        assert noise == pytest.approx(errors.noise_v**2)
 
 
 def test_a_drawn_specimen_has_ripple_within_its_limit() -> None:

@@ -110,7 +110,8 @@ class Agilent33220A(ScpiInstrument):
         self.memory = self.made_memory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
         self.levels = self.made_levels(errors)
         self.rules = Rules(self.kind, self.state, self.levels, self.engine.report)
-        self._player = Player(self.state, errors, self.levels, self.memory, noise_seed)
+        clock_hz = self.kind.arbitrary_clock_hz
+        self._player = Player(self.state, errors, self.levels, self.memory, noise_seed, clock_hz=clock_hz)
         world.drive_v_vc(None)
 
     def made_memory(self, full_scale: int) -> ArbitraryMemory:

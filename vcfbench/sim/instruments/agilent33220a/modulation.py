@@ -51,6 +51,7 @@ class Player:
 
     Args:
         noise_seed: which noise it is.
+        clock_hz: at which arbitrary points are looked up; 0 for none.
     """
 
     def __init__(
@@ -60,12 +61,15 @@ class Player:
         levels: Levels,
         memory: ArbitraryMemory,
         noise_seed: int,
+        *,
+        clock_hz: float = 0.0,
     ) -> None:
         self._settings = settings
         self._errors = errors
         self._levels = levels
         self._memory = memory
         self._noise_seed = noise_seed
+        self._clock_hz = clock_hz
         self._phase: Phase | None = None
 
     def source(self, started_s: float | None, now_s: float) -> Drive | Played:
@@ -114,7 +118,8 @@ class Player:
         from vcfbench.sim.instruments.agilent33220a.playing import Playing  # noqa: PLC0415
 
         envelope = self._envelope(direct_v, peak_v)
-        return Playing(direct_v, peak_v, self._waveform(), phase, envelope, self._width(), SOURCE_OHM)
+        clock_hz = self._clock_hz if self._settings["func"] == "USER" else 0.0
+        return Playing(direct_v, peak_v, self._waveform(), phase, envelope, self._width(), SOURCE_OHM, clock_hz)
 
     def absorb_phase(self) -> None:
         """Call the present phase 0."""

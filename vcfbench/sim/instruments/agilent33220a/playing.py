@@ -45,6 +45,8 @@ _MOST_LINES, _HIGHEST_LINE_HZ = 1000, 64e3
 FAST_HZ = 64e3
 """From where on nothing but its mean counts of a waveform: the next line, were it modulated by 20 kHz, is at 44 kHz."""
 _SHORTEST_S = 1e-9
+_TICKED = 1e-3
+"""A tick that is less than this part of one away has been."""
 _BENDS = 16
 _FORGOTTEN = 1e-13
 
@@ -79,7 +81,11 @@ class WidthSwing(Struct, frozen=True):
 
 
 class Playing(Struct, frozen=True):
-    """offset_v + peak_v envelope(t) waveform(phase(t)); a negative peak is an inverted waveform."""
+    """offset_v + peak_v envelope(t) waveform(phase(t)); a negative peak is an inverted waveform.
+
+    With a `clock_hz` the volts change at its ticks alone: of more points than ticks some are skipped. Means know
+    nothing of it, which are off by what half a tick makes.
+    """
 
     offset_v: float
     peak_v: float
@@ -88,9 +94,12 @@ class Playing(Struct, frozen=True):
     envelope: Envelope | None = None
     width: WidthSwing | None = None
     source_ohm: float = 50.0
+    clock_hz: float = 0.0
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the open-circuit volts at bench times."""
+        if self.clock_hz:
+            times_s = np.floor(times_s * self.clock_hz + _TICKED) / self.clock_hz
         duty = None if self.width is None else self.width.values(times_s)
         volts = self.peak_v * self.waveform.values(_fraction(self.phase.at(times_s)), duty)
         if self.envelope is not None:

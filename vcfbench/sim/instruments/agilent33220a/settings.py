@@ -55,6 +55,7 @@ class Kind(Struct, frozen=True):
         narrow_duty_hz: above it square waves have a duty cycle of 40 to 60 %; infinity where they need not.
         burst_hz: frequencies of counted bursts; only infinite ones go beyond.
         longest_burst_s: longest period of the internal timer of bursts.
+        arbitrary_clock_hz: clock at which arbitrary points are looked up by their phase; 0 where they have a rate.
     """
 
     frequency_hz: Mapping[str, tuple[float, float]]
@@ -64,6 +65,7 @@ class Kind(Struct, frozen=True):
     narrow_duty_hz: float
     burst_hz: tuple[float, float]
     longest_burst_s: float
+    arbitrary_clock_hz: float = 0.0
 
 
 KIND_33220A = Kind(
@@ -84,6 +86,7 @@ KIND_33220A = Kind(
     narrow_duty_hz=10e6,
     burst_hz=(2e-3, 6e6),
     longest_burst_s=500.0,
+    arbitrary_clock_hz=50e6,  # User's Guide p. 325: at higher frequencies some points are skipped
 )
 
 RESET: Settings = {

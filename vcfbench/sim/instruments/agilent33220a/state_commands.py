@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, Name, names_reply
 from vcfbench.sim.instruments.agilent33220a.learning import learnt
-from vcfbench.sim.scpi import Boolean, Command, Integer, Limits, boolean, quoted, signed_integer
+from vcfbench.sim.scpi import Boolean, Command, Integer, Limits, ScpiError, boolean, quoted, signed_integer
 
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
@@ -18,7 +18,17 @@ def _name_state(model: _Model, place: int, name: str | None) -> None:
     model.state_names[place] = name or f"STATE_{place}"
 
 
-_STATES = Integer(limits=Limits(0, 4))
+class _Place(Integer, frozen=True, kw_only=True):
+    """The number of a memory: one that is not there is refused, not clipped, so that no other is overwritten."""
+
+    def _within(self, value: float, limits: Limits, model: Any) -> float:
+        del model
+        if not limits.minimum <= value <= limits.maximum:
+            raise ScpiError(-222)
+        return value
+
+
+_STATES = _Place(limits=Limits(0, 4))
 
 COMMANDS = (
     Command("*SAV", (_STATES,), do=lambda model, place: model.save(place)),

@@ -6,6 +6,7 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 186).
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Mapping  # noqa: TC003  # msgspec reads the annotation
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
@@ -14,11 +15,19 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from vcfbench.sim.instruments.e3631a.kinds import N25V, P6V, P25V, OutputKind
+from vcfbench.sim.sources import Ripple, Sine
 
 if TYPE_CHECKING:
     import numpy as np
 
 __all__ = ["Accuracy", "OutputErrors", "SupplyErrors"]
+
+_SQRT2 = math.sqrt(2.0)
+_NOISE_LIMIT_V = 0.35e-3
+"""Ripple and noise from 20 Hz to 20 MHz, rms (p. 186)."""
+_HARMONICS = (2, 3, 4)
+_NOISE_HZ, _NOISE_LINES = (30.0, 2000.0), 8
+"""The noise is so many lines of equal size between these frequencies; a real one's goes on above them."""
 
 
 class OutputErrors(Struct, frozen=True):
@@ -55,6 +64,27 @@ class OutputErrors(Struct, frozen=True):
     """Frequency of the ripple, Hz: twice the mains (the guide names a band, 20 Hz to 20 MHz; unverified)."""
     ripple_phase_rad: float = 0.0
     """Phase of the ripple at bench time 0, rad."""
+    ripple_harmonics_v: float = 0.0
+    """Second to fourth harmonic of the ripple, each in inverse proportion to its order, Vrms together (unverified)."""
+    noise_v: float = 0.0
+    """Noise on the output while it is on, Vrms; ripple and noise together are below 0.35 mV and 2 mVpp (p. 186)."""
+
+    def ripple(self) -> Ripple:
+        """Return all that is on the output beside its voltage; phases of a specimen follow from that of its ripple."""
+        phases = random.Random(self.ripple_phase_rad)  # noqa: S311  (noise, not secrets)
+        loudness = math.hypot(*(1.0 / order for order in _HARMONICS))
+        harmonics = [
+            (_SQRT2 * self.ripple_harmonics_v / order / loudness, order * self.ripple_hz) for order in _HARMONICS
+        ]
+        step = math.log(_NOISE_HZ[1] / _NOISE_HZ[0]) / _NOISE_LINES
+        noise = [
+            (_SQRT2 * self.noise_v / math.sqrt(_NOISE_LINES), _NOISE_HZ[0] * math.exp(step * (line + phases.random())))
+            for line in range(_NOISE_LINES)
+        ]
+        beside = tuple(
+            Sine(size, hertz, phases.uniform(-math.pi, math.pi)) for size, hertz in (*harmonics, *noise) if size
+        )
+        return Ripple(self.ripple_v, self.ripple_hz, self.ripple_phase_rad, beside)
 
 
 class Accuracy(Struct, frozen=True):
@@ -130,10 +160,17 @@ def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: Accuracy
 
 
 def _disturbed(rng: np.random.Generator, errors: OutputErrors) -> OutputErrors:
-    """Return the errors with what the mains leave on the output: ripple below its limit at any phase, line."""
+    """Return the errors with what the mains leave on the output: ripple below its limit at any phase, line.
+
+    Harmonics and noise are parts of the ripple, and of what it leaves of the limit of all together.
+    """
+    line_gain, ripple_v = _draw(rng, 1e-4), float(rng.uniform(0.1e-3, _NOISE_LIMIT_V))
+    left_v = math.sqrt(_NOISE_LIMIT_V**2 - ripple_v**2)
     return replace(
         errors,
-        line_gain=_draw(rng, 1e-4),
-        ripple_v=float(rng.uniform(0.1e-3, 0.35e-3)),
+        line_gain=line_gain,
+        ripple_v=ripple_v,
         ripple_phase_rad=float(rng.uniform(-math.pi, math.pi)),
+        ripple_harmonics_v=min(0.4 * ripple_v, 0.6 * left_v),
+        noise_v=min(0.2 * ripple_v, 0.4 * left_v),
     )

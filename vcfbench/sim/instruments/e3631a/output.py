@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from msgspec import Struct
 
-from vcfbench.sim.sources import NOTHING_V, Approach, Ripple
+from vcfbench.sim.sources import NOTHING_V, Approach
 
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.e3631a.errors import SupplyErrors
@@ -232,8 +232,7 @@ class Output:
         if self.rail is None or not errors.ripple_v or on == self.rippling:
             return
         self.rippling = on
-        ripple = Ripple(errors.ripple_v, errors.ripple_hz, errors.ripple_phase_rad)
-        self._world.set_ripple(self.rail, ripple if on else None)
+        self._world.set_ripple(self.rail, errors.ripple() if on else None)
 
     def show(self, *, on: bool) -> None:
         """Show the regulation in the condition register: 2 constant voltage, 1 constant current, 0 off (p. 118)."""
