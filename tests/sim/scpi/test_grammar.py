@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.scpi.lamp import TABLE, Lamp
-from vcfbench.sim.instruments import e3631a, hp34401a
+from vcfbench.sim.instruments.e3631a import commands as e3631a
+from vcfbench.sim.instruments.hp34401a import commands as hp34401a
 from vcfbench.sim.scpi import Command, CommandTable, Mnemonic
 
 if TYPE_CHECKING:

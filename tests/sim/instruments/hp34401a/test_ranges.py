@@ -15,7 +15,7 @@ from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a.phases import Steady
 from vcfbench.sim.instruments.agilent33220a.playing import Playing
 from vcfbench.sim.instruments.agilent33220a.waveforms import Pulse
-from vcfbench.sim.instruments.hp34401a import Hp34401A, MeterErrors
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
@@ -76,7 +76,7 @@ def test_a_default_specimen_reads_the_10_v_range_at_10_cycles_as_before() -> Non
 
 def sounding(volts: float, hertz: float, setting: str) -> MeterBench:
     world = World(AttendedClock(VirtualClock()), ideal_bench(), 0)
-    meter = Hp34401A(world, node="v_vc", errors=MeterErrors.none())
+    meter = Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none())
     world.clock.attend(meter)  # type: ignore[attr-defined]
     world.drive_v_vc(Drive(0.0, volts, hertz, 0.4, source_ohm=0.0))
     talk = Conversation(meter, world.clock)
