@@ -246,26 +246,41 @@ class Trace:
             return []
         side = np.where(self.volts >= upper, 1, np.where(self.volts <= lower, -1, 0))
         places = np.flatnonzero(side)
-        lasts = places[1:][np.diff(side[places]) != 0]
-        rising = side[lasts] > 0
-        lowers, middles, uppers = (self._crossings(lasts, rising, level) for level in (lower, middle, upper))
+        turns = np.diff(side[places]) != 0
+        ends, rising = (places[:-1][turns], places[1:][turns]), side[places[1:][turns]] > 0
+        lowers, middles, uppers = (self._crossings(ends, rising, level) for level in (lower, middle, upper))
         return [Edge(*each) for each in zip(rising.tolist(), lowers, middles, uppers, strict=True)]
 
-    def _crossings(self, lasts: NDArray[np.int_], rising: NDArray[np.bool_], level: float) -> list[float]:
-        """Return where transitions that end at `lasts` cross a level: after the last sample on the near side.
+    def _crossings(
+        self, ends: tuple[NDArray[np.int_], NDArray[np.int_]], rising: NDArray[np.bool_], level: float
+    ) -> list[float]:
+        """Return where transitions between two ends cross a level.
 
-        Noise may cross more than once.
+        That is midway between the first and the last time where noise does it more than once, or where a step of the
+        converter is the level.
         """
-        numbers = np.arange(len(self.volts))
-        below = np.maximum.accumulate(np.where(self.volts < level, numbers, 0))
-        above = np.maximum.accumulate(np.where(self.volts > level, numbers, 0))
-        # a sample on the level itself is beyond it; the last one may be that
-        near = np.minimum(np.where(rising, below[lasts], above[lasts]), lasts - 1)
+        firsts, lasts = ends
+        numbers, count = np.arange(len(self.volts)), len(self.volts)
+        last_near, first_beyond = (np.empty(len(lasts), dtype=int) for _ in range(2))
+        for up in (True, False):
+            reached, passed = (
+                (self.volts >= level, self.volts > level) if up else (self.volts <= level, self.volts < level)
+            )
+            before = np.maximum.accumulate(np.where(passed, 0, numbers))
+            after = np.minimum.accumulate(np.where(reached, numbers, count - 1)[::-1])[::-1]
+            these = rising == up
+            last_near[these], first_beyond[these] = before[lasts[these]], after[firsts[these]]
+        late = self._straight(np.minimum(last_near, lasts - 1), level)
+        early = self._straight(np.maximum(first_beyond - 1, firsts), level)
+        return list((0.5 * (early + late)).tolist())
+
+    def _straight(self, near: NDArray[np.int_], level: float) -> NDArray[np.float64]:
+        """Return where straight lines from samples to the next ones come to a level."""
         before, after = self.volts[near], self.volts[near + 1]
         step = np.where(after != before, after - before, 1.0)
         part = np.where(after != before, (level - before) / step, 0.0)
         starts = self.times_s[near]
-        return list((starts + np.clip(part, 0.0, 1.0) * (self.times_s[near + 1] - starts)).tolist())
+        return np.asarray(starts + np.clip(part, 0.0, 1.0) * (self.times_s[near + 1] - starts))
 
     def _crossing(self, index: int, level: float) -> float:
         before, after = float(self.volts[index]), float(self.volts[index + 1])
