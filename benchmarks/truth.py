@@ -10,6 +10,7 @@ truth.
     python benchmarks/truth.py 0 200 --v-vc measured              V_Vc by a second meter (the bench `lab`)
     python benchmarks/truth.py 0 200 --order abba --zero bracket  other orders, with zeros between
     python benchmarks/truth.py 0 200 --kvc curve                  K_Vc from both signs: plus-minus, curve
+    python benchmarks/truth.py 0 200 --phase 0.5                  carrier and demodulator up to 0.5 deg off, and told so
     python benchmarks/truth.py --summary first.jsonl second.jsonl
 
 The same seeds give the same bytes, whatever the number of processes. What stands in the file of --lines is not run
@@ -35,6 +36,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import vcfbench
+from vcfbench.bench.simulated import physical_parameters
 from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:
@@ -54,16 +56,27 @@ K_VC_BY = ("one-point", "plus-minus", "curve")
 MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
 
 
-def bench_of(seed: int, v_vc: str = "set") -> str:
+PHASE_KEYS = """
+k_vc_ppm_carrier_deg = -1107      # of the embedded gyroscope, from its closed form
+k_vc_ppm_demodulator_deg = 90
+scale_factor_ppm_demodulator_deg = 1022
+bias_deg_s_demodulator_deg = -0.3134
+"""
+
+
+def bench_of(seed: int, v_vc: str = "set", phase_deg: float = 0.0) -> str:
     """Return an embedded bench with all instruments drawn; its table's rate error and ripple are drawn here.
 
-    Ripple of one phase would put the same 0.8 ppm into the non-linearity of every seed, 0.14 u of it.
+    Ripple of one phase would put the same 0.8 ppm into the non-linearity of every seed, 0.14 u of it. Phases of carrier
+    and demodulator are drawn up to `phase_deg` away from those that the truth is for.
     """
     file = Path(str(vcfbench.__path__[0])) / "bench" / f"{BENCHES[v_vc]}.toml"
     text, _ = file.read_text(encoding="utf-8").split("# The generator's errors are chosen", 1)
     draws = np.random.default_rng([seed, 9])
     error = float(draws.uniform(-TABLE_RATE_ERROR, TABLE_RATE_ERROR))
     phases = draws.uniform(-math.pi, math.pi, 2).tolist()
+    if phase_deg:
+        text = _phases_off(text, phase_deg, draws.uniform(-phase_deg, phase_deg, 2).tolist(), v_vc)
     return f"""{text}
 [simulation.errors]
 rate_source = "drawn"
@@ -73,11 +86,25 @@ ripple_phase_rad = {phases!r}
 """
 
 
-def calibrations(seed: int, v_vc: str = "set", k_vc_by: str = "one-point", **settings: Any) -> Line:
+def _phases_off(text: str, limit_deg: float, off_deg: Sequence[float], v_vc: str) -> str:
+    """Return a bench file whose carrier and demodulator are off, and which knows how far they may be."""
+    true = physical_parameters(vcfbench.load_bench(BENCHES[v_vc]))
+    known = f"[uncertainty]\ncarrier_phase_deg = {limit_deg}\ndemodulator_phase_deg = {limit_deg}{PHASE_KEYS}"
+    return f"""{text.replace("[uncertainty]", known, 1)}
+[simulation.override.virtual_path]
+carrier_phase_rad = {true.virtual_path.carrier_phase_rad + math.radians(off_deg[0])!r}
+[simulation.override.sense_path]
+demodulator_phase_rad = {true.sense_path.demodulator_phase_rad + math.radians(off_deg[1])!r}
+"""
+
+
+def calibrations(
+    seed: int, v_vc: str = "set", k_vc_by: str = "one-point", phase_deg: float = 0.0, **settings: Any
+) -> Line:
     """Return the seed, and by the name of each value of both calibrations its z and whether U95 holds the truth."""
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         file = Path(directory) / "bench.toml"
-        file.write_text(bench_of(seed, v_vc), encoding="utf-8")
+        file.write_text(bench_of(seed, v_vc, phase_deg), encoding="utf-8")
         told: dict[str, Any] = {"bench": file, "seed": seed, "runs": directory}
         told["settings"] = {"warm_up_s": WARM_UP_S, **settings}
         table = vcfbench.run("turntable", **told)
@@ -105,7 +132,7 @@ def _scored(prefix: str, statement: Statement, truth: Mapping[str, float]) -> Li
     }
 
 
-def study(seeds: Sequence[int], how: Mapping[str, str], processes: int) -> Iterator[Line]:
+def study(seeds: Sequence[int], how: Mapping[str, Any], processes: int) -> Iterator[Line]:
     """Yield what each seed gave, in their order."""
     score = partial(calibrations, **how)
     if processes < 2:
@@ -115,7 +142,7 @@ def study(seeds: Sequence[int], how: Mapping[str, str], processes: int) -> Itera
         yield from pool.imap(score, seeds, chunksize=1)
 
 
-def continued(file: Path | None, seeds: Sequence[int], how: Mapping[str, str], processes: int) -> list[Line]:
+def continued(file: Path | None, seeds: Sequence[int], how: Mapping[str, Any], processes: int) -> list[Line]:
     """Return the lines of `seeds`: those that stand in `file`, and those that are run now and added to it."""
     if file is None:
         return list(study(seeds, how, processes))
@@ -166,6 +193,9 @@ def main() -> int:
     parser.add_argument("--order", default="paper")
     parser.add_argument("--zero", default="none")
     parser.add_argument("--kvc", choices=K_VC_BY, default="one-point")
+    parser.add_argument(
+        "--phase", type=float, default=0.0, help="carrier and demodulator are off by up to so much, deg"
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--lines", type=Path, help="file that keeps a line a seed")
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
@@ -174,6 +204,7 @@ def main() -> int:
         lines = lines_of(told.summary)
     else:
         how = {"v_vc": told.v_vc, "order": told.order, "zeros": told.zero, "k_vc_by": told.kvc}
+        how["phase_deg"] = told.phase
         lines = continued(told.lines, range(told.start, told.start + told.count), how, told.processes)
     print("\n".join(summary(sorted(lines, key=lambda line: line["seed"]))))
     return 0

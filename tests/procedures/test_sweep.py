@@ -12,9 +12,11 @@ from msgspec import structs
 
 import vcfbench
 from tests.procedures.fakes import make_settings
+from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.bench.settings import Sources, Station
 from vcfbench.procedures.sweep.schedule import EARTH_DEG_S, Order, SweepSettings, Zeros
-from vcfbench.procedures.sweep.windows import sweep_of
+from vcfbench.procedures.sweep.window_noise import Flicker, WindowNoise
+from vcfbench.procedures.sweep.windows import sweep_of, window_times
 from vcfbench.procedures.turntable import SweptTurntableResult, TurntableResult, turntable_results
 from vcfbench.record.schema import Point
 from vcfbench.testing import simulated
@@ -117,6 +119,62 @@ def test_flicker_makes_hysteresis_and_repeats_uncertain_as_well() -> None:
             assert flickering.hysteresis.difference.u > 1.05 * white.hysteresis.difference.u
         else:
             assert flickering.repeatability[1].noise > 1.2 * white.repeatability[1].noise
+
+
+def flickering(settings: SweepSettings, b_deg_h: float, count: int) -> NDArray[np.float64]:
+    """Return (count, windows) of flicker and white noise, V, by the covariance of the windows' means."""
+    begin, end = window_times(settings, blank(settings))
+    times = np.concatenate([end, begin])
+    phase = PhaseNoise(flicker=abs(K) * b_deg_h / 3600.0).covariance((times[:, None] - times).ravel())
+    mean = np.hstack([np.diag(1.0 / (end - begin)), -np.diag(1.0 / (end - begin))])
+    off = np.eye(begin.size) - 1.0 / begin.size  # a mean of all is no statement of flicker
+    covariance = off @ mean @ phase.reshape(times.size, times.size) @ mean.T @ off
+    rng = np.random.default_rng(12)
+    white = rng.normal(0.0, NOISE / math.sqrt(READINGS), (count, begin.size))
+    return np.asarray(white + rng.multivariate_normal(np.zeros(begin.size), covariance, count, method="eigh"))
+
+
+def own_flicker(settings: SweepSettings, noises: NDArray[np.float64]) -> list[Flicker | None]:
+    return [WindowNoise.of(settings, moved(blank(settings), each), K).flicker for each in noises]
+
+
+def test_b_by_the_zeros_of_a_run_has_its_true_square_and_the_scatter_of_its_degrees_of_freedom() -> None:
+    settings = make_settings(zeros=Zeros.BRACKET, repeat=3, station=WHITE, samples=READINGS)
+    every = [each for each in own_flicker(settings, flickering(settings, 40.0, 150)) if each is not None]
+    squares = np.array([each.deg_h**2 for each in every])
+    assert len(every) > 147
+    assert squares.mean() == pytest.approx(40.0**2, rel=0.08)
+    assert float(np.mean([each.dof for each in every])) == pytest.approx(2.0 * (40.0**2 / squares.std()) ** 2, rel=0.25)
+
+
+def test_b_that_is_told_goes_before_zeros_that_are_too_few() -> None:
+    few = make_settings(zeros=Zeros.BRACKET, station=FLICKERING, samples=READINGS)
+    many = make_settings(zeros=Zeros.BRACKET, repeat=3, station=FLICKERING, samples=READINGS)
+    loud = structs.replace(FLICKERING, sources=Sources(bias_instability_deg_h=40.0))
+    (kept,) = own_flicker(few, flickering(few, 40.0, 1))
+    (told,) = own_flicker(many, flickering(many, 40.0, 1))
+    (own,) = own_flicker(structs.replace(many, station=loud), flickering(many, 40.0, 1))
+    assert kept is not None
+    assert told is not None
+    assert own is not None
+    assert (kept.deg_h, kept.dof, told.deg_h) == (5.0, math.inf, 5.0)  # 5 deg/h is lost in this white noise
+    assert own.dof > 10.0
+    assert own.deg_h == pytest.approx(40.0, rel=0.5)
+    assert own.said.startswith("51 differences of this run's zeros, dof ")
+
+
+def test_which_b_is_in_the_budget_is_said() -> None:
+    settings = make_settings(zeros=Zeros.BRACKET, repeat=3, station=WHITE, samples=READINGS)
+    (noise,) = flickering(settings, 40.0, 1)
+    said = found(settings, moved(blank(settings), noise)).uncertainty
+    assert said is not None
+    assert any(each.startswith("flicker: B ") and "this run's zeros" in each for each in said.known_from)
+    assert not any("flicker" in each for each in said.not_in_u)
+    (flicker,) = [each for each in said.value("bias").contributions if each.source.startswith("flicker")]
+    assert flicker.dof is not None
+    quiet = found(make_settings(zeros=Zeros.ENDS, station=WHITE, samples=READINGS), blank(settings)[:19]).uncertainty
+    assert quiet is not None
+    assert any("flicker" in each for each in quiet.not_in_u)
 
 
 def test_as_in_the_paper_results_have_nothing_more() -> None:

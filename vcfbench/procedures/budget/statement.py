@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.budget import Budget, Model, Result
     from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.procedures.sweep.window_noise import Flicker
 
 __all__ = ["Circumstances", "StatedContribution", "StatedValue", "Statement", "stated_value", "statement"]
 
@@ -92,6 +93,7 @@ def statement(
     *,
     difference: str | None = None,
     levels_by: str = "",
+    flicker: Flicker | None = None,
 ) -> Statement:
     """Return the statement of the values that `model` makes of `sources`.
 
@@ -103,6 +105,7 @@ def statement(
         meanings: unit of each value, and which value it is.
         difference: value over whose expanded uncertainty E_n is.
         levels_by: what V_Vc is known by, where there is any.
+        flicker: that which the sources hold.
     """
     around = Circumstances.of(settings)
     budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
@@ -112,8 +115,8 @@ def statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    not_in_u, known_from = tuple(_not_in_u(settings, levels_by)), tuple(_known_from(settings, levels_by))
-    return Statement(values, correlation, ratio, not_in_u, known_from)
+    not_in_u, known_from = _not_in_u(settings, levels_by, flicker), _known_from(settings, levels_by, flicker)
+    return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from))
 
 
 def _meaning(settings: ProcedureSettings, words: str) -> str:
@@ -205,7 +208,7 @@ def _finite(dof: float) -> float | None:
     return dof if math.isfinite(dof) else None
 
 
-def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
+def _not_in_u(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
     """Say what the uncertainties do not hold."""
     known = settings.station.sources
     if known.meter_gain is None:
@@ -215,7 +218,7 @@ def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
         yield f"the accuracy of the meter on V_Vc: its data sheet has none for this range {after}"
     if known.table_rate is None:
         yield "the table's accuracy: the bench file does not say it (uncertainty.table_rate_error)"
-    if known.bias_instability_deg_h is None:
+    if flicker is None and known.bias_instability_deg_h is None:
         yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
     yield "lack of fit: how far the outputs are from a line is in the non-linearity"
     if known.scale_factor_ppm_k is None or known.bias_deg_h_k is None:
@@ -237,11 +240,11 @@ def _after(age_days: float) -> str:
     return f"{age_days:g} days after calibration"
 
 
-def _known_from(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
+def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
     """Say where what is taken for known is from."""
     known = settings.station.sources
     yield f"multimeter: {_after(known.meter_age_days)} ({known.meter_age_from})"
     if levels_by == "V_Vc meter":
         yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
-    if known.bias_instability_deg_h is not None:
-        yield f"flicker: B {known.bias_instability_deg_h:.3g} deg/h (uncertainty.bias_instability_deg_h)"
+    if flicker is not None:
+        yield f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"

@@ -51,7 +51,7 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], st
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return table_values(line, q)
 
-    stated = statement(settings, sources, model, correlations, _MEANINGS)
+    stated = statement(settings, sources, model, correlations, _MEANINGS, flicker=noise.flicker)
     budget = ValueModel(sources, sums, model, noise)
     return with_nonlinearity(settings, stated, budget, [CurvedLine.of("nonlinearity", line)])
 

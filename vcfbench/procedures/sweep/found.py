@@ -145,7 +145,7 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
     most = int(np.abs(differences).argmax())
     parts = [
         Part("readings", percent * math.sqrt(white[most, most]), noise.dof),
-        Part("flicker", percent * math.sqrt(flicker[most, most])),
+        Part("flicker", percent * math.sqrt(flicker[most, most]), noise.flicker_dof),
     ]
     largest = measurand(float(differences[most]), "%", parts)
     by_noise = t_of_largest(len(rates), math.inf) * float(u.max())
@@ -155,7 +155,7 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
         by_noise,
         abs(largest.value) > by_noise,
         tuple(zip(rates, differences.tolist(), strict=True)),
-        tuple(_not_in_hysteresis(settings)),
+        tuple(_not_in_hysteresis(settings, noise)),
     )
 
 
@@ -164,11 +164,11 @@ def _up_less_down(here: NDArray[np.bool_], ways: NDArray[np.int_]) -> Floats:
     return np.asarray(up / up.sum() - down / down.sum())
 
 
-def _not_in_hysteresis(settings: SweepSettings) -> Iterator[str]:
+def _not_in_hysteresis(settings: SweepSettings, noise: WindowNoise) -> Iterator[str]:
     if settings.zeros is Zeros.NONE:
         yield "drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"
     elif settings.zeros is Zeros.ENDS:
         yield "drift that is not linear in time between the zeros reads as hysteresis"
-    if settings.station.sources.bias_instability_deg_h is None:
+    if settings.station.sources.bias_instability_deg_h is None and noise.flicker is None:
         yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
     yield "hysteresis that is over before the averaging begins (settle_s)"

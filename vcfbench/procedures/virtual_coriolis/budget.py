@@ -80,7 +80,14 @@ def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], ma
         return four_step_values(k_vc * rate / level / matched, of_table, virtual_slope, bias / gain)
 
     stated = statement(
-        settings, sources, model, correlations, MEANINGS, difference="scale_factor_error_percent", levels_by=levels.by
+        settings,
+        sources,
+        model,
+        correlations,
+        MEANINGS,
+        difference="scale_factor_error_percent",
+        levels_by=levels.by,
+        flicker=noise.flicker,
     )
     budget = ValueModel(sources, sums, model, noise)
     curved = [

@@ -82,6 +82,7 @@ def null_statement(settings: ProcedureSettings, points: Sequence[Point], matchin
         {name: (unit, of.get(name, words)) for name, (unit, words) in MEANINGS.items()},
         difference="scale_factor_error_percent",
         levels_by=levels.by,
+        flicker=noise.flicker,
     )
     budget = ValueModel(sources, sums, model, noise)
     curved = [
