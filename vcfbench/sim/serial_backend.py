@@ -138,6 +138,7 @@ class SimulatedSerial(serial.SerialBase):
 
     _port_behind: Port
     _received: bytearray
+    _settable: _Settable | None
 
     def open(self) -> None:
         """Connect to the device named by the URL; raises SerialException if there is none."""
@@ -147,6 +148,8 @@ class SimulatedSerial(serial.SerialBase):
             raise serial.SerialException("Port is already open.")
         self._port_behind = _lookup(self.port).connect()
         self._received = bytearray()
+        device = self._port_behind.device
+        self._settable = device if isinstance(device, _Settable) else None
         self.is_open = True
         self._reconfigure_port()
         self._update_dtr_state()
@@ -249,9 +252,9 @@ class SimulatedSerial(serial.SerialBase):
             raise serial.PortNotOpenError
 
     def _reconfigure_port(self) -> None:
-        """Take speed, framing and handshake."""
-        device = self._port_behind.device
-        if isinstance(device, _Settable):
+        """Take speed, framing and handshake; pyserial asks for it at each change of a time-out too."""
+        device = self._settable
+        if device is not None:
             parity = _PARITIES.get(self.parity, "none")
             frame = Frame(float(self.baudrate), self.bytesize, parity, float(self.stopbits))
             device.configure(frame, handshake=bool(self.dsrdtr))

@@ -57,6 +57,36 @@ def test_a_table_that_is_left_alone_is_not_worked_out_again(turning: tuple[RealW
     assert worked_out == []
 
 
+def test_a_message_does_not_work_out_what_has_not_changed(turning: tuple[RealWorld, Any, list[float]]) -> None:
+    """Once after it, because it may have changed something: not before it too."""
+    world, table, worked_out = turning
+    sleep(world.clock, 1.0)
+    table.write(b"\n")
+    assert worked_out == []
+    table.wake_at()
+    assert worked_out == [world.clock.now()]
+
+
+def test_an_encoder_far_from_the_trip_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = RealWorld()
+    table = _acl(world)
+    for message in TURN["acl"]:
+        table.write(message)
+        sleep(world.clock, 5.0)
+        table.wake_at()
+        table.read(1000)
+    table.wake_at()
+    sleep(world.clock, 5.0)
+    table.wake_at()
+    assert world.table.goal_deg_s() == 50.0
+    asked: list[float] = []
+    monkeypatch.setattr("vcfbench.sim.rate_tables.axis.Axis.rate_deg_s", lambda _: asked.append(world.clock.now()) or 0)
+    table.write(b":Mode? 1\r")
+    table.wake_at()
+    assert table.answering
+    assert asked == []
+
+
 def test_a_command_from_elsewhere_is_noticed(turning: tuple[RealWorld, Any, list[float]]) -> None:
     world, table, worked_out = turning
     world.table.demand_rate(1e5, 1e6)

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.gyro.noise import BLOCK, by_rows
 
@@ -92,7 +93,7 @@ class NoisePath:
         key: what its random numbers come from.
     """
 
-    __slots__ = ("_end", "_key", "_levels", "_noisy", "_shaken", "_spans", "_start", "_waveforms")
+    __slots__ = ("_end", "_key", "_levels", "_noisy", "_shaken", "_spans", "_start", "_waveforms", "_whole")
 
     def __init__(
         self,
@@ -111,9 +112,9 @@ class NoisePath:
         self._start = start
         self._levels = max(0, math.ceil(math.log2(duration_s / LONGEST_S))) if duration_s > 0.0 else 0
         self._end = start if end is None else end
-        if end is not None and shaken is not None:
-            end, integral_v_s = shaken.added(end, integral_v_s, -1.0)
-        self._spans = {} if end is None else {(0, 0): _Span(start, end, integral_v_s, duration_s)}
+        self._whole = None if end is None else _Span(start, end, integral_v_s, duration_s)
+        self._spans: dict[tuple[int, int], _Span] = {}
+        """Without flutter, of each level and place that is looked at."""
         self._waveforms: dict[int, _Waveform] = {}
 
     def filtered(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -147,10 +148,10 @@ class NoisePath:
         self, times_s: NDArray[np.float64]
     ) -> list[tuple[NDArray[np.bool_], _Waveform, NDArray[np.float64]]]:
         """Return which of the times lie in which part, and where in it."""
-        if not self._spans:
+        if self._whole is None:
             return []
         parts = 2**self._levels
-        length = self._spans[0, 0].duration_s / parts
+        length = self._whole.duration_s / parts
         index = np.clip((times_s / length).astype(np.intp), 0, parts - 1)
         each = [(index == part, int(part)) for part in np.unique(index)]
         return [(held, self._waveform(part), times_s[held] - part * length) for held, part in each]
@@ -163,12 +164,21 @@ class NoisePath:
 
     def _span(self, level: int, index: int) -> _Span:
         """Return one of the 2^level equal parts of the stretch; its other half comes with it."""
+        if not level and self._whole is not None:
+            return self._calm(self._whole)
         if (level, index) not in self._spans:
             whole = self._span(level - 1, index // 2)
             halves = _halved(self._noisy, whole, self._random(level - 1, index // 2, 0))
             for half, span in enumerate(halves):
                 self._spans[level, 2 * (index // 2) + half] = span
         return self._spans[level, index]
+
+    def _calm(self, span: _Span) -> _Span:
+        """Return a span without what flutter made in it."""
+        if self._shaken is None:
+            return span
+        end, integral_v_s = self._shaken.added(span.end, span.integral_v_s, -1.0)
+        return replace(span, end=end, integral_v_s=integral_v_s)
 
     def _random(self, *which: int) -> np.random.Generator:
         return np.random.default_rng([*self._key, *which])

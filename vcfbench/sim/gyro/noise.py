@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Chain
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["BLOCK", "Flicker", "Interval", "NoiseState", "NoisyChain", "by_rows", "turning_with"]
+__all__ = ["BLOCK", "Flicker", "Interval", "NoiseState", "NoisyChain", "by_rows", "make_room", "turning_with"]
 
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
@@ -194,7 +194,7 @@ class NoisyChain:
         key = round(interval_s * 1e9)
         once = self._steps.get(key)
         if once is None:
-            _make_room(self._steps)
+            make_room(self._steps)
             once = self._steps[key] = self.interval(key * 1e-9)
         return once
 
@@ -216,7 +216,7 @@ class NoisyChain:
         """
         key = round(duration_s * 1e9)
         if key not in self._variances:
-            _make_room(self._variances)
+            make_room(self._variances)
             self._variances[key] = self._variance_v2(key * 1e-9)
         return self._variances[key]
 
@@ -310,7 +310,7 @@ class _Gathered(Struct, frozen=True):
         return np.asarray(self.strength * grown)
 
 
-def _make_room(kept: dict[Any, Any]) -> None:
+def make_room(kept: dict[Any, Any]) -> None:
     """Let the oldest go where there are `STEPS_KEPT`."""
     if len(kept) >= STEPS_KEPT:
         del kept[next(iter(kept))]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.sim.gyro.noise import NoiseState, turning_with
+from vcfbench.sim.gyro.noise import NoiseState, make_room, turning_with
 from vcfbench.sim.gyro.signals import ExponentialSum
 
 if TYPE_CHECKING:
@@ -36,12 +36,37 @@ class Shaking:
         self.exponents = np.asarray(1j * np.concatenate((flutter.speeds_rad_s, -flutter.speeds_rad_s)), complex)
         self.forced = chain.rate[:, None] / (self.exponents - chain.eigenmodes[:, None])
         self.forced *= np.concatenate((half, half.conj()))
+        lines = len(flutter.speeds_rad_s)
+        self._speeds_rad_s = flutter.speeds_rad_s
+        self._shown = chain.to_filtered @ self.forced
+        self._power = np.abs(self._shown[:lines] + self._shown[lines:].conj()) ** 2 / 2.0
+        self._variances: dict[int, float] = {}
 
     def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> Shaken | None:
         """Return what the flutter of a segment of the motion does over an interval, None if it has none."""
         if not rate.shaking_deg_s:
             return None
-        return Shaken(self, np.asarray(rate.shaking_deg_s * np.exp(self.exponents * start_s), complex), duration_s)
+        turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
+        return Shaken(self, np.concatenate((turned, turned.conj())), rate.shaking_deg_s, duration_s)
+
+    def moved(self, duration_s: float) -> NDArray[np.complex128]:
+        """Return exp(exponents t) - 1 of each line and mirror image."""
+        turned = self._speeds_rad_s * duration_s
+        moved = -2.0 * np.sin(0.5 * turned) ** 2 + 1j * np.sin(turned)
+        return np.concatenate((moved, moved.conj()))
+
+    def shown_v_s(self, sizes: NDArray[np.complex128]) -> complex:
+        """Return the sum of lines of these sizes in the filtered signal."""
+        return complex(self._shown @ sizes)
+
+    def variance_v2(self, duration_s: float) -> float:
+        """Return the variance of the filtered signal about its mean over a time, of flutter of 1 deg/s, V^2."""
+        key = round(duration_s * 1e9)
+        if key not in self._variances:
+            make_room(self._variances)
+            turned = np.sinc(self._speeds_rad_s * (key * 1e-9) / math.tau)
+            self._variances[key] = float(self._power @ (1.0 - turned**2))
+        return self._variances[key]
 
 
 class Shaken(Struct, frozen=True, dict=True):
@@ -52,6 +77,7 @@ class Shaken(Struct, frozen=True, dict=True):
 
     by: Shaking
     sizes: NDArray[np.complex128]
+    shaking_deg_s: float
     duration_s: float
 
     @cached_property
@@ -68,11 +94,11 @@ class Shaken(Struct, frozen=True, dict=True):
 
     @cached_property
     def _gathered(self) -> tuple[NDArray[np.complex128], float]:
-        own, exponents, lasts = self.by.chain.eigenmodes, self.by.exponents, self.duration_s
-        moved, decayed = np.expm1(exponents * lasts), np.expm1(own * lasts)
-        modal = self.by.forced @ (self.sizes * (moved + 1.0)) + self._free * (decayed + 1.0)
-        integrals = self.by.forced @ (self.sizes * moved / exponents) + self._free * decayed / own
-        return modal, float((self.by.chain.to_filtered @ integrals).real)
+        by, own = self.by, self.by.chain.eigenmodes
+        gone, decayed = self.sizes * by.moved(self.duration_s), np.expm1(own * self.duration_s)
+        modal = by.forced @ (self.sizes + gone) + self._free * (decayed + 1.0)
+        integral_v_s = by.shown_v_s(gone / by.exponents) + by.chain.to_filtered @ (self._free * decayed / own)
+        return modal, float(integral_v_s.real)
 
     @cached_property
     def _filtered(self) -> ExponentialSum:
@@ -96,8 +122,4 @@ class Shaken(Struct, frozen=True, dict=True):
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance of the filtered signal about its mean over a time, once the chain has settled, V^2."""
-        lines = len(self.sizes) // 2
-        both = (self.by.chain.to_filtered @ self.by.forced) * self.sizes
-        seen = np.abs(both[:lines] + both[lines:].conj()) ** 2 / 2.0
-        turned = np.sinc(self.by.exponents[:lines].imag * duration_s / math.tau)
-        return float(seen @ (1.0 - turned**2))
+        return self.shaking_deg_s**2 * self.by.variance_v2(duration_s)

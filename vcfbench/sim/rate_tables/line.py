@@ -67,8 +67,9 @@ class LineDevice:
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; `end` terminates a message like its terminator."""
+        if not self._quiet:
+            self._advance()
         self._quiet_until_s = -math.inf
-        self._advance()
         for byte in data:
             if byte in self._terminators:
                 self._finish_message()

@@ -109,12 +109,17 @@ class Protection:
         self._status.fault("HARDWARE INTERLOCK")
 
     def _check_rate(self) -> None:
-        if not self._motion.servo_closed or self.faults & (1 << _RATE_TRIP_BIT):
+        if not self._motion.servo_closed or self.faults & (1 << _RATE_TRIP_BIT) or not self._may_trip():
             return
         if abs(self._drive.axis.rate_deg_s()) > self._limits.overall.trip_deg_s:
             self.faults |= 1 << _RATE_TRIP_BIT | 1 << _SOFT_ABORT_BIT
             self._status.fault("MAXIMUM RATE FAULT")
             self._drive.abort(SOFTWARE_ABORT_BIT)
+
+    def _may_trip(self) -> bool:
+        """Whether the rate may be near the trip: no overshoot, ripple or flutter makes up for half of it."""
+        far_deg_s, motion = 0.5 * self._limits.overall.trip_deg_s, self._motion
+        return motion.oscillating or max(abs(motion.goal_deg_s()), abs(motion.profile_rate_deg_s())) > far_deg_s
 
     def _check_tracking(self) -> None:
         if not self._motion.servo_closed:
