@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, header_pattern, quantity, read_message, switch
-from vcfbench.bench.guard.rules import is_one_of, refuse_self_test, rule_of
+from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, header_pattern, quantity, switch
+from vcfbench.bench.guard.rules import acted_out, is_one_of, rule_of
 from vcfbench.bench.guard.supply import RailWindow
 
 if TYPE_CHECKING:
@@ -75,14 +76,7 @@ class ChannelRules:
 
     def judge(self, message: str, ask: Ask) -> None:
         """Raise Beyond or Unreadable when `message` may not be sent."""
-        state: _State | None = None
-        for part in read_message(message):
-            refuse_self_test(part)
-            if part.query or is_one_of(part, _HARMLESS) or _switches_off(part):
-                continue
-            rule = rule_of(self._rules, part)
-            state = state or _State.asked(ask)
-            rule(state, part)
+        for state, _ in acted_out(message, ask, _State.asked, partial(rule_of, self._rules), _passes):
             for name in _OUTPUTS:
                 if state.on[name] and state.volts[name]:
                     self._window.require_level(name, _of_rail(name, state.volts[name]))
@@ -130,6 +124,10 @@ class ChannelRules:
     def _pair(_state: _State, part: Part) -> None:
         if part.argument(0) != "OFF":
             raise Unreadable("what two outputs do as one is not known here")
+
+
+def _passes(part: Part) -> bool:
+    return is_one_of(part, _HARMLESS) or _switches_off(part)
 
 
 def _switches_off(part: Part) -> bool:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.guard.message import OHM, VOLT, VPP, Unreadable, header_pattern, quantity, read_message, switch
-from vcfbench.bench.guard.rules import at_most, is_one_of, refuse_self_test, rule_of
+from vcfbench.bench.guard.message import OHM, VOLT, VPP, Unreadable, header_pattern, quantity, switch
+from vcfbench.bench.guard.rules import acted_out, at_most, is_one_of, rule_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -158,14 +158,7 @@ class GeneratorRules:
 
     def judge(self, message: str, ask: Ask) -> None:
         """Raise Beyond or Unreadable when `message` may not be sent."""
-        state: _State | None = None
-        for part in read_message(message):
-            refuse_self_test(part)
-            if part.query or is_one_of(part, _HARMLESS) or _switches_off(part):
-                continue
-            rule = self._rule(part)
-            state = state or _State.asked(ask)
-            rule(state, part)
+        for state, rule in acted_out(message, ask, _State.asked, self._rule, _passes):
             if rule != self._unit:  # which changes nothing but what the next amplitude means
                 at_most("peak voltage", state.peak_v(), self._max_v, "V (open circuit)")
 
@@ -263,6 +256,10 @@ class GeneratorRules:
     def _volts(self, state: _State, text: str) -> float:
         largest = 10.0 / state.factor
         return quantity(text, VOLT, {"MINimum": -largest, "MAXimum": largest, "DEFault": 0.0})
+
+
+def _passes(part: Part) -> bool:
+    return is_one_of(part, _HARMLESS) or _switches_off(part)
 
 
 def _switches_off(part: Part) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from vcfbench.bench.guard.message import Unreadable, header_pattern, read_message
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.message import Part
@@ -19,6 +19,7 @@ __all__ = [
     "NoRules",
     "OnlyQuestions",
     "Rules",
+    "acted_out",
     "at_most",
     "is_one_of",
     "no_rules",
@@ -27,6 +28,7 @@ __all__ = [
 ]
 
 _Rule = TypeVar("_Rule")
+_State = TypeVar("_State")
 
 Ask = Callable[[str], str]
 """Puts a question to the instrument and returns its answer."""
@@ -89,6 +91,36 @@ def rule_of(rules: Mapping[str, _Rule], part: Part) -> _Rule:
         if header_pattern(spelling).fullmatch(part.path):
             return rule
     raise Unreadable(f"{part.path} is not known to set nothing")
+
+
+def acted_out(
+    message: str,
+    ask: Ask,
+    asked: Callable[[Ask], _State],
+    rule_for: Callable[[Part], Callable[[_State, Part], None]],
+    passes: Callable[[Part], bool],
+) -> Iterator[tuple[_State, Callable[[_State, Part], None]]]:
+    """Let each command of a message act on what the instrument is set to; yield that after each, and its rule.
+
+    Args:
+        message: what may be sent.
+        ask: puts questions to the instrument.
+        asked: returns what the instrument is set to; called once, when the first command needs it.
+        rule_for: returns what a command does to it; raises Unreadable.
+        passes: whether a command needs no look at anything.
+
+    Raises:
+        Beyond, Unreadable: a command may not be sent.
+    """
+    state: _State | None = None
+    for part in read_message(message):
+        refuse_self_test(part)
+        if part.query or passes(part):
+            continue
+        rule = rule_for(part)
+        state = state or asked(ask)
+        rule(state, part)
+        yield state, rule
 
 
 def refuse_self_test(part: Part) -> None:

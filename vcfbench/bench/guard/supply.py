@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, quantity, read_message, switch
-from vcfbench.bench.guard.rules import Beyond, at_most, is_one_of, refuse_self_test, rule_of
+from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, quantity, switch
+from vcfbench.bench.guard.rules import Beyond, acted_out, at_most, is_one_of, rule_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -112,14 +113,7 @@ class SupplyRules:
 
     def judge(self, message: str, ask: Ask) -> None:
         """Raise Beyond or Unreadable when `message` may not be sent."""
-        state: _State | None = None
-        for part in read_message(message):
-            refuse_self_test(part)
-            if part.query or is_one_of(part, _HARMLESS):
-                continue
-            rule = rule_of(self._rules, part)
-            state = state or _State.asked(ask)
-            rule(state, part)
+        for state, _ in acted_out(message, ask, _State.asked, partial(rule_of, self._rules), _passes):
             if state.on:
                 self._require_ready(state)
 
@@ -200,3 +194,7 @@ class SupplyRules:
             if volts != 0.0:
                 self._window.require_level(name, volts)
                 self._window.require_current(name, state.amps[name])
+
+
+def _passes(part: Part) -> bool:
+    return is_one_of(part, _HARMLESS)
