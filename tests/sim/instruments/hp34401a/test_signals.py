@@ -16,12 +16,20 @@ from scipy.optimize import brentq
 from scipy.signal import bilinear, lfilter
 from scipy.special import jv
 
+from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.hp34401a.bench import MeterBench, bench
+from vcfbench.clock import VirtualClock
 from vcfbench.sim.adding import added
-from vcfbench.sim.instruments.agilent33220a import phases, waveforms
+from vcfbench.sim.attendance import AttendedClock
+from vcfbench.sim.gyro.design import ideal_bench
+from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors, phases, waveforms
 from vcfbench.sim.instruments.agilent33220a.noise import Noise
 from vcfbench.sim.instruments.agilent33220a.playing import Envelope, Playing, WidthSwing
+from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
+from vcfbench.sim.leads import Leads
 from vcfbench.sim.sources import Drive, Sine
+from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -312,8 +320,33 @@ def test_noise_is_counted_as_often_as_it_crosses_both_thresholds() -> None:
 
 
 def test_ac_volts_of_noise_are_its_power_behind_the_path() -> None:
-    noise, rate_hz, points = Noise(0.2, 0.5, 7), 100e6, 1 << 19
+    noise, rate_hz, points = Noise(0.2, 0.5, 7), 50e6, 1 << 18
     seen = noise.at(3.0 + np.arange(points) / rate_hz)
     powers = np.abs(np.fft.rfft(seen - seen.mean())) ** 2 * 2.0 / points**2
     left = powers[1:] @ np.abs(passed(np.fft.rfftfreq(points, 1 / rate_hz)[1:])) ** 2
     assert meter(noise, "CONF:VOLT:AC").value() == pytest.approx(math.sqrt(float(left)), rel=0.03)
+
+
+TRUEVOLT = [pytest.param(model, marks=pytest.mark.exhaustive) for model in (Keysight34461ATwin, Keysight34465ATwin)]
+
+
+@pytest.mark.parametrize("model", [Hp34401ATwin, *TRUEVOLT])
+def test_a_generator_and_a_meter_on_v_vc(model: type[Hp34401ATwin]) -> None:
+    """The whole way: words of both, the World's pieces of 1/64 s, mains in the meter's leads."""
+    world = World(AttendedClock(VirtualClock()), ideal_bench(), 0)
+    generator = Agilent33220ATwin(world, GeneratorErrors.none())
+    caught = Sine(1e-3 * math.sqrt(2.0), 50.01, 0.3)
+    meter = model(Leads(world, "meter", {"output": "v_vc"}, caught), errors=MeterErrors.none())
+    for each in (generator, meter):
+        world.clock.attend(each)  # type: ignore[attr-defined]
+    source, talk = Conversation(generator, world.clock), Conversation(meter, world.clock)
+    source.write("OUTP:LOAD INF;:FUNC SQU;:FREQ 1E6;:VOLT 2;:VOLT:OFFS 0;:OUTP ON")
+    source.settle()
+    order = np.arange(1, 100)
+    expected_v = _series(np.where(order % 2, 4 / np.pi / order, 0.0) * np.sinc(EDGE_S * 1e6 * order), 1e6)
+    assert float(talk.ask("MEAS:VOLT:AC? 1") or "nan") == pytest.approx(expected_v, rel=1e-3)
+    assert float(talk.ask("MEAS:FREQ?") or "nan") == pytest.approx(1e6, rel=1e-7)
+    source.write("FUNC SIN;:FREQ 10000;:FM:DEV 5000;:FM:INT:FREQ 50;:FM:STAT ON")
+    source.settle()
+    talk.write("CONF:FREQ")
+    assert float(talk.ask("READ?") or "nan") == pytest.approx(1e4, rel=2e-5)
