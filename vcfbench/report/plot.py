@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.report.thinning import COLUMNS, thinned
+from vcfbench.report.thinning import DRAWN, thinned
 from vcfbench.report.typography import in_unicode, marked_up_in_svg
 
 if TYPE_CHECKING:
@@ -92,9 +92,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 def caption_of(figure: Figure) -> str:
     """Return the words below `figure`: its caption, and which series are not drawn value by value."""
     thin = [
-        f"{each.label}: {len(each.x)} values; drawn are the least and the greatest in each of {COLUMNS} columns."
-        for each in figure.series
-        if thinned(each.x, each.y) is not None
+        f"{each.label}: {len(each.x)} values; {DRAWN}" for each in figure.series if thinned(each.x, each.y) is not None
     ]
     bars = ["Bars are U = 2 u."] if any(each.u_y is not None for each in figure.series) else []
     return " ".join([*([figure.caption] if figure.caption else []), *bars, *thin])

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["COLUMNS", "thinned"]
+    import numpy as np
+    from numpy.typing import NDArray
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+__all__ = ["COLUMNS", "DRAWN", "thinned"]
 
 COLUMNS: Final = 800
 """About as many as a drawing is wide in points of a screen: what lies closer shows as one line upright."""
+
+DRAWN: Final = f"drawn are the least and the greatest in each of {COLUMNS} columns."
+"""What a caption says of a series that is drawn so."""
 
 _FEW: Final = 4 * COLUMNS
 """So many values are drawn one by one."""
 
 
-def thinned(x: Sequence[float], y: Sequence[float]) -> tuple[list[float], list[float]] | None:
+def thinned(x: Sequence[float] | Floats, y: Sequence[float] | Floats) -> tuple[list[float], list[float]] | None:
     """Return least and greatest `y` of each of `COLUMNS` equal columns along `x`, where it begins; None for few values.
 
     No spike is lost; an empty column gives nothing. Values are a record only where `x` does not fall; where it does,
