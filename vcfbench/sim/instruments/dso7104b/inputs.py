@@ -181,6 +181,8 @@ class Signals:
     def _blocked(self, channel: int, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the capacitor of an input keeps off."""
         pieces = self.capture.pieces(node)
+        if not pieces:  # the lead hangs free
+            return np.zeros(len(times_s))
         until_s = pieces[-1].stop_s
         made = self._capacitors.get(channel)
         if made is None or made[0] != until_s:
