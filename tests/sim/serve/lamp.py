@@ -31,16 +31,22 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve import Offer
 
 IDENTITY = b"Nobody,Lamp,0,1.0\n"
+MOST_SLICES = 100_000
 PICTURE = bytes(range(256)) * 1024  # newlines and every other byte in it
 
 
 class Lamp(ScpiInstrument):
-    """READ? takes a second; WAIT? takes a trigger; PICTure? is a block; LEVel is a number from 0 to 10 V."""
+    """READ? takes a second; WAIT? takes a trigger; PICTure? is a block; LEVel is a number from 0 to 10 V.
+
+    THINk? takes no bench time, but works on until `thought`, a hundred thousand slices at most.
+    """
 
     def __init__(self, clock: ServedClock) -> None:
         self.level_v = 0.0
         self.triggers = 0
         self.readings = 0
+        self.slices = 0
+        self.thought: Callable[[], bool] = lambda: True
         self.dimmed_at_s: list[float] = []
         self.dims_at_s: float | None = None
         self.engine = ScpiEngine(self, TABLE, clock, dialect=Dialect(input_limit=4096), interface=GPIB)
@@ -83,6 +89,15 @@ def trigger(lamp: Lamp) -> None:
     lamp.triggers += 1
 
 
+def think(lamp: Lamp) -> Pending:
+    def slices() -> Iterator[None]:
+        while lamp.slices < MOST_SLICES and not lamp.thought():
+            lamp.slices += 1
+            yield
+
+    return Pending.worked_out(slices(), lambda: lamp.slices)
+
+
 def dim_later(lamp: Lamp, seconds: float) -> None:
     lamp.dims_at_s = lamp.engine.clock.now() + seconds
 
@@ -95,6 +110,7 @@ TABLE = CommandTable(
     Command("WAIT", query=wait_for_trigger, reply=quoted),
     Command("DIM", (Number(unit="S"),), do=dim_later),
     Command("PICTure", query=lambda _lamp: PICTURE, reply=block),
+    Command("THINk", query=think, reply=signed_integer),
     Command("TIME", query=lambda lamp: lamp.engine.clock.now(), reply=real(12)),
     Command("*TRG", do=trigger, urgent=True),
     Command("COUNt", query=lambda lamp: lamp.readings, reply=signed_integer),

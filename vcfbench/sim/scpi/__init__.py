@@ -32,10 +32,11 @@ A model is a table, a dialect, and handlers. The table reads like the manual's c
 
 Parameters: `Number`, `Integer`, `Boolean`, `Choice`, `Text`, `Block`; `required=False, default=...` for optional ones,
 `Command(..., repeat=True)` for lists. Replies: `real(8)`, `signed_integer`, `bare_integer`, `boolean`, `quoted`,
-`block`; a reply may be `str` or `bytes`.
+`block`; a reply may be `str`, `bytes`, or `Parts` of megabytes.
 
 What takes time: `takes_s` and `query_takes_s` delay a command's action; a handler may return
-`Pending.at(instant, finish)` or `Pending(ready_at, finish)`, and later commands wait in the input buffer until then.
+`Pending.at(instant, finish)` or `Pending(ready_at, finish)`, and later commands wait in the input buffer until then;
+what takes this computer long, `Pending.worked_out(slices, finish)`, so that a server does other things in between.
 What happens by itself goes into the model's `service()` and `next_event_s()`; *OPC, *OPC? and *WAI ask
 `operations_end_s()`.
 """
@@ -54,7 +55,18 @@ from vcfbench.sim.scpi.engine import (
     ScpiModel,
 )
 from vcfbench.sim.scpi.errors import ERROR_WORDS, ErrorQueue, ScpiError
-from vcfbench.sim.scpi.formats import INFINITY, bare_integer, block, boolean, comma_list, quoted, real, signed_integer
+from vcfbench.sim.scpi.formats import (
+    INFINITY,
+    Parts,
+    bare_integer,
+    block,
+    block_header,
+    boolean,
+    comma_list,
+    quoted,
+    real,
+    signed_integer,
+)
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 from vcfbench.sim.scpi.parameters import (
     Block,
@@ -96,6 +108,7 @@ __all__ = [
     "Mnemonic",
     "Number",
     "Parameter",
+    "Parts",
     "Pending",
     "Quantity",
     "Register",
@@ -109,6 +122,7 @@ __all__ = [
     "Word",
     "bare_integer",
     "block",
+    "block_header",
     "boolean",
     "clip",
     "comma_list",

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ErrorQueue, ScpiError, esr_bit
-from vcfbench.sim.scpi.formats import signed_integer
+from vcfbench.sim.scpi.formats import Parts, signed_integer
 from vcfbench.sim.scpi.lexer import find_message_end
 from vcfbench.sim.scpi.parameters import Limits, Violation, refuse
 from vcfbench.sim.scpi.status import Register, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from vcfbench.clock import Clock
     from vcfbench.sim.scpi.table import CommandTable, Program, Step
@@ -116,21 +116,32 @@ class Pending:
         ready_at: returns the bench time at which it is finished, or None while that is not known (no trigger yet).
         finish: called then, for the query's value (or None, or a further Pending); may raise ScpiError.
         stream: parts of the answer that are sent before.
+        labour: what is to be worked out for it, in slices; it takes no bench time.
     """
 
-    __slots__ = ("finish", "ready_at", "stream")
+    __slots__ = ("finish", "labour", "ready_at", "stream")
 
     def __init__(
-        self, ready_at: Callable[[], float | None], finish: Callable[[], Any], stream: Stream | None = None
+        self,
+        ready_at: Callable[[], float | None],
+        finish: Callable[[], Any],
+        stream: Stream | None = None,
+        labour: Iterator[object] | None = None,
     ) -> None:
         self.ready_at = ready_at
         self.finish = finish
         self.stream = stream
+        self.labour = labour
 
     @classmethod
     def at(cls, instant_s: float, finish: Callable[[], Any] = lambda: None) -> Pending:
         """Return a command that is finished at `instant_s`."""
         return cls(lambda: instant_s, finish)
+
+    @classmethod
+    def worked_out(cls, labour: Iterator[object], finish: Callable[[], Any]) -> Pending:
+        """Return a command that is finished once `labour` is at its end."""
+        return cls(lambda: -math.inf, finish, labour=labour)
 
 
 class ScpiModel(Protocol):
@@ -193,6 +204,9 @@ class ScpiEngine:
         self.status = Status({3: Register()}) if status is None else status
         self.errors = ErrorQueue(dialect.queue_depth, dialect.words)
         self.clears_masks_at_power_on = True
+        self.hand_over: Callable[[], None] | None = None
+        """Called where there is something long to work out, by who then has :meth:`work` called slice by slice; without
+        it that is done at once."""
         self._programs: dict[bytes, Program] = {}
         self._drop_everything()
 
@@ -204,7 +218,7 @@ class ScpiEngine:
         self._next = 0
         self._pending: Pending | None = None
         self._pending_step: Step | None = None
-        self._replies: list[str | bytes] = []
+        self._replies: list[str | bytes | Parts] = []
         self._output: deque[bytes] = deque()
         self._offset = 0
         self._begun = bytearray()
@@ -299,6 +313,26 @@ class ScpiEngine:
     def busy(self) -> bool:
         """Whether a message is under way or waits for its turn; what the model does by itself does not count."""
         return self._pending is not None or bool(self._queue)
+
+    @property
+    def working(self) -> bool:
+        """Whether there is something to work out by :meth:`work`."""
+        return self._pending is not None and self._pending.labour is not None
+
+    def work(self) -> None:
+        """Work out a slice of what is under way; the parser goes on after the last."""
+        pending = self._pending
+        if pending is None or pending.labour is None:
+            return
+        try:
+            next(pending.labour)
+        except StopIteration:
+            pending.labour = None
+            self._advance()
+        except ScpiError as error:
+            self._pending = None
+            self._refuse(error)
+            self._advance()
 
     def status_now(self) -> int:
         """Return the status byte without bit 6."""
@@ -426,11 +460,15 @@ class ScpiEngine:
         step = self._pending_step
         assert step is not None  # noqa: S101  (for the type checker)
         while (pending := self._pending) is not None:
+            if pending.labour is not None and self.hand_over is not None:
+                return False
             ready = pending.ready_at()
             if ready is None or ready > self.clock.now():
                 return False
             self._pending = None
             try:
+                if pending.labour is not None:
+                    deque(pending.labour, maxlen=0)
                 self._take(step, pending.finish())
             except ScpiError as error:
                 self._refuse(error)
@@ -463,6 +501,8 @@ class ScpiEngine:
         if result.__class__ is Pending:
             self._pending = result
             self._pending_step = step
+            if result.labour is not None and self.hand_over is not None:
+                self.hand_over()
         elif step.is_query:
             self._replies.append(step.reply(result))
             if step.rest > _SMALLEST_BUFFER:
@@ -510,16 +550,20 @@ class ScpiEngine:
         if self._deadlocked:
             replies.clear()
             return
+        data: str | bytes | Parts
         if self._begun:
             data = bytes(self._begun) + _joined(replies)
             self._begun.clear()
-        elif len(replies) == 1:  # as most have: a waveform of megabytes is copied no more than once
-            part = replies[0]
-            data = part if isinstance(part, bytes) else part.encode("latin-1")
         else:
-            data = _joined(replies)
+            data = _joined(replies) if len(replies) > 1 else replies[0]  # most have one
         replies.clear()
-        self._output.append(data + self.interface.terminator)
+        terminator = self.interface.terminator
+        if isinstance(data, str):
+            self._output.append(data.encode("latin-1") + terminator)
+        elif isinstance(data, bytes):
+            self._output.append(data + terminator)
+        else:
+            self._output.append(b"".join((*data.parts, terminator)))
 
     def _read_stream(self, limit: int) -> bytes:
         """Return at most `limit` bytes of an answer that is sent while it comes about, with what comes before it."""
@@ -553,8 +597,14 @@ class ScpiEngine:
         self.report(ScpiError(-420))
 
 
-def _joined(replies: list[str | bytes]) -> bytes:
-    return b";".join([part if isinstance(part, bytes) else part.encode("latin-1") for part in replies])
+def _joined(replies: list[str | bytes | Parts]) -> bytes:
+    return b";".join([_whole(part) for part in replies])
+
+
+def _whole(part: str | bytes | Parts) -> bytes:
+    if isinstance(part, bytes):
+        return part
+    return part.encode("latin-1") if isinstance(part, str) else b"".join(part.parts)
 
 
 class ScpiInstrument:

@@ -11,8 +11,10 @@ if TYPE_CHECKING:
 __all__ = [
     "INFINITY",
     "NOT_A_NUMBER",
+    "Parts",
     "bare_integer",
     "block",
+    "block_header",
     "boolean",
     "comma_list",
     "quoted",
@@ -58,10 +60,29 @@ def comma_list(item: Callable[[float], str]) -> Callable[[Iterable[float]], str]
     return lambda values: ",".join(map(item, values))
 
 
+class Parts:
+    """An answer in parts, which are put together once, when it is sent: a waveform has megabytes."""
+
+    __slots__ = ("parts", "size")
+
+    def __init__(self, parts: Iterable[bytes]) -> None:
+        self.parts = tuple(parts)
+        self.size = sum(map(len, self.parts))
+
+    def __len__(self) -> int:
+        """Return the number of bytes."""
+        return self.size
+
+
 def block(data: bytes, digits: int | None = None) -> bytes:
     """Format a definite length block, with `digits` length digits or as many as needed."""
-    length = str(len(data)) if digits is None else f"{len(data):0{digits}d}"
-    return b"#%d%b" % (len(length), length.encode()) + data
+    return block_header(len(data), digits) + data
+
+
+def block_header(size: int, digits: int | None = None) -> bytes:
+    """Format what stands before the `size` bytes of a definite length block."""
+    length = str(size) if digits is None else f"{size:0{digits}d}"
+    return b"#%d%b" % (len(length), length.encode())
 
 
 _LEAST = 1e-99

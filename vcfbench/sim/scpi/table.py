@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ScpiError
+from vcfbench.sim.scpi.formats import Parts
 from vcfbench.sim.scpi.lexer import Kind, Token, Unit, units
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 from vcfbench.sim.scpi.parameters import Choice, Number, Parameter, Special
@@ -20,9 +21,9 @@ __all__ = ["Command", "CommandTable", "Program", "Step"]
 _WORD_LIMIT = 12
 
 
-def _as_it_is(value: Any) -> str | bytes:
+def _as_it_is(value: Any) -> str | bytes | Parts:
     """Reply with text or bytes as they are, with anything else as Python writes it."""
-    return value if isinstance(value, bytes) else str(value)
+    return value if isinstance(value, (bytes, Parts)) else str(value)
 
 
 class Command(Struct, frozen=True):
@@ -49,7 +50,7 @@ class Command(Struct, frozen=True):
     do: Callable[..., Any] | None = None
     query: Callable[..., Any] | None = None
     query_parameters: tuple[Parameter, ...] | None = None
-    reply: Callable[[Any], str | bytes] = _as_it_is
+    reply: Callable[[Any], str | bytes | Parts] = _as_it_is
     repeat: bool = False
     takes_s: float = 0.0
     query_takes_s: float = 0.0

@@ -243,6 +243,8 @@ class Instrument:
         self.blank = _blank(device)
         """Finds the ends of messages without anything before them, which mean nothing."""
         self._write, self._read, self._wake_at = _shortest(device)
+        if self.engine is not None:
+            self.engine.hand_over = self._hand_over
         self.speaks = self.engine is None and device.wake_at() is not None
         """Whether it says something unasked, so that a client may wait for it without a word."""
 
@@ -377,6 +379,21 @@ class Instrument:
         for line in self.lines:
             line.go_on()
         self.touched()
+
+    def _hand_over(self) -> None:
+        """Have what is long to work out done between the others' turns."""
+        if self.passage is not None and self not in self.passage.working:
+            self.passage.working.append(self)
+
+    def work(self) -> bool:
+        """Work out a slice of what is under way; return whether there is more."""
+        if self.engine is None or not self.engine.working:
+            return False
+        self.engine.work()
+        if self.engine.working:
+            return True
+        self.serve()
+        return self.engine.working
 
     def clear(self, client: Client) -> None:
         """Device clear from `client`: whatever runs is ended, and nobody is owed an answer."""
@@ -632,6 +649,16 @@ def _served(instrument: Instrument) -> None:
         instrument.due_s = _NOTHING
 
 
+def _worked(instrument: Instrument) -> bool:
+    """Let `instrument` work out a slice; return whether there is more, which one that makes a mistake does not have."""
+    try:
+        return instrument.work()
+    except Exception:  # noqa: BLE001  (as in the loop)
+        traceback.print_exc(file=sys.stderr)
+        instrument.device.clear()
+        return False
+
+
 class Passage:
     """Lets bench time pass, and looks in on the devices at the instants at which they do something by themselves."""
 
@@ -639,6 +666,8 @@ class Passage:
         self.clock = clock
         self.instruments: list[Instrument] = []
         self.next_due_s = _NOTHING
+        self.working: list[Instrument] = []
+        """Those that work something out, a slice a turn: bench time waits for it wherever it would jump."""
         self.tells = False
         """Whether who leads the clock tells when it waits for what comes unasked, so that nobody need guess."""
         self.errands: list[tuple[float, Callable[[], None]]] = []
@@ -673,9 +702,24 @@ class Passage:
         reached = self.clock.catch_up(self.next_due_s)
         if reached >= self.next_due_s:
             self.pass_to(reached)
+        if self.working:
+            self._work()
+
+    def _work(self) -> None:
+        """Let each that works something out do a slice of it."""
+        for each in tuple(self.working):
+            if not _worked(each):
+                self.working.remove(each)
+
+    def _work_out(self) -> None:
+        """Let everybody come to the end of what it works out, before time jumps."""
+        while self.working:
+            self._work()
 
     def wait_s(self) -> float:
         """Return the wall seconds until something is due; jump there instead if the clock does and somebody waits."""
+        if self.working:
+            return 0.0
         if self.next_due_s == _NOTHING:
             return _NOTHING
         if self.clock.jumps:
@@ -700,6 +744,7 @@ class Passage:
 
     def jump_to(self, instant_s: float) -> None:
         """Let time jump to `instant_s`, stopping wherever something is due."""
+        self._work_out()
         self.pass_to(instant_s)
         self.clock.sleep_until(instant_s)
 
@@ -712,6 +757,7 @@ class Passage:
     def pass_until(self, done: Callable[[], bool], instant_s: float, most: int) -> bool:
         """Let time jump from one thing that is due to the next until `done`, or `instant_s`; False after `most`."""
         for _ in range(most):
+            self._work_out()
             if done():
                 instant_s = self.clock.now()
             elif (due := self._earliest()) <= instant_s:

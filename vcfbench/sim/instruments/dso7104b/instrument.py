@@ -50,18 +50,20 @@ from vcfbench.sim.scpi import (
     CommandTable,
     Dialect,
     Limits,
+    Parts,
     Pending,
     Register,
     ScpiEngine,
     ScpiError,
     ScpiInstrument,
     Status,
+    block_header,
     real,
 )
 from vcfbench.sim.scpi.parameters import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -144,7 +146,7 @@ class Dso7104B(ScpiInstrument):
         self._last_trigger_s = -math.inf
         self._records: list[Record] = []
         self._segmented = False
-        self._sent: tuple[Record, tuple[Any, ...], bytes] | None = None
+        self._sent: tuple[Record, tuple[Any, ...], Parts] | None = None
         self._number = 0
         self._traces: dict[tuple[int, str], Trace] = {}
         self.engine = ScpiEngine(
@@ -519,12 +521,23 @@ class Dso7104B(ScpiInstrument):
         """Measure anew: the definitions have changed."""
         self._traces.clear()
 
-    def sent(self, asked: tuple[Any, ...], make: Callable[[], bytes]) -> bytes:
-        """Return `make()`, the record as :WAVeform:DATA? sends it, or what it was the last time this was asked."""
+    def sent(self, asked: tuple[Any, ...], parts: Iterator[bytes]) -> Any:
+        """Return the record as :WAVeform:DATA? sends it, a block of `parts`, or what it was the last time."""
         kept = self._sent
-        if kept is None or kept[0] is not self.record or kept[1] != asked:
-            kept = self._sent = (self.record, asked, make())
-        return kept[2]
+        if kept is not None and kept[0] is self.record and kept[1] == asked:
+            return kept[2]
+        record, made = self.record, list[bytes]()
+
+        def make() -> Iterator[None]:
+            for part in parts:
+                made.append(part)
+                yield
+
+        def keep() -> Parts:
+            self._sent = (record, asked, Parts((block_header(sum(map(len, made)), 8), *made)))
+            return self._sent[2]
+
+        return Pending.worked_out(make(), keep)
 
     # --- setups -------------------------------------------------------------------------------------------------------
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vcfbench.sim.instruments.dso7104b.commands import INVALID, SOURCE, clipped, setting
 from vcfbench.sim.instruments.dso7104b.function import MathTrace, math_scale, math_trace
-from vcfbench.sim.scpi import Boolean, Choice, Command, Number, block, boolean, real, signed_integer
+from vcfbench.sim.scpi import Boolean, Choice, Command, Number, boolean, real, signed_integer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ _LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
 _HOLE = 0.0
 """Code of a place without data."""
 _FORMATS = {"BYTE": 0, "WORD": 1, "ASC": 4}
+_TEXT_POINTS = 2048
 _TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
 
 
@@ -131,14 +131,12 @@ def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
 
 
 def _codes(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
-    """Yield the record of the waveform source, block by block, as unsigned codes of the waveform format."""
+    """Return the record of the waveform source as it is now, block by block, as unsigned codes of the format."""
     if not _shown(model):
-        yield np.full(_points(model), _HOLE)
-        return
+        return iter((np.full(_points(model), _HOLE),))
     range_, offset = _vertical(model)
     levels = _LEVELS[model.state["WAV:FORM"]]
-    for volts in _blocks(model):
-        yield _coded(volts, range_, offset, levels)
+    return (_coded(volts, range_, offset, levels) for volts in _blocks(model))
 
 
 def _blocks(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
@@ -164,7 +162,7 @@ def _coded(volts: NDArray[np.float64], range_: float, offset: float, levels: int
 
 
 def _data(model: Dso7104B) -> Any:
-    return model.look(lambda: model.sent(_asked(model), lambda: _data_now(model)))
+    return model.look(lambda: _data_now(model))
 
 
 def _asked(model: Dso7104B) -> tuple[Any, ...]:
@@ -184,14 +182,16 @@ def _shown(model: Dso7104B) -> bool:
     return bool(model.state[f"{model.state['WAV:SOUR']}:DISP"])
 
 
-def _data_now(model: Dso7104B) -> bytes:
+def _data_now(model: Dso7104B) -> Any:
     form, signed = model.state["WAV:FORM"], _signed(model)
     if form == "ASC":
-        return block(",".join(chain.from_iterable(_as_text(model, codes) for codes in _codes(model))).encode(), 8)
+        written = _writing(model)
+        texts = (written(some) for codes in _codes(model) for some in _cut(codes))
+        return model.sent(_asked(model), (b"," * (place > 0) + text for place, text in enumerate(texts)))
     half = _LEVELS[form] // 2 if signed else 0
     order = ">" if model.state["WAV:BYT"] == "MSBF" else "<"
     kind = ("i" if signed else "u") + ("1" if form == "BYTE" else "2")
-    return block(b"".join(_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)), 8)
+    return model.sent(_asked(model), (_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)))
 
 
 def _bytes(codes: NDArray[np.float64], half: int, kind: str) -> bytes:
@@ -200,11 +200,18 @@ def _bytes(codes: NDArray[np.float64], half: int, kind: str) -> bytes:
     return codes.astype(kind).tobytes()
 
 
-def _as_text(model: Dso7104B, codes: NDArray[np.float64]) -> Iterator[str]:
+def _cut(codes: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Yield codes in parts that are written as text within milliseconds."""
+    return (codes[start : start + _TEXT_POINTS] for start in range(0, len(codes), _TEXT_POINTS))
+
+
+def _writing(model: Dso7104B) -> Callable[[NDArray[np.float64]], bytes]:
+    """Return what writes codes as numbers, as things are scaled now."""
     _, _, _, increment, origin, reference = _scaling(model)
+    number = real(5, model.exponent_digits)
     if not _shown(model):
-        return iter([real(5, model.exponent_digits)(INVALID)] * len(codes))
-    return map(real(5, model.exponent_digits), ((codes - reference) * increment + origin).tolist())
+        return lambda codes: ",".join([number(INVALID)] * len(codes)).encode()
+    return lambda codes: ",".join(map(number, ((codes - reference) * increment + origin).tolist())).encode()
 
 
 def _looked_at(of: Callable[[Dso7104B], str]) -> Callable[[Dso7104B], Any]:
@@ -239,7 +246,10 @@ WAVEFORM_COMMANDS = (
     ),
     setting("WAVeform:POINts:MODE", "WAV:MODE", Choice(("NORMal", "MAXimum", "RAW"))),
     Command("WAVeform:PREamble", query=_preamble),
-    Command("WAVeform:DATA", query=_data, reply=bytes),
+    Command(
+        "WAVeform:DATA",
+        query=_data,
+    ),
     _scaled("XINCrement", 0),
     _scaled("XORigin", 1),
     _scaled("XREFerence", 2, integer=True),
