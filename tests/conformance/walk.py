@@ -49,7 +49,7 @@ from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
 from vcfbench.sim.instruments.e36312a import E36312ATwin
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.instruments.infiniivision import KeysightDsoX3024A, XSeriesErrors
-from vcfbench.sim.instruments.keithley import Keithley2000, KeithleyDMM6500
+from vcfbench.sim.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
 from vcfbench.sim.instruments.trueform import TrueformErrors, TrueformTwin
 from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
 from vcfbench.sim.world import World
@@ -129,8 +129,8 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
     "keysight34465a": lambda world, interface: Keysight34465ATwin(
         world, node="output", errors=MeterErrors.none(), interface=interface
     ),
-    "keithley2000": lambda world, _interface: Keithley2000(world, errors=MeterErrors.none()),
-    "dmm6500": lambda world, _interface: KeithleyDMM6500(world, errors=MeterErrors.none()),
+    "keithley2000": lambda world, _interface: Keithley2000Twin(world, errors=MeterErrors.none()),
+    "dmm6500": lambda world, _interface: KeithleyDMM6500Twin(world, errors=MeterErrors.none()),
     "agilent33220a": lambda world, _interface: Agilent33220ATwin(world, GeneratorErrors.none()),
     "keysight33622a": lambda world, _interface: TrueformTwin.of_model("33622A", 120e6)(world, TrueformErrors.none()),
     "dsox3024a": lambda world, _interface: KeysightDsoX3024A(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from tests.procedures.fakes import CALIBRATIONS
@@ -27,3 +29,9 @@ def test_the_papers_procedures_use_the_papers_five_instruments_and_can_do_withou
 
 def test_a_procedure_is_shown_by_its_name() -> None:
     assert repr(TURNTABLE) == "<Procedure turntable>"
+
+
+def test_what_was_done_is_told_in_whole_words() -> None:
+    """A word that was broken at the end of a line of code is none in a report."""
+    broken = {name: re.findall(r"[a-z]+- [a-z]+", str(PROCEDURES[name].method)) for name in PROCEDURES}
+    assert {name: words for name, words in broken.items() if words} == {}

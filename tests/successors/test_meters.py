@@ -16,7 +16,7 @@ from vcfbench.bench.guard.rules import Beyond
 from vcfbench.errors import WrongInstrument
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.sim.instruments.keithley import Errors2000, Errors6500, KeithleyDMM6500
+from vcfbench.sim.instruments.keithley import Errors2000, Errors6500, KeithleyDMM6500Twin
 from vcfbench.specifications import KEITHLEY_2000, KEITHLEY_DMM6500, VoltmeterSpecification
 
 if TYPE_CHECKING:
@@ -36,8 +36,10 @@ def test_it_reads_the_node_that_it_is_on(model: str) -> None:
 
 
 def test_one_that_speaks_tsp_is_refused_by_the_bench(monkeypatch: pytest.MonkeyPatch) -> None:
-    before: Any = KeithleyDMM6500.__init__
-    monkeypatch.setattr(KeithleyDMM6500, "__init__", lambda *given, **told: before(*given, **told, command_set="TSP"))
+    before: Any = KeithleyDMM6500Twin.__init__
+    monkeypatch.setattr(
+        KeithleyDMM6500Twin, "__init__", lambda *given, **told: before(*given, **told, command_set="TSP")
+    )
     with (
         pytest.raises(WrongInstrument, match="set to the command set TSP"),
         vcfbench.open_bench(bench("DMM6500"), needs=["multimeter"]),

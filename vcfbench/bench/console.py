@@ -10,7 +10,7 @@ from vcfbench.bench.guard import guard_of
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import ROLES, filled_roles, require_still, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
-from vcfbench.bench.signals import BrokenOff, StopSignals
+from vcfbench.bench.signals import Interrupted, StopSignals
 from vcfbench.bench.station import station
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, NotSafe, TransportError
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
 
-__all__ = ["BrokenOff", "Console", "Said", "data_of", "open_console", "summary"]
+__all__ = ["Console", "Interrupted", "Said", "data_of", "open_console", "summary"]
 
 _SHOWN_BYTES = 16
 
@@ -136,11 +136,11 @@ class Console:
         """Do a device clear."""
         self._plain.clear()
 
-    def breakable(self) -> AbstractContextManager[None]:
-        """Let Ctrl-C break off (BrokenOff) what is asked meanwhile; at a table it still means: leave, and stop it."""
+    def interruptible(self) -> AbstractContextManager[None]:
+        """Let Ctrl-C break off (Interrupted) what is asked meanwhile; at a table it still means: leave, and stop it."""
         from vcfbench.drivers.plain import PlainSession  # noqa: PLC0415  # as above
 
-        return self._signals.breakable() if isinstance(self._plain, PlainSession) else nullcontext()
+        return self._signals.interruptible() if isinstance(self._plain, PlainSession) else nullcontext()
 
     def read_line(self, read: Callable[[], str]) -> str:
         """Wait for a person's line; a signal meanwhile ends the conversation (Aborted)."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["BrokenOff", "ControlClock", "StopSignals"]
+__all__ = ["ControlClock", "Interrupted", "StopSignals"]
 
 _T = TypeVar("_T")
 
@@ -34,7 +34,7 @@ _WATCHED = (
 )  # a closed terminal stops the bench as well; the last is Windows'
 
 
-class BrokenOff(BaseException):
+class Interrupted(BaseException):
     """Raised by the keyboard into what a person waits for, and no longer wants; nothing else ends.
 
     No error, so that nothing on the way takes it for one of the wire.
@@ -113,8 +113,8 @@ class StopSignals:
             self._at_safe_point = before
 
     @contextmanager
-    def breakable(self) -> Iterator[None]:
-        """Let Ctrl-C break off what is done meanwhile (BrokenOff), instead of stopping the bench."""
+    def interruptible(self) -> Iterator[None]:
+        """Let Ctrl-C break off what is done meanwhile (Interrupted), instead of stopping the bench."""
         self._breakable = True
         try:
             yield
@@ -132,7 +132,7 @@ class StopSignals:
     def _handle(self, number: int, _frame: FrameType | None) -> None:
         if self._breakable and number == signal.SIGINT and not self._unwinding:
             self._breakable = False  # once: a second one is meant for the bench
-            raise BrokenOff
+            raise Interrupted
         self._count += 1
         self._name, self._by = self._by or signal.Signals(number).name, ""
         if self._unwinding:

@@ -118,20 +118,20 @@ def _recite(console: Console, lines: Iterator[str]) -> None:
 
 def _converse(console: Console) -> None:
     """Say what a person types; what is refused or fails is told, and the next line taken."""
-    from vcfbench.bench.console import BrokenOff  # noqa: PLC0415
+    from vcfbench.bench.console import Interrupted  # noqa: PLC0415
 
     conversation = _Conversation(console)
     with history("talk-history"):
         while not console.closed:
             try:
                 line = console.read_line(lambda: input(f"{console.role}> "))
-                with console.breakable():
+                with console.interruptible():
                     refusal = conversation.perform(line)
                 if refusal is not None:
                     _remark(refusal)
             except (EOFError, _Stop):
                 return
-            except BrokenOff:
+            except Interrupted:
                 _break_off(console)
             except (LimitError, ConfigError, TransportError) as error:
                 _remark(str(error))

@@ -57,11 +57,11 @@ def _keys(field: inspect.Field, above: tuple[str, ...]) -> Iterator[SettableKey]
     yield SettableKey(name, _default(field), _expected(node), described.get("description", ""), option)
 
 
-def _option(name: str, told: object) -> str:
-    """Return the option that a key has, named after it, or as it is told: a key may not be called like a procedure."""
-    if isinstance(told, str):
-        return told
-    return f"--{name.replace('_', '-')}" if told else ""
+def _option(name: str, option: object) -> str:
+    """Return the option that a key has, named after it or as declared: a key may not be called like a procedure."""
+    if isinstance(option, str):
+        return option
+    return f"--{name.replace('_', '-')}" if option else ""
 
 
 def _expected(node: inspect.Type) -> str:

@@ -77,7 +77,7 @@ CAUSES: Mapping[str, frozenset[What]] = MappingProxyType(
 
 
 class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
-    """What the check is told beside what all procedures are."""
+    """Settings of the check, beside those of all procedures."""
 
     polarity_rate_deg_s: Annotated[
         float, Meta(gt=0.0, le=1000.0, description="rate of the table, taken with both signs")
@@ -201,10 +201,10 @@ def results(settings: PolaritySettings, points: Sequence[Point]) -> PolarityResu
     wrong = {each.what for each in signs if not each.right}
     silent = [each.what for each in signs if not each.found]
     causes = _silence(silent) if silent else _causes(wrong, {each.what for each in signs})
-    told = settings.expected.scale_factor_v_per_deg_s, settings.expected.k_vc_deg_s_per_v
-    named = [name for name, window in zip(("scale factor", "K_Vc"), told, strict=True) if window is not None]
+    windows = settings.expected.scale_factor_v_per_deg_s, settings.expected.k_vc_deg_s_per_v
+    named = [name for name, window in zip(("scale factor", "K_Vc"), windows, strict=True) if window is not None]
     source = f"[expected] of the bench file: {', '.join(named)}" if named else ""
-    missing = [name for name, window in zip(("scale factor", "K_Vc"), told, strict=True) if window is None]
+    missing = [name for name, window in zip(("scale factor", "K_Vc"), windows, strict=True) if window is None]
     default = f"the paper's gyroscope: {', '.join(missing)}" if missing else ""
     return PolarityResult(tuple(signs), len(wrong), causes, "; ".join(each for each in (source, default) if each))
 

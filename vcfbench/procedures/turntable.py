@@ -176,10 +176,10 @@ TURNTABLE = Procedure(
     name="turntable",
     title=BUILT_IN["turntable"][1],
     method=(
-        "The rate table turns the gyroscope at each rate in turn, the generator off. At each rate the table's read- "
-        "back is checked and the output is the mean of repeated readings of the multimeter. A least-squares line "
-        "through the means gives scale factor (slope) and bias (value at rest); what it leaves over gives the non- "
-        "linearity. Uncertainties are combined after the GUM (JCGM 100)."
+        "The rate table turns the gyroscope at each rate in turn, the generator off. At each rate the table's "
+        "read-back is checked and the output is the mean of repeated readings of the multimeter. A least-squares line "
+        "through the means gives scale factor (slope) and bias (value at rest); what it leaves over gives the "
+        "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),
     settings=SweepSettings,
     plan=turntable,

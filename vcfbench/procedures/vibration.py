@@ -282,16 +282,16 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     import numpy as np  # noqa: PLC0415  # as above
 
     close = [tone for tone in outputs if tone.frequency_hz >= SLOW_BELOW_HZ]
-    told = [tone.u_amplitude for tone in outputs]
+    u_fitted = [tone.u_amplitude for tone in outputs]
     if len(close) < _LEAST_TONES:
-        return told
+        return u_fitted
     at_tone = np.array([_passed(settings, tone.frequency_hz) for tone in close])
     beside = np.array([np.mean([_passed(settings, hz) for hz in _beside_hz(settings, tone)]) for tone in close])
     variance = np.array([tone.u_amplitude**2 for tone in close])
     found, *_ = np.linalg.lstsq(np.column_stack([1.0 / variance, beside / variance]), np.ones(len(close)), rcond=None)
     flat, passed = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
     own = iter(np.sqrt(variance * (flat + passed * at_tone) / (flat + passed * beside)).tolist())
-    return [next(own) if tone.frequency_hz >= SLOW_BELOW_HZ else u for tone, u in zip(outputs, told, strict=True)]
+    return [next(own) if tone.frequency_hz >= SLOW_BELOW_HZ else u for tone, u in zip(outputs, u_fitted, strict=True)]
 
 
 def _passed(settings: VibrationSettings, frequency_hz: float) -> float:

@@ -85,8 +85,8 @@ def _is_quantity(found: Any) -> bool:
 
 def _u95(found: Any) -> float | None:
     """Return the half width of 95 %, None where the value has none."""
-    told = [getattr(found, name, None) for name in ("expanded_u", "u95", "u_95")]
-    return next((each for each in told if each is not None), None)
+    expanded = [getattr(found, name, None) for name in ("expanded_u", "u95", "u_95")]
+    return next((each for each in expanded if each is not None), None)
 
 
 def _words_and_unit(name: str) -> tuple[str, str]:

@@ -192,16 +192,16 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         Raises:
             ConfigError: a key is unknown to a part, or a value cannot be.
         """
-        here, told = _written(self), {}
+        here, written = _written(self), {}
         for part in PARTS:
             own = self.of(part.name)
             usual = _written(type(own)())
-            told[part.name.replace("-", "_")] = {
+            written[part.name.replace("-", "_")] = {
                 key: value
                 for key, value in _written(own).items()
                 if key in part.defaults or (value != usual[key] and (key in _WARM or here.get(key) != value))
             }
-        return structs.replace(self, **told)
+        return structs.replace(self, **written)
 
     def recalled(self) -> Self:
         """See that what the parts name can be looked up."""
@@ -427,8 +427,8 @@ def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured
 
 def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) -> ProcedureSettings:
     """Return the settings of a part with the scale factor that an earlier one has found, unless it is told one."""
-    told = not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None
-    if told or getattr(own, "scale_factor_from", "none") != "none":
+    given = not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None
+    if given or getattr(own, "scale_factor_from", "none") != "none":
         return own
     for part in found.values():
         tell = getattr(part.results, "acceptance_values", None)

@@ -26,9 +26,9 @@ __all__ = [
     "ReadScaleFactor",
     "ScaleFactor",
     "ScaleFactorRead",
+    "read_scale_factor",
     "scale_factor_of",
     "scale_factor_used",
-    "told_scale_factor",
 ]
 
 
@@ -111,7 +111,7 @@ def scale_factor_of(record: Path) -> ScaleFactorRead:
         raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
 
 
-def told_scale_factor(settings: AtRestSettings) -> Routine[None]:
+def read_scale_factor(settings: AtRestSettings) -> Routine[None]:
     """Read the scale factor where a record tells it."""
     if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
         yield ReadScaleFactor(settings.scale_factor_from)
@@ -123,6 +123,8 @@ def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFact
         return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
     for _, read in measured.found(ScaleFactorRead):
         return ScaleFactor(read.value, read.u, read.source)
-    told = settings.expected.scale_factor_v_per_deg_s is not None
-    source = "middle of what the bench file expects" if told else "that of the paper: nothing tells this gyroscope's"
+    expected = settings.expected.scale_factor_v_per_deg_s is not None
+    source = (
+        "middle of what the bench file expects" if expected else "that of the paper: nothing tells this gyroscope's"
+    )
     return ScaleFactor(settings.expected_gyro().scale_factor, None, source)

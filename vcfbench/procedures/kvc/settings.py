@@ -19,7 +19,7 @@ __all__ = ["KVcSettings"]
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
-    """What the calibration of K_Vc is told beside what all procedures are."""
+    """Settings of the calibration of K_Vc, beside those of all procedures."""
 
     match_rates_deg_s: Annotated[
         tuple[Rate, ...],

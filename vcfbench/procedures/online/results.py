@@ -452,9 +452,9 @@ def _flicker(
     """
     allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
     b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
-    told = settings.station.sources.bias_instability_deg_h
-    if told is not None:
-        b_squared = max(b_squared, (told / 3600.0) ** 2)
+    stated_deg_h = settings.station.sources.bias_instability_deg_h
+    if stated_deg_h is not None:
+        b_squared = max(b_squared, (stated_deg_h / 3600.0) ** 2)
     rest, count = len(run.rest_v), means_v.size
     share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)
     return math.sqrt(b_squared * share), float(count - 1)

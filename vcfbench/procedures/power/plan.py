@@ -29,7 +29,7 @@ from vcfbench.plans.steps import (
     Settle,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import told_scale_factor
+from vcfbench.procedures.known.scale_factor import read_scale_factor
 from vcfbench.procedures.power.results import Drawn, RailsDrawn, RailsLogged, power_report, power_results
 from vcfbench.procedures.power.settings import By, Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
@@ -167,7 +167,7 @@ class MeasureRails(Step):
 
 def plan(settings: PowerSettings) -> Plan:
     """Log power-on, read the steady currents, and move the rails."""
-    yield from told_scale_factor(settings)
+    yield from read_scale_factor(settings)
     return (yield from off_afterwards(settings, held_at_rest(settings, _tested(settings))))
 
 

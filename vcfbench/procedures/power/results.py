@@ -343,10 +343,10 @@ def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tu
 
 
 def _three(
-    blocks: Sequence[Block], noise: BlockNoise, step: tuple[float, list[Part]], told: tuple[str, float]
+    blocks: Sequence[Block], noise: BlockNoise, step: tuple[float, list[Part]], unit_and_factor: tuple[str, float]
 ) -> tuple[Measurand, Measurand, Measurand]:
     """Return the slope over both halves, over the lower, over the upper."""
-    unit, factor = told
+    unit, factor = unit_and_factor
     step_v, step_parts = step
     plus = fmean(block.differences_v[0] for block in blocks)
     minus = fmean(block.differences_v[1] for block in blocks)

@@ -26,7 +26,7 @@ class By(Enum):
 
 
 class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
-    """What the test of the supply is told beside what all procedures are."""
+    """Settings of the test of the supply, beside those of all procedures."""
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
     orders: Annotated[

@@ -16,7 +16,7 @@ __all__ = ["SelfCalibrationSettings"]
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
-    """What a self-calibration is told beside what all procedures are."""
+    """Settings of a self-calibration, beside those of all procedures."""
 
     virtual_rates_deg_s: Annotated[
         tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")

@@ -43,7 +43,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import told_scale_factor
+from vcfbench.procedures.known.scale_factor import read_scale_factor
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     energised,
@@ -72,7 +72,7 @@ _SIGMAS = 3.0
 
 def plan(settings: TemperatureSettings) -> Plan:
     """Go to each temperature, soak, measure; whatever happens, the air is off afterwards."""
-    yield from told_scale_factor(settings)
+    yield from read_scale_factor(settings)
     return (yield from energised(settings, _with_drive(settings)))
 
 

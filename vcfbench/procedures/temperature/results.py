@@ -371,8 +371,8 @@ def _found(
     def made(number: int, unit: str, factor: float) -> Measurand:
         parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
         common = Part("temperature, the same at all", abs(factor * moved[number]) * settings.u_temperature_k)
-        told = [part for part in (*parts, common) if part.u > 0.0]
-        return measurand(float(factor * found[number]), unit, told)
+        held = [part for part in (*parts, common) if part.u > 0.0]
+        return measurand(float(factor * found[number]), unit, held)
 
     rest, free = y - powers @ found, len(values) - 3
     return _Found(

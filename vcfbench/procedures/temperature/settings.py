@@ -29,7 +29,7 @@ class By(Enum):
 
 
 class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
-    """What the run over temperature is told beside what all procedures are."""
+    """Settings of the run over temperature, beside those of all procedures."""
 
     temperatures_c: Annotated[
         tuple[Celsius, ...], Meta(min_length=3, max_length=100, description="temperatures of the air, in their order")

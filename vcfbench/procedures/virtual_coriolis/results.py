@@ -141,8 +141,8 @@ def virtual_coriolis_results(
     """Return the results of a four-step calibration, with `settings` their uncertainties."""
     points = at_measured_levels(points)
     matching = Matching.of(points, match, match_rate_deg_s)
-    told = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
-    values = _four_steps(points, matching, meter_resolution_v, settings) | told
+    asked = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
+    values = _four_steps(points, matching, meter_resolution_v, settings) | asked
     if settings is None or not is_swept(settings):
         return VirtualCoriolisResult(**values)
     return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))

@@ -18,7 +18,7 @@ __all__ = ["VirtualCoriolisSettings"]
 
 
 class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
-    """What the virtual Coriolis calibration is told beside what all procedures are."""
+    """Settings of the virtual Coriolis calibration, beside those of all procedures."""
 
     match: Annotated[
         Match,

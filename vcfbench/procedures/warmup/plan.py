@@ -27,7 +27,7 @@ from vcfbench.plans.steps import (
     Window,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import AtRestSettings, scale_factor_used, told_scale_factor
+from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import held_at_rest, look_at_drive, off_afterwards, rails_of, source_off
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
@@ -49,7 +49,7 @@ _QUICK_INTERVAL_S = 0.1
 
 
 class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
-    """What the warm-up is told beside what all procedures are."""
+    """Settings of the warm-up, beside those of all procedures."""
 
     shortest_s: Annotated[
         float, Meta(ge=180.0, le=86_400.0, description="from power-on, before it may be called steady")
@@ -130,7 +130,7 @@ class SwitchOnAndLog(EnableSupply, frozen=True):
 
 def warmup(settings: WarmupSettings) -> Plan:
     """Follow the output from power-on: V_Vc off, the table (where there is one) held still under servo."""
-    yield from told_scale_factor(settings)
+    yield from read_scale_factor(settings)
     return (yield from off_afterwards(settings, held_at_rest(settings, _from_power_on(settings))))
 
 
@@ -165,8 +165,8 @@ def _until_steady(settings: WarmupSettings) -> Routine[Outcome]:
 
 def _instability_v(settings: WarmupSettings) -> float:
     """Return B in volts; of the scale factor its size alone counts, and roughly: a record's is not read for it."""
-    told = settings.scale_factor_v_per_deg_s or settings.expected_gyro().scale_factor
-    return abs(told) * settings.bias_instability_deg_h / 3600.0
+    scale_factor = settings.scale_factor_v_per_deg_s or settings.expected_gyro().scale_factor
+    return abs(scale_factor) * settings.bias_instability_deg_h / 3600.0
 
 
 def _window(settings: WarmupSettings) -> Acquire:

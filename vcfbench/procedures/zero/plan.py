@@ -24,7 +24,7 @@ from vcfbench.plans.steps import (
     Settle,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import AtRestSettings, scale_factor_used, told_scale_factor
+from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     held_at_rest,
@@ -58,7 +58,7 @@ class Mode(Enum):
 
 
 class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
-    """What the static record is told beside what all procedures are."""
+    """Settings of the static record, beside those of all procedures."""
 
     powered_s: Annotated[
         float, Meta(ge=0.0, le=86_400.0, description="time under power before the record, at least warm_up_s")
@@ -138,7 +138,7 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
 
 def zero(settings: ZeroSettings) -> Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
-    yield from told_scale_factor(settings)
+    yield from read_scale_factor(settings)
     return (yield from off_afterwards(settings, _warm(settings)))
 
 

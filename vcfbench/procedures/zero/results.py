@@ -241,8 +241,8 @@ def _follows(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, g
 
 def _misses(point: AllanPoint, sampling: Sampling, fit: NoiseFit) -> bool:
     """Tell whether a point lies beyond `_BEYOND` of its standard deviations from the fit."""
-    told = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
-    return abs(point.deviation**2 - told) > _BEYOND * told * math.sqrt(2.0 / point.edf)
+    fitted = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
+    return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
 
 
 def _terms_shown(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit) -> NoiseFit:

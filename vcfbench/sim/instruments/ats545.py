@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.world import World
 
-__all__ = ["StreamErrors", "TemptronicATS545"]
+__all__ = ["StreamErrors", "TemptronicATS545Twin"]
 
 _FASTEST_K_S = 18.0
 """-55 to 125 degC in about 10 s, as the maker says of an unloaded nozzle."""
@@ -97,7 +97,7 @@ class _Settings(Struct):
     sensor: int = 0
 
 
-class TemptronicATS545(ScpiInstrument):
+class TemptronicATS545Twin(ScpiInstrument):
     """The stream of air.
 
     Args:
@@ -265,23 +265,23 @@ def _whole(value: float) -> str:
 
 
 def _of_setpoint(pattern: str, name: str, low: float, high: float) -> Command:
-    def write(stream: TemptronicATS545, value: float) -> None:
+    def write(stream: TemptronicATS545Twin, value: float) -> None:
         stream.service()
         setattr(stream.setpoint, name, value)
         stream.service()
 
-    def read(stream: TemptronicATS545) -> float:
+    def read(stream: TemptronicATS545Twin) -> float:
         return float(getattr(stream.setpoint, name))
 
     return Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_one_decimal)
 
 
 def _of_settings(pattern: str, name: str, low: float, high: float) -> Command:
-    def write(stream: TemptronicATS545, value: float) -> None:
+    def write(stream: TemptronicATS545Twin, value: float) -> None:
         kind = type(getattr(stream.settings, name))
         setattr(stream.settings, name, kind(value))
 
-    def read(stream: TemptronicATS545) -> float:
+    def read(stream: TemptronicATS545Twin) -> float:
         return float(getattr(stream.settings, name))
 
     reply = _one_decimal if name.endswith("_c") else _whole
@@ -291,10 +291,10 @@ def _of_settings(pattern: str, name: str, low: float, high: float) -> Command:
 def _kept(pattern: str, low: float, high: float) -> Command:
     """Return a setting that is kept and changes nothing here."""
 
-    def write(stream: TemptronicATS545, value: float) -> None:
+    def write(stream: TemptronicATS545Twin, value: float) -> None:
         stream.settings.numbers[pattern] = value
 
-    def read(stream: TemptronicATS545) -> float:
+    def read(stream: TemptronicATS545Twin) -> float:
         return stream.settings.numbers[pattern]
 
     return Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_whole)
@@ -304,35 +304,35 @@ def _number(low: float, high: float) -> Number:
     return Number(limits=Range(low, high, low), named=False)
 
 
-def _move_head(stream: TemptronicATS545, value: float) -> None:
+def _move_head(stream: TemptronicATS545Twin, value: float) -> None:
     stream.head_down = bool(value)
     if not value:
         stream.set_flow(0.0)
 
 
-def _clear_faults(stream: TemptronicATS545) -> None:
+def _clear_faults(stream: TemptronicATS545Twin) -> None:
     stream.faults = 0
 
 
-def _asked(pattern: str, query: Callable[[TemptronicATS545], float], reply: Callable[[float], str]) -> Command:
+def _asked(pattern: str, query: Callable[[TemptronicATS545Twin], float], reply: Callable[[float], str]) -> Command:
     return Command(pattern, query=query, reply=reply)
 
 
 _TABLE = CommandTable(
     *(each for each in COMMON_COMMANDS if each.pattern != "SYSTem:ERRor"),
-    Command("FLOW", (_number(0, 1),), do=TemptronicATS545.set_flow),
+    Command("FLOW", (_number(0, 1),), do=TemptronicATS545Twin.set_flow),
     Command("HEAD", (_number(0, 1),), do=_move_head, query=lambda stream: int(stream.head_down), query_parameters=()),
     Command(
         "SETN",
         (_number(0, 2),),
-        do=TemptronicATS545.select,
+        do=TemptronicATS545Twin.select,
         query=lambda stream: stream.settings.number,
         query_parameters=(),
     ),
     Command(
         "SETP",
         (_number(-99.9, 225.0),),
-        do=TemptronicATS545.set_temperature,
+        do=TemptronicATS545Twin.set_temperature,
         query=lambda stream: stream.setpoint.temperature_c,
         query_parameters=(),
         reply=_one_decimal,
@@ -349,15 +349,15 @@ _TABLE = CommandTable(
     _kept("ADMD", 10, 300),
     _kept("LRNM", 0, 1),
     _kept("CYCC", 0, 9999),
-    Command("RSTO", do=TemptronicATS545.reset),
+    Command("RSTO", do=TemptronicATS545Twin.reset),
     Command("CLER", do=_clear_faults),
-    _asked("TEMP", TemptronicATS545.temperature_c, _one_decimal),
-    _asked("TMPA", TemptronicATS545.air_c, _one_decimal),
-    _asked("TMPD", TemptronicATS545.sensed_c, _one_decimal),
+    _asked("TEMP", TemptronicATS545Twin.temperature_c, _one_decimal),
+    _asked("TMPA", TemptronicATS545Twin.air_c, _one_decimal),
+    _asked("TMPD", TemptronicATS545Twin.sensed_c, _one_decimal),
     _asked("SETD", lambda stream: stream.setpoint.temperature_c, _one_decimal),
-    _asked("TECR", TemptronicATS545.condition, _whole),
-    _asked("TESR", TemptronicATS545.condition, _whole),
-    _asked("AUXC", TemptronicATS545.auxiliary, _whole),
+    _asked("TECR", TemptronicATS545Twin.condition, _whole),
+    _asked("TESR", TemptronicATS545Twin.condition, _whole),
+    _asked("AUXC", TemptronicATS545Twin.auxiliary, _whole),
     _asked("EROR", lambda stream: stream.faults, _whole),
     _asked("FLWR", lambda stream: 18.0 if stream.flow else 0.0, _one_decimal),
     _asked("FLRL", lambda stream: 8.5 if stream.flow else 0.0, _one_decimal),

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.scpi import Interface
 
-__all__ = ["Errors6500", "KeithleyDMM6500"]
+__all__ = ["Errors6500", "KeithleyDMM6500Twin"]
 
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
@@ -91,7 +91,7 @@ def _require_buffer(buffer: str | None) -> None:
         raise ScpiError(-224)
 
 
-def _take(meter: KeithleyDMM6500, buffer: str | None) -> None:
+def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     _require_buffer(buffer)
     meter.triggering.trigger_count = 1.0
     meter.triggering.sample_count = int(meter.kept["count"])
@@ -99,37 +99,37 @@ def _take(meter: KeithleyDMM6500, buffer: str | None) -> None:
     meter.triggering.start(stored=True)
 
 
-def _trace(meter: KeithleyDMM6500, buffer: str | None) -> Any:
+def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
     """TRACe:TRIGger: make readings; what comes after waits for them."""
     _take(meter, buffer)
     return once_idle(meter, lambda: None)
 
 
-def _read(meter: KeithleyDMM6500, buffer: str | None) -> Any:
+def _read(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
     _take(meter, buffer)
     return once_idle(meter, lambda: _last(meter))
 
 
 def _measure(name: str) -> Any:
-    def measure(meter: KeithleyDMM6500, buffer: str | None) -> Any:
+    def measure(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
         meter.choose(meter.functions[name])
         return _read(meter, buffer)
 
     return measure
 
 
-def _last(meter: KeithleyDMM6500) -> list[float]:
+def _last(meter: KeithleyDMM6500Twin) -> list[float]:
     if not meter.stored:
         raise ScpiError(-230)
     return [meter.stored[-1]]
 
 
-def _fetch(meter: KeithleyDMM6500, buffer: str | None) -> list[float]:
+def _fetch(meter: KeithleyDMM6500Twin, buffer: str | None) -> list[float]:
     _require_buffer(buffer)
     return _last(meter)
 
 
-def _data(meter: KeithleyDMM6500, start: int, end: int, buffer: str | None, element: str | None) -> list[float]:
+def _data(meter: KeithleyDMM6500Twin, start: int, end: int, buffer: str | None, element: str | None) -> list[float]:
     _require_buffer(buffer)
     del element
     if not 1 <= start <= end <= len(meter.stored):
@@ -137,19 +137,19 @@ def _data(meter: KeithleyDMM6500, start: int, end: int, buffer: str | None, elem
     return meter.stored[start - 1 : end]
 
 
-def _clear(meter: KeithleyDMM6500, buffer: str | None) -> None:
+def _clear(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     _require_buffer(buffer)
     meter.stored.clear()
 
 
-def _load(meter: KeithleyDMM6500, model: str, count: int, delay_s: float | None, buffer: str | None) -> None:
+def _load(meter: KeithleyDMM6500Twin, model: str, count: int, delay_s: float | None, buffer: str | None) -> None:
     _require_buffer(buffer)
     if model.upper() != "SIMPLELOOP":
         raise ScpiError(-224)
     meter.loop = (count, delay_s or 0.0)
 
 
-def _initiate(meter: KeithleyDMM6500) -> None:
+def _initiate(meter: KeithleyDMM6500Twin) -> None:
     if meter.loop is None:
         raise ScpiError(-221)
     count, delay_s = meter.loop
@@ -158,7 +158,7 @@ def _initiate(meter: KeithleyDMM6500) -> None:
     meter.triggering.start(stored=True)
 
 
-def _choose(meter: KeithleyDMM6500, name: str) -> None:
+def _choose(meter: KeithleyDMM6500Twin, name: str) -> None:
     known = spelled(name)
     if known not in NAMES:
         raise ScpiError(-224)
@@ -240,7 +240,7 @@ _TABLE = CommandTable(
 )
 
 
-class KeithleyDMM6500(Truevolt):
+class KeithleyDMM6500Twin(Truevolt):
     """The meter; arguments as of the 34401A."""
 
     errors_class: ClassVar = Errors6500

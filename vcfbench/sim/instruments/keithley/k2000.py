@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.scpi import Interface
 
-__all__ = ["Errors2000", "Keithley2000"]
+__all__ = ["Errors2000", "Keithley2000Twin"]
 
 _SHEET = specifications.KEITHLEY_2000
 _NR3 = real(8)
@@ -81,21 +81,21 @@ class Errors2000(MeterErrors, frozen=True):
 
 
 def _configure(name: str) -> Any:
-    def configure(meter: Keithley2000) -> None:
+    def configure(meter: Keithley2000Twin) -> None:
         meter.configure_function(name)
 
     return configure
 
 
 def _measure(name: str) -> Any:
-    def measure(meter: Keithley2000) -> Any:
+    def measure(meter: Keithley2000Twin) -> Any:
         meter.configure_function(name)
         return _read(meter)
 
     return measure
 
 
-def _read(meter: Keithley2000) -> Any:
+def _read(meter: Keithley2000Twin) -> Any:
     """READ?: ABORt, INITiate, FETCh?."""
     if meter.continuous:
         raise ScpiError(-213)
@@ -104,13 +104,13 @@ def _read(meter: Keithley2000) -> Any:
     return once_idle(meter, lambda: list(meter.triggering.memory))
 
 
-def _initiate(meter: Keithley2000) -> None:
+def _initiate(meter: Keithley2000Twin) -> None:
     if meter.continuous:
         raise ScpiError(-213)
     meter.triggering.start(stored=True)
 
 
-def _fetch(meter: Keithley2000) -> Any:
+def _fetch(meter: Keithley2000Twin) -> Any:
     """FETCh?: the latest reading; while it measures by itself the next one."""
     if meter.continuous and meter.triggering.sequence is None:
         meter.triggering.start(stored=True)
@@ -120,18 +120,18 @@ def _fetch(meter: Keithley2000) -> Any:
     return [meter.ring.last]
 
 
-def _set_continuous(meter: Keithley2000, state: object) -> None:
+def _set_continuous(meter: Keithley2000Twin, state: object) -> None:
     meter.continuous = bool(state)
 
 
-def _choose(meter: Keithley2000, name: str) -> None:
+def _choose(meter: Keithley2000Twin, name: str) -> None:
     known = spelled(name)
     if known not in NAMES:
         raise ScpiError(-224)
     meter.choose(meter.functions[known])
 
 
-def _set_azero(meter: Keithley2000, state: object) -> None:
+def _set_azero(meter: Keithley2000Twin, state: object) -> None:
     for name in NAMES:
         meter.set_autozero(name, on=bool(state))
 
@@ -141,33 +141,33 @@ def _count(count: float) -> str:
 
 
 def _set_count(key: str) -> Any:
-    def write(meter: Keithley2000, count: float) -> None:
+    def write(meter: Keithley2000Twin, count: float) -> None:
         setattr(meter.triggering, key, float(count) if key == "trigger_count" else int(count))
 
     return write
 
 
-def _set_delay(meter: Keithley2000, seconds: float) -> None:
+def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
     meter.triggering.delay_s, meter.triggering.delay_auto = seconds, False
 
 
-def _set_source(meter: Keithley2000, source: str) -> None:
+def _set_source(meter: Keithley2000Twin, source: str) -> None:
     meter.triggering.source = source
 
 
-def _stored(meter: Keithley2000) -> list[float]:
+def _stored(meter: Keithley2000Twin) -> list[float]:
     if not meter.stored:
         raise ScpiError(-230)
     return list(meter.stored)
 
 
-def _feed(meter: Keithley2000, control: str) -> None:
+def _feed(meter: Keithley2000Twin, control: str) -> None:
     meter.kept["control"] = control
     if control == "NEXT":
         meter.stored = []
 
 
-def _preset(meter: Keithley2000) -> None:
+def _preset(meter: Keithley2000Twin) -> None:
     meter.reset()
     meter.continuous = True
 
@@ -263,7 +263,7 @@ _TABLE = CommandTable(
 )
 
 
-class Keithley2000(Truevolt):
+class Keithley2000Twin(Truevolt):
     """The meter; arguments as of the 34401A."""
 
     errors_class: ClassVar = Errors2000
