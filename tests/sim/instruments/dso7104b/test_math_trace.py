@@ -123,6 +123,14 @@ def test_a_spectrum_shows_everything_until_it_is_told_otherwise(bench: Bench) ->
     assert bench.number(":FUNC:CENT?") == pytest.approx(10e3)
 
 
+@pytest.mark.parametrize(("range_s", "highest_hz"), [(5e-9, 2e9), (50e-9, 2e9), (1e-3, 32.768e6), (10.0, 3276.8)])
+def test_a_spectrum_ends_at_half_the_sample_rate(range_s: float, highest_hz: float) -> None:
+    bench = Bench()
+    bench.send(f":TIM:RANG {range_s!r};:FUNC:OPER FFT;SPAN 100E9")
+    assert bench.number(":FUNC:SPAN?") == pytest.approx(highest_hz)
+    assert bench.number(":ACQ:SRAT?") <= 4e9
+
+
 @pytest.mark.parametrize("window", WINDOWS)
 def test_a_line_on_the_raster_is_exact_through_every_window(window: str) -> None:
     count, step_s = 4096, 1e-5

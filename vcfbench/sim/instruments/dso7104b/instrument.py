@@ -20,14 +20,13 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORY_COMMANDS
 from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, Found, Pace, acquisition
+from vcfbench.sim.instruments.dso7104b.autoscale import LOOK_S, fit
 from vcfbench.sim.instruments.dso7104b.commands import INVALID
 from vcfbench.sim.instruments.dso7104b.conditions import Never
 from vcfbench.sim.instruments.dso7104b.counter import counted_hz, five_digits, gate_s
-from vcfbench.sim.instruments.dso7104b.filters import REMEMBERED_S
+from vcfbench.sim.instruments.dso7104b.coupling import Coupling
 from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
 from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen, Signals
 from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, Kind
@@ -65,9 +64,8 @@ from vcfbench.sim.scpi.parameters import Violation
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from numpy.typing import NDArray
-
-    from vcfbench.sim.trace import History, Piece
+    from vcfbench.sim.instruments.dso7104b.inputs import Capture
+    from vcfbench.sim.trace import Piece
 
 __all__ = ["TABLE", "Dso7104B", "ScopeErrors", "ScopeWorld"]
 
@@ -75,7 +73,6 @@ _RUN_BIT, _WAIT_BIT = 8, 32
 _MASK_TEST, _OVERLOAD, _HARDWARE = 9, 11, 12
 """Bits of the operation status that other registers feed (status chapter of the 6000 and 3000T guides)."""
 _SCREEN_POINTS = 1000
-_AUTOSCALE_S = 0.1
 _PATIENCE_S = 0.1
 
 
@@ -142,7 +139,7 @@ class Dso7104B(ScpiInstrument):
         self._armed_event = False
         self._run_state = "run"
         self._acquisition: Acquisition | None = None
-        self._history: History | None = None
+        self._coupling = Coupling(world, self._nodes)
         self._last_trigger_s = -math.inf
         self._records: list[Record] = []
         self._segmented = False
@@ -185,7 +182,7 @@ class Dso7104B(ScpiInstrument):
         """Take bytes from the controller; the protection of 50 ohm inputs looks whenever there is something to do."""
         super().write(data, end=end)
         self.inputs.watch()
-        self._watch_coupling()
+        self._coupling.watch(self.state)
 
     def abort(self) -> None:
         """Device clear ends an acquisition that waits."""
@@ -304,8 +301,7 @@ class Dso7104B(ScpiInstrument):
         self._armed_event = True
         self._traces.clear()
         trigger, views = trigger_of(self.state), self._views()
-        self._watch_coupling()
-        past = partial(self._past, views, trigger)
+        past = self._past_of(views, trigger)
         self._acquisition = acquisition(self._world, Arming(self.screen(), views, trigger, self._pace(), past))
         self._show_state()
 
@@ -380,50 +376,40 @@ class Dso7104B(ScpiInstrument):
             limit_hz=self.kind.limit_hz if of("BWL") else math.inf,
         )
 
-    def _past(self, views: Mapping[int, ChannelView], trigger: Trigger) -> dict[int, list[Piece]]:
-        """Return what is known of the nodes that are seen through a blocking capacitor."""
-        if self._history is None:
-            return {}
+    def _past_of(self, views: Mapping[int, ChannelView], trigger: Trigger) -> Callable[[], dict[int, list[Piece]]]:
+        """Return what tells the past of the inputs that are seen through a blocking capacitor."""
+        self._coupling.watch(self.state)
         coupled = {channel for channel, view in views.items() if view.ac}
         coupled |= {channel for channel, comparator in trigger.comparators.items() if comparator.ac}
-        return {
-            channel: self._history.pieces(node) for channel in coupled if (node := self._nodes.get(channel)) is not None
-        }
-
-    def _watch_coupling(self) -> None:
-        """Keep the recent past while there is a capacitor that knows it."""
-        coupled = "AC" in {self.state["TRIG:COUP"], *(self.state[f"CHAN{channel}:COUP"] for channel in CHANNELS)}
-        if coupled == (self._history is not None):
-            return
-        if self._history is not None:
-            self._history.end()
-        self._history = self._world.trace(REMEMBERED_S) if coupled else None
+        return partial(self._coupling.past, coupled)
 
     def memory(self) -> int:
         """Return the points in memory; with both channels of a pair (1, 2 and 3, 4) there are fewer.
 
         Segments share it.
         """
-        shown = {channel for channel in CHANNELS if self.state[f"CHAN{channel}:DISP"]}
-        half = {1, 2} <= shown or {3, 4} <= shown
+        half = self._both_of_a_pair()
         most, rate = self.kind.memory[half], self.kind.rate_hz[half]
         if self.state["ACQ:MODE"] == "SEGM":
             most //= self.state["SEGM:COUN"]
         return int(max(100, min(most, self.state["TIM:RANG"] * rate)))
 
+    def _both_of_a_pair(self) -> bool:
+        shown = {channel for channel in CHANNELS if self.state[f"CHAN{channel}:DISP"]}
+        return {1, 2} <= shown or {3, 4} <= shown
+
     def sample_rate(self) -> float:
-        """Return the sample rate, 1/s."""
-        return self.memory() / float(self.state["TIM:RANG"])
+        """Return the sample rate, 1/s: what fills the memory, but no more than the converters give."""
+        return min(self.memory() / float(self.state["TIM:RANG"]), self.kind.rate_hz[self._both_of_a_pair()])
 
     def count(self, channel: int) -> Pending:
         """:MEASure:COUNter?: count a channel's edges from now on, whatever the acquisition does."""
-        self._watch_coupling()
         now, views = self._world.clock.now(), self._views()
         start_s = now + views[channel].remembered_s
         stop_s = start_s + gate_s(self.state["TIM:RANG"])
         capture = self._world.capture(now, stop_s + views[channel].remembered_s)
         comparator = comparator_of(self.state, f"CHAN{channel}")
-        signals = Signals(capture, views, self._past(views, Trigger({channel: comparator}, Never)))
+        signals = Signals(capture, views, self._past_of(views, Trigger({channel: comparator}, Never))())
 
         def finish() -> str:
             hertz = counted_hz(signals, channel, comparator, start_s, stop_s)
@@ -434,32 +420,12 @@ class Dso7104B(ScpiInstrument):
     def autoscale(self) -> Pending:
         """:AUToscale: look at every input for a while, then set it up."""
         now = self._world.clock.now()
-        capture = self._world.capture(now, now + _AUTOSCALE_S)
-        return Pending.at(now + _AUTOSCALE_S, lambda: self._autoscaled(capture, now))
+        capture = self._world.capture(now, now + LOOK_S)
+        return Pending.at(now + LOOK_S, lambda: self._autoscaled(capture, now))
 
-    def _autoscaled(self, capture: Any, start_s: float) -> None:
-        times = start_s + np.linspace(0.0, _AUTOSCALE_S, 20_000)
-        frequencies = []
-        for channel in CHANNELS:
-            node = self._nodes.get(channel)
-            volts = np.zeros(len(times)) if node is None else np.asarray(capture.samples(node, times))
-            frequencies += self._fit_channel(channel, times, volts)
-        if frequencies:
-            self.state["TIM:RANG"] = 10.0 * _nice(3.0 / frequencies[0] / 10.0)
-            self.state["TIM:POS"] = 0.0
+    def _autoscaled(self, capture: Capture, start_s: float) -> None:
+        fit(self.state, self._nodes, capture, start_s)
         self.run()
-
-    def _fit_channel(self, channel: int, times: NDArray[np.float64], volts: NDArray[np.float64]) -> list[float]:
-        """Show a channel that has a signal above 10 mVpp; return its frequency, if any."""
-        swing = float(np.ptp(volts)) * self.state[f"CHAN{channel}:PROB"]
-        self.state[f"CHAN{channel}:DISP"] = swing > 0.01
-        if swing <= 0.01:
-            return []
-        self.state[f"CHAN{channel}:RANG"] = 8.0 * _nice(swing / 5.0)
-        self.state[f"CHAN{channel}:OFFS"] = float(volts.max() + volts.min()) / 2.0 * self.state[f"CHAN{channel}:PROB"]
-        trace = Trace(times, volts, clipped=False, thresholds=Thresholds())
-        counted = trace.mean_frequency()
-        return [] if counted is None else [counted]
 
     # --- the record ---------------------------------------------------------------------------------------------------
 
@@ -548,9 +514,3 @@ class Dso7104B(ScpiInstrument):
     def recall(self, place: int) -> None:
         """*RCL; an empty place gives the default setup (unverified)."""
         self.restore(self._stored.get(place, default_setup()))
-
-
-def _nice(value: float) -> float:
-    """Return the next 1-2-5 value at or above `value`."""
-    decade = 10.0 ** math.floor(math.log10(value))
-    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9))
