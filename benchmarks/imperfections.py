@@ -173,6 +173,7 @@ def of_instruments() -> Iterator[Case]:
     yield Case("table's rate, 10 ppm", "scale factor", 10.0, 0.5, "ppm", slope_ppm, table)
     yield Case("table's rate, 10 ppm", "K_Vc", -10.0, 0.5, "ppm", k_vc_ppm, table)
     yield Case("table's rate, 10 ppm", "virtual against table", 0.0, 1.0, "ppm", difference_ppm, table)
+    yield of_ripple()
     whole, stepped = ranges((10.0, 0.01, 0.0)), ranges((0.32, 0.0, 0.0), (10.0, 0.01, 0.0))
     yield Case("generator's gain, 1 %", "K_Vc", 1e4, 20.0, "ppm", k_vc_ppm, errors=whole)
     yield Case("generator's gain, 1 %", "virtual against table", 0.0, 5.0, "ppm", difference_ppm, errors=whole)
@@ -194,6 +195,27 @@ def of_instruments() -> Iterator[Case]:
         *("the same, match=absolute", "K_Vc", 1e6 * (level_v / (level_v - 2e-3) - 1.0), 50.0, "ppm", k_vc_ppm),
         errors=offset,
         settings={"match": "absolute"},
+    )
+
+
+def of_ripple() -> Case:
+    """Return a ripple of the table once a turn: ten readings in one turn of 10 s see its rate at even angles.
+
+    The meter's noise is on, since a run ends whose windows have none of what others have.
+    """
+    turn_hz, noise_v = 0.1, 40e-6
+    swing_v = abs(K) * 100.0 / 3600.0 * 2.0 * math.pi * turn_hz * float(np.sinc(0.2 * turn_hz))
+    scatter_uv = 1e6 * math.hypot(swing_v * math.sqrt(0.5 * 10.0 / 9.0), noise_v)
+
+    def seen(run: Any, _ideal: Any) -> float:
+        return 1e6 * math.sqrt(np.mean([point.std_v**2 for point in run.points if abs(point.rate_deg_s) == 36.0]))
+
+    return Case(
+        *("table's ripple, 100 arcsec once a turn", "scatter at 36 deg/s", scatter_uv, 8.0, "uV", seen),
+        turned("table", ripple_arcsec=[100.0], ripple_harmonic=[1], ripple_phase_rad=[0.4]),
+        errors=meter(noise=4.0),
+        procedure="turntable",
+        settings={"rates_deg_s": [72.0, 36.0, -36.0, -72.0]},
     )
 
 
