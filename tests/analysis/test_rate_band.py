@@ -119,3 +119,23 @@ def test_a_tone_in_the_dip_between_the_modes_keeps_no_fit_from_ending(seed: int)
     band = fit_rate_band(tones, 0.1, Known(3489.987))
     assert abs(band.split_hz - true[0]) < 4.0 * band.u_split_hz
     assert abs(band.q - true[1]) < 4.0 * band.u_q
+
+
+def test_the_noise_of_a_tone_is_that_at_it_and_not_beside_it() -> None:
+    """White force noise through the sense mode and a flat part, read two hertz either side of each tone."""
+    drive, split, q = 3488.9, 24.8, 1224.0
+    f = np.concatenate([np.geomspace(3.0, 20.0, 12), np.linspace(21.0, 28.0, 15), np.geomspace(30.0, 60.0, 8)])
+
+    def noise(at: np.ndarray) -> np.ndarray:
+        own = drive - split
+        bands = [np.abs(1.0 / (own**2 - s**2 + 1j * s * own / q)) ** 2 for s in (drive + at, drive - at)]
+        return np.asarray(1e-4**2 * (0.1 + (bands[0] + bands[1]) * (2.0 * drive * split) ** 2 / 40.0))
+
+    gains = response(f, split, q, 0.8, 0.02) + np.sqrt(noise(f)) * np.random.default_rng(3).standard_normal(f.size)
+    tones = []
+    for at, gain in zip(f.tolist(), gains.tolist(), strict=True):
+        lines = at + np.array([-2.5, -1.5, 1.5, 2.5])
+        read = float(np.sqrt(noise(lines).mean()))
+        tones.append(Tone(at, gain, read, 0.0, 0.01, 12.0, tuple(lines.tolist())))
+    band = fit_rate_band(tones, 1.0, Known(drive, low_pass_hz=1e9))
+    assert band.u_gain == pytest.approx(np.sqrt(noise(f)), rel=0.01)

@@ -59,6 +59,8 @@ class Tone:
     spacing_s: float
     """Of the samples."""
     noise_dof: float
+    noise_hz: tuple[float, ...] = ()
+    """Lines beside the tone from which the noise was read, Hz; none: the tone's own place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +143,7 @@ def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_
     basis = np.column_stack([np.ones_like(steps), steps / values.size, np.cos(angle), np.sin(angle)])
     found, *_ = np.linalg.lstsq(basis, values, rcond=None)
     tone, third = (complex(found[2 + n], -found[2 + len(turns) + n]) for n in (0, _HARMONICS - 1))
-    power, dof = _noise(values - basis @ found, turns)
+    power, places = _noise(values - basis @ found, turns)
     swing = tone / abs(tone)
     return Tone(
         frequency_hz=frequency_hz,
@@ -149,7 +151,8 @@ def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_
         u_amplitude=math.sqrt(power) / _aperture(frequency_hz, aperture_s),
         third=(third * swing.conjugate() ** 3).real / _aperture(_HARMONICS * frequency_hz, aperture_s),
         spacing_s=spacing_s,
-        noise_dof=dof,
+        noise_dof=2.0 * places.size,
+        noise_hz=tuple((places / spacing_s).tolist()),
     )
 
 
@@ -173,8 +176,8 @@ def _strongest(values: Floats, least: float, most: float) -> float:
     return float(tried[np.abs(turned @ (values - values.mean())).argmax()])
 
 
-def _noise(left: Floats, turns: Sequence[float]) -> tuple[float, float]:
-    """Return the variance that noise gives the amplitude at the first of `turns`, and its degrees of freedom."""
+def _noise(left: Floats, turns: Sequence[float]) -> tuple[float, Floats]:
+    """Return the variance that noise gives the amplitude at the first of `turns`, and the lines it was read from."""
     width = 1.0 / left.size
     places = np.array([turns[0] + sign * step * width for step in _BINS for sign in (-1.0, 1.0)])
     folded = np.abs(np.mod(places + 0.5, 1.0) - 0.5)
@@ -184,7 +187,7 @@ def _noise(left: Floats, turns: Sequence[float]) -> tuple[float, float]:
     if not keep.any():
         raise ConfigError("no part of the spectrum about the tone shows the noise alone")
     lines = np.exp(-2j * math.pi * np.outer(places[keep], np.arange(left.size))) @ left
-    return float(2.0 / left.size**2 * np.mean(np.abs(lines) ** 2)), 2.0 * int(keep.sum())
+    return float(2.0 / left.size**2 * np.mean(np.abs(lines) ** 2)), places[keep]
 
 
 def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike) -> float:
@@ -289,14 +292,19 @@ def _residuals(parameters: Floats, f: Floats, gain: Floats, u: Floats, known: Kn
 
 
 def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats:
-    """Return the uncertainty of each amplitude: the noise of all tones of one spacing, as flat part and response."""
+    """Return the uncertainty of each amplitude: the noise of all tones of one spacing, as flat part and response.
+
+    It was read beside each tone and counts at the tone: near the peak these are not the same.
+    """
     from scipy.optimize import nnls  # noqa: PLC0415 - SciPy costs more to import than all the rest
 
     f = np.array([tone.frequency_hz for tone in tones])
-    own = known.drive_hz - parameters[0]
-    sides = [1.0 / (own**2 - s**2 + 1j * s * own / parameters[1]) for s in (known.drive_hz + f, f - known.drive_hz)]
-    passed = np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2
-    passed = passed / passed.min()
+    passed = _passed(f, parameters, known)
+    beside = np.array(
+        [float(_passed(np.array(t.noise_hz or (t.frequency_hz,)), parameters, known).mean()) for t in tones]
+    )
+    least = passed.min()
+    passed, beside = passed / least, beside / least
     variance = np.array([tone.u_amplitude**2 for tone in tones])
     weight = np.sqrt([tone.noise_dof for tone in tones])
     group = np.array([round(tone.spacing_s * 1e3) for tone in tones])
@@ -304,13 +312,20 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
     for each in np.unique(group):
         of = group == each
         model = np.full(int(of.sum()), float(np.mean(variance[of])))
-        columns = np.column_stack([np.ones(model.size), passed[of]])
+        columns = np.column_stack([np.ones(model.size), beside[of]])
         for _ in range(8 if model.size > 3 else 0):
             rows = weight[of] / model
             found, _ = nnls(columns * rows[:, None], variance[of] * rows)
             model = columns @ found
-        smooth[of] = model
+        smooth[of] = found @ [np.ones(model.size), passed[of]] if model.size > 3 else model
     return np.asarray(np.sqrt(smooth))
+
+
+def _passed(f: Floats, parameters: Floats, known: Known) -> Floats:
+    """Return what passes the anti-phase mode of a force noise that is white, both side bands, in any unit."""
+    own = known.drive_hz - parameters[0]
+    sides = [1.0 / (own**2 - s**2 + 1j * s * own / parameters[1]) for s in (known.drive_hz + f, f - known.drive_hz)]
+    return np.asarray(np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2)
 
 
 def _band(fit: ModelFit, gains: _Gains, drive_hz: float) -> RateBand:
