@@ -89,6 +89,11 @@ class _LeadCapture:
         lead = self._leads[node]
         return math.inf if lead.node is None else self._capture.finest_s(lead.node)
 
+    def fed(self, node: str) -> bool:
+        """Tell whether the voltage at input `node` is put on the PCB from outside."""
+        lead = self._leads[node]
+        return lead.node is not None and self._capture.fed(lead.node)
+
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Tell whether nothing happened between two times that could make an input jump."""
         return self._capture.whole(start_s, stop_s)

@@ -129,6 +129,10 @@ class Capture:
         """Return a time in which a node's voltage bends so little that a cubic tells it, but where it jumps."""
         return min((each.finest_s(node) for each in self._stretches), default=math.inf)
 
+    def fed(self, node: str) -> bool:
+        """Tell whether a node's voltage is put on it from outside the PCB."""
+        return all(each.fed(node) for each in self._stretches)
+
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Tell whether nothing happened between two times that could make a node jump."""
         return sum(each.start_s < stop_s and each.stop_s > start_s for each in self._stretches) <= 1

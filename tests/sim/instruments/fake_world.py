@@ -37,6 +37,10 @@ class FakeWindow:
 class FakeCapture:
     world: FakeWorld
 
+    def fed(self, node: str) -> bool:
+        assert node == "output"
+        return False
+
     def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         assert node == "output"
         world = self.world

@@ -109,6 +109,10 @@ class Stretch(Struct, frozen=True):
             return None
         return source
 
+    def fed(self, node: str) -> bool:
+        """Tell whether a node's voltage is put on it from outside the PCB."""
+        return self._source(node) is not None
+
     def source(self, node: str) -> tuple[Played, float] | None:
         """Return what plays on a node, and what part of it is there; None where nothing does."""
         source = self._source(node)

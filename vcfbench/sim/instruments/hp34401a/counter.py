@@ -265,10 +265,10 @@ class _Gate:
             if closed := after < len(seen):
                 seen = seen[: after + 1]
                 break
-        if len(seen) < 2:
-            return Counted(0.0, math.inf if len(seen) == 0 else self._known_s + OVERHEAD_S)
-        first, last = (self._exactly(float(each), step) for each in (seen[0], seen[-1]))
         waits = max(OVERHEAD_S, (self._known_s - self._start_s) / 4)
+        if len(seen) < 2:
+            return Counted(0.0, self._known_s + waits if len(seen) else math.inf)
+        first, last = (self._exactly(float(each), step) for each in (seen[0], seen[-1]))
         return _counted(len(seen) - 1, first, last, self._stop_s if closed else self._known_s + waits)
 
     def _in_stretches(self, step_s: float) -> float:

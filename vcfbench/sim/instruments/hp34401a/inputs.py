@@ -227,13 +227,18 @@ class Inputs:
         return _Scale(range_, function.over_range_of(range_), fraction * range_, added)
 
     def _peak(self, start_s: float, stop_s: float) -> Callable[[], float]:
-        """Look at the terminals between two times, and return how to ask for the voltage farthest from 0."""
+        """Look at the terminals between two times, and return how to ask for the voltage farthest from 0.
+
+        Of a node of the PCB itself that is not said, 0: its noise would have to be drawn for it, reading by reading.
+        """
         import numpy as np  # noqa: PLC0415  (only where a range can be overloaded by peaks)
 
         looked_at = self._world.capture(max(start_s, self._world.clock.now()), stop_s)
-        times = start_s + (np.arange(_PEAK_LOOKS) + 0.5) * ((stop_s - start_s) / _PEAK_LOOKS)
 
         def farthest_v() -> float:
+            if not looked_at.fed(self._node):
+                return 0.0
+            times = start_s + (np.arange(_PEAK_LOOKS) + 0.5) * ((stop_s - start_s) / _PEAK_LOOKS)
             volts = looked_at.samples(self._node, times)
             return float(volts[np.abs(volts).argmax()])
 
