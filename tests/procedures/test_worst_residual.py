@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, READINGS, four_steps, settings
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
@@ -196,7 +197,7 @@ def held(true: Spread, count: int) -> tuple[float, float]:
     for _ in range(count):
         moved = rng.uniform(-1.0, 1.0, len(true.common)) * np.sqrt(3.0) @ true.common
         moved += rng.multivariate_normal(np.zeros(true.residuals.size), true.normal, method="eigh")
-        found = replace(true, residuals=true.residuals + moved)
+        found = structs.replace(true, residuals=true.residuals + moved)
         value, stated = float(np.abs(found.residuals).max()), found.largest()
         if value <= stated.by_errors:
             assert size <= value + stated.by_errors

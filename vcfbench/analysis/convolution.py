@@ -46,8 +46,10 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     reach = math.fsum(half_width for _, half_width in limits) + rest_u * t_quantile(_LEFT_OUT, rest_dof)
     edges = np.linspace(-reach, reach, _CELLS + 1)
     together = np.fft.rfft(_rest(edges, rest_u, rest_dof))
+    half_a_cell = float(edges[_CELLS // 2 + 1])
     for kind, half_width in limits:
-        together = together * np.fft.rfft(_cells(kind, edges / half_width))
+        if half_width > half_a_cell:  # what stays within the middle cell moves nothing
+            together = together * np.fft.rfft(_cells(kind, edges / half_width))
     return _upper_end(np.fft.irfft(together, _CELLS), edges, result.confidence) / result.u
 
 

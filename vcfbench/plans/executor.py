@@ -8,7 +8,6 @@ the bench's safety stack makes all safe once more, and proves it.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -125,30 +124,30 @@ class Execution(Struct, frozen=True):
     not_checked: tuple[str, ...] = ()
 
 
-@dataclass(slots=True)
 class Executor:
     """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now."""
 
-    bench: OpenBench
-    journal: StepJournal
-    observers: Sequence[Observer] = ()
-    operator: Operator = nobody
-    began_s: float | None = None
-    _context: Context = field(init=False)
-    _started_s: float = field(init=False)
-    _number: int = field(init=False, default=0)
-    _written: int = field(init=False, default=0)
-    _points: list[Point] = field(init=False, default_factory=list)
-    _asked_again: list[str] = field(init=False, default_factory=list)
-    _not_checked: list[str] = field(init=False, default_factory=list)
-    _physical_s: float = field(init=False, default=0.0)
-    _error: BenchError | None = field(init=False, default=None)
-    _walked: bool = field(init=False, default=False)
-
-    def __post_init__(self) -> None:
-        self._context = Context(self.bench, self._heard, operator=self.operator)
-        self._started_s = self.bench.clock.now() if self.began_s is None else self.began_s
-        self.observers = list(self.observers)
+    def __init__(
+        self,
+        bench: OpenBench,
+        journal: StepJournal,
+        observers: Sequence[Observer] = (),
+        operator: Operator = nobody,
+        began_s: float | None = None,
+    ) -> None:
+        self.bench = bench
+        self.journal = journal
+        self.observers = list(observers)
+        self.operator = operator
+        self._context = Context(bench, self._heard, operator=operator)
+        self._started_s = bench.clock.now() if began_s is None else began_s
+        self._number = self._written = 0
+        self._points: list[Point] = []
+        self._asked_again: list[str] = []
+        self._not_checked: list[str] = []
+        self._physical_s = 0.0
+        self._error: BenchError | None = None
+        self._walked = False
 
     def execute(self, plan: Plan) -> Execution:
         """Perform `plan` to its end or to its first error, and tell how it went.

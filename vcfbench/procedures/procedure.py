@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from msgspec import Struct
+
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
@@ -82,8 +84,7 @@ class Procedure(Generic[S, R]):
         return f"<Procedure {self.name}>"
 
 
-@dataclass(frozen=True, slots=True)
-class Made:
+class Made(Struct, frozen=True):
     """Where and when results were made, for what is kept of a device."""
 
     bench: str

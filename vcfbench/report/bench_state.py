@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.plans.steps import (
     ConfigureGenerator,
@@ -29,8 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["BenchState"]
 
 
-@dataclass(frozen=True, slots=True)
-class BenchState:
+class BenchState(Struct, frozen=True):
     """What was last set and read back; None where a run has not come to it.
 
     `demand_deg_s` is the rate that the table was told, `table_deg_s` what it read back since, deg/s; `servo` whether

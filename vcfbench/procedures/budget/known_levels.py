@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.bench.settings import V_VC_RANGE_V
 
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["KnownLevels", "known_levels"]
 
 
-@dataclass(frozen=True, slots=True)
-class KnownLevels:
+class KnownLevels(Struct, frozen=True):
     """What V_Vc is known by, and how well: gain and offset are the same at all levels of one of its ranges."""
 
     by: str

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.sweep.schedule import earth_left_deg_s
@@ -26,8 +26,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 TILT = "Earth's rate by the axis' tilt"
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(Struct, frozen=True):
     """A least-squares line as sums over windows."""
 
     rate_deg_s: Floats

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import Struct, structs
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.procedures.budget.line import noises_of
@@ -26,8 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["CurvedLine", "ValueModel", "with_nonlinearity"]
 
 
-@dataclass(frozen=True, slots=True)
-class CurvedLine:
+class CurvedLine(Struct, frozen=True):
     """The non-linearity of one line: its residuals, and what outputs and V_Vc put into each of them."""
 
     name: str
@@ -68,11 +68,10 @@ class CurvedLine:
             effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
             effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)
         u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
-        return replace(self, effects=effects, own={f"{known.by} {known.besides}": through * u_v})
+        return structs.replace(self, effects=effects, own={f"{known.by} {known.besides}": through * u_v})
 
 
-@dataclass(frozen=True, slots=True)
-class ValueModel:
+class ValueModel(Struct, frozen=True):
     """What the values of a statement were made of."""
 
     sources: Sequence[Source]
@@ -119,8 +118,7 @@ def with_nonlinearity(
 _LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
 
 
-@dataclass(frozen=True, slots=True)
-class WorstResidual:
+class WorstResidual(Struct, frozen=True):
     """The largest residual of a line: a linear functional where one alone may be it, else by trials."""
 
     size_ppm: float

@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from msgspec import Struct
+
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
@@ -124,8 +126,7 @@ def _meaning(settings: ProcedureSettings, words: str) -> str:
     return words if earth_left_deg_s(settings) is None else words.replace("Earth's rate in it", "without Earth's rate")
 
 
-@dataclass(frozen=True, slots=True)
-class Circumstances:
+class Circumstances(Struct, frozen=True):
     """What temperature, mounting and phases do to the values, as far as the bench file knows it."""
 
     sources: tuple[Source, ...]

@@ -8,10 +8,10 @@ what is left is the scatter of the trials about their own mean.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,8 +30,7 @@ _MAY_BE_LARGEST = 3.0
 """Standard deviations of its distance from the largest within which a residual may truly be the largest."""
 
 
-@dataclass(frozen=True, slots=True)
-class Residuals:
+class Residuals(Struct, frozen=True):
     """The residuals of a line over its span, ppm, and what errors of its n windows do to each of them.
 
     Windows at one rate have one residual, that of their mean: the largest of many windows would grow with their number.
@@ -71,8 +70,7 @@ def _means(rate_deg_s: Floats) -> Floats:
     return np.asarray(members / members.sum(axis=1, keepdims=True))
 
 
-@dataclass(frozen=True, slots=True)
-class Largest:
+class Largest(Struct, frozen=True):
     """How far errors move the largest of several residuals, ppm."""
 
     u: float
@@ -81,8 +79,7 @@ class Largest:
     """What errors alone stay below with 95 %, where there is no non-linearity."""
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
+class Spread(Struct, frozen=True):
     """How the residuals vary together, ppm; `residuals` (n,) as found."""
 
     residuals: Floats

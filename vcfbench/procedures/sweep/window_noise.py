@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.budget import Source
 from vcfbench.analysis.phase_noise import PhaseNoise
@@ -31,8 +32,7 @@ _ENOUGH_DOF = 10.0
 Differences of some seconds are half white noise, so that 18 zeros have 5."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutputSum:
+class OutputSum(Struct, frozen=True):
     """A weighted sum of the outputs of all windows, V or V/(deg/s); `steady` when the weights add up to 1, not 0."""
 
     name: str
@@ -41,8 +41,7 @@ class OutputSum:
     steady: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Flicker:
+class Flicker(Struct, frozen=True):
     """The coefficient B of the gyroscope's flicker, deg/h, how well it is known, and where from."""
 
     deg_h: float
@@ -51,8 +50,7 @@ class Flicker:
     said: str
 
 
-@dataclass(frozen=True, slots=True)
-class WindowNoise:
+class WindowNoise(Struct, frozen=True):
     """Scatter of the readings, pooled over all windows, and flicker, whose covariances are worked out once."""
 
     readings: Floats

@@ -7,10 +7,11 @@ weights go with it, and noise and flicker go through them with all their correla
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, SweepSettings, window_grid
@@ -28,8 +29,7 @@ __all__ = ["Sweep", "drift_weights", "sweep_of", "window_times", "zero_places"]
 Floats: TypeAlias = "NDArray[np.float64]"
 
 
-@dataclass(frozen=True, slots=True)
-class Sweep:
+class Sweep(Struct, frozen=True):
     """The windows of one step: their places among all windows, and their points as the results take them.
 
     The points have the drift of the zeros taken off and the Earth's rate added, where that was asked. `mixing`, (n, N),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.budget.known_levels import known_levels
@@ -126,8 +126,7 @@ def _match_weights(points: Sequence[Point], matching: Matching) -> Floats:
     return np.array([groups.get(k, 0.0) * p.n / readings.get(k, 1) for p, k in zip(points, keys, strict=True)])
 
 
-@dataclass(frozen=True, slots=True)
-class _Levels:
+class _Levels(Struct, frozen=True):
     """What the errors of V_Vc do to the match and to the virtual line: gain and offset of each range."""
 
     sources: tuple[Source, ...]
