@@ -194,6 +194,9 @@ def test_the_figures_of_a_procedure_of_ones_own_are_kept_with_its_run(tmp_path: 
     assert run.directory is not None
     again = vcfbench.load_run(run.directory)
     assert "is not known here" in str(again.no_results)
+    page = vcfbench.write_report(again, tmp_path / "again.html")[0].read_text("utf-8")
+    assert page.count(">rail_tolerance_v<") == 1
+    assert "station." not in page
     assert again.report().parts[: len(run.report().parts)] == run.report().parts
     figures = [part for part in full_report(again).parts if isinstance(part, Figure)]
     assert (

@@ -16,6 +16,7 @@ from vcfbench.record.schema import Status
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
 from vcfbench.report.generic import results_table
 from vcfbench.report.thinning import DRAWN, thinned
+from vcfbench.runs.results import STORED_SETTINGS
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
@@ -177,7 +178,8 @@ def _method_known(name: str) -> str:
 
 def _results(run: Run) -> Iterator[Part]:
     yield Heading("Results", 2)
-    *parts, last = run.report().parts or (Text("nothing"),)
+    found = [part for part in run.report().parts if not _is_settings(part)]  # they have a section of their own
+    *parts, last = found or (Text("nothing"),)
     verdict = [last] if run.verdict is not None else []
     yield from parts if verdict else [*parts, last]
     if run.no_results is not None:
@@ -187,6 +189,10 @@ def _results(run: Run) -> Iterator[Part]:
     if verdict:
         yield Heading("Verdict", 2)
         yield from verdict
+
+
+def _is_settings(part: Part) -> bool:
+    return isinstance(part, Table) and part.title == STORED_SETTINGS
 
 
 def _record(run: Run) -> Iterator[Figure]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Raw, Struct
 
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.outline import Outline
     from vcfbench.record.schema import Point
+
+
+STORED_SETTINGS: Final = "settings"
+"""Title of the table of settings below results that are shown as they were stored."""
 
 
 class CameTo(Struct, frozen=True):
@@ -96,7 +100,9 @@ def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
         parts = report_from(kept).parts
     else:
         parts = (points_table(points), *results_table(results, "results, as they were stored"))
-    settings = results_table(record.header.get("settings"), "settings", "setting")
+    told = record.header.get("settings")
+    own = {key: each for key, each in told.items() if key != "station"} if isinstance(told, dict) else told
+    settings = results_table(own, STORED_SETTINGS, "setting")
     return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
 
 
