@@ -68,6 +68,7 @@ def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_correct
     assert abs(unstable.value - B_DEG_H) < 3.0 * unstable.u < 3.0
     text = vcfbench.text_of(hour.report())
     assert "white noise is seen 2.61 times too large" in text
+    assert f"for [uncertainty] of the bench file: bias_instability_deg_h = {unstable.value:.3g}\n" in text
     assert "NOT corrected" not in text
 
 

@@ -379,10 +379,16 @@ def zero_report(results: ZeroResult, *, bandwidth_told: bool) -> Report:
             _bias_table(results),
             _stability_table(results.stability_deg_h),
             _allan_table(results),
-            Text(_WHAT_U_HOLDS),
+            Text("\n".join([*_for_budgets(results), _WHAT_U_HOLDS])),
             _figure(results),
         ]
     )
+
+
+def _for_budgets(results: ZeroResult) -> list[str]:
+    """Say what budgets may know of the flicker, as the key of the bench file; nothing where none was found."""
+    found = next((each for each in results.noise if each.name == "bias instability" and each.u), None)
+    return [] if found is None else [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found.value:.3g}"]
 
 
 _WHAT_U_HOLDS = """\
