@@ -32,8 +32,9 @@ def bench_with(form: str, dc_v: float, *sines: Sine) -> Bench:
 # --- AC coupling
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("frequency_hz", [0.5, 3.5, 30.0])
+@pytest.mark.parametrize(
+    ("form", "frequency_hz"), [("closed", 0.5), ("closed", 3.5), ("closed", 30.0), ("sampled", 0.5)]
+)
 def test_ac_coupling_is_a_high_pass_at_3_5_hz(form: str, frequency_hz: float) -> None:
     bench = bench_with(form, 2.0, Sine(1.0, frequency_hz, 0.4))
     bench.send(f":CHAN1:COUP AC;:TIM:RANG {3.3 / frequency_hz!r};:DIG CHAN1")
@@ -103,7 +104,7 @@ def test_a_lead_that_hangs_free_is_at_0_v_behind_every_filter(setup: str) -> Non
 
 
 @pytest.mark.parametrize(
-    ("form", "range_s"), [("closed", 200e-9), ("closed", 0.1e-3), ("sampled", 200e-9), ("sampled", 20e-6)]
+    ("form", "range_s"), [("closed", 200e-9), ("closed", 20e-6), ("sampled", 200e-9), ("sampled", 20e-6)]
 )
 def test_the_bandwidth_limit_is_25_mhz(form: str, range_s: float) -> None:
     bench = bench_with(form, 0.5, Sine(1.0, 25e6, 0.3))
@@ -175,8 +176,9 @@ def test_lf_reject_takes_the_mean_and_what_is_slow() -> None:
 # --- high resolution, peaks
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("periods", [0.307, 1.37, 19.99])
+@pytest.mark.parametrize(
+    ("form", "periods"), [("closed", 0.307), ("closed", 19.99), ("sampled", 1.37), ("sampled", 19.99)]
+)
 def test_high_resolution_averages_the_signal(form: str, periods: float) -> None:
     """Periods of the sine between two points: what is left is the sinc's value."""
     bench = bench_with(form, 0.0, Sine(1.0, periods * 1e6, 0.3))
@@ -236,11 +238,11 @@ def test_noise_and_coarse_steps_do_not_shift_an_edge() -> None:
         bench.finest_s[node] = 2e-6
     bench.send(":CHAN1:RANG 2.4;:CHAN2:RANG 16;:TIM:RANG 10E-3")
     phases = []
-    for _ in range(25):
+    for _ in range(16):
         assert bench.ask(":DIG CHAN1,CHAN2;*OPC?") == "1"
         phases.append(bench.number(":MEAS:PHAS? CHAN1,CHAN2"))
     assert np.std(phases) < 2.0
-    assert np.mean(phases) == pytest.approx(0.0, abs=3.0 * np.std(phases) / math.sqrt(25))
+    assert np.mean(phases) == pytest.approx(0.0, abs=3.0 * np.std(phases) / math.sqrt(16))
 
 
 # --- the counter
