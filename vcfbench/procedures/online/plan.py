@@ -24,7 +24,8 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.v_vc import ready_meters
-from vcfbench.procedures.online.results import online_report, online_results
+from vcfbench.procedures.online.report import online_report
+from vcfbench.procedures.online.results import online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (

@@ -20,18 +20,16 @@ from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
 from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
-from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
+from vcfbench.procedures.known.certificate import Drift, drift_of, shares_of
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
     READINGS,
     V_VC_GAIN,
     V_VC_NOISE,
-    age_words,
     meter_error,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.procedures.measurand import Measurand, Part, measurand
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,7 +39,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.measured import Measured
     from vcfbench.procedures.online.settings import OnlineSettings
 
-__all__ = ["AllanOfScaleFactor", "OnlineResult", "WindowFactor", "online_report", "online_results"]
+__all__ = ["AllanOfScaleFactor", "OnlineResult", "WindowFactor", "online_results"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
@@ -471,75 +469,3 @@ def _allan(factors: Floats, window_s: float, u_readings: float) -> tuple[AllanOf
         )
         for each in curve
     )
-
-
-def online_report(settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:
-    """Report scale factor, disturbance, the windows, and their Allan deviation."""
-    disturbance = results.disturbance
-    scatter = f"chi-square {results.chi_square:.1f} for {results.dof} degrees of freedom"
-    sine = f"virtual rate {results.virtual_rate_deg_s:.4g} deg/s, V_Vc {results.v_vc_amplitude_v:.6g} V"
-    less = f"disturbed by less than {results.disturbed_by_less_than_deg_s:.2g} deg/s (95 %)"
-    noise = f"{results.noise_at_rest_deg_s:.2g} deg/s at rest, {results.noise_modulated_deg_s:.2g} modulated"
-    curvature = f"{results.compression_ppm:+.0f} ppm of curvature, {results.response_ppm:+.0f} ppm of response"
-    words = [
-        said_of("scale factor, small signals", results.scale_factor),
-        f"{len(results.windows)} windows scatter with {scatter}; {sine}",
-        f"true rate under modulation less at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
-        f"  u is made of {', '.join(f'{each.source} {each.u:.1g}' for each in disturbance.parts)} deg/s",
-        f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
-        f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
-        f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
-        *age_words(settings),
-    ]
-    parts = [
-        Text("\n".join(words)),
-        _window_table(results),
-        budget_table("the scale factor", results.scale_factor),
-        *([] if results.drift is None else drift_parts(results.drift)),
-        *_figures(results),
-        Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
-    ]
-    if results.unseen:
-        parts.append(Text("what this method cannot see:\n" + "\n".join(f"  {each}" for each in results.unseen)))
-    return Report(parts)
-
-
-def _window_table(results: OnlineResult) -> Table:
-    columns = (
-        *(Column("t", "s", ".1f"), Column("scale factor", "V/(deg/s)", ".8f")),
-        *(Column("u of its readings", "ppm", ".1f"), Column("u", "ppm", ".1f")),
-    )
-    rows = [
-        (each.t_s, each.scale_factor_v_per_deg_s, _ppm(each.u_readings, each), _ppm(each.u, each))
-        for each in results.windows
-    ]
-    return Table(columns, rows, "scale factor, window after window")
-
-
-def _ppm(u: float, window: WindowFactor) -> float:
-    return 1e6 * u / abs(window.scale_factor_v_per_deg_s)
-
-
-def _figures(results: OnlineResult) -> list[Figure]:
-    mean = results.scale_factor.value
-    times = [each.t_s for each in results.windows]
-    ppm = [1e6 * (each.scale_factor_v_per_deg_s / mean - 1.0) for each in results.windows]
-    factors = Series("window", times, ppm, [_ppm(each.u_readings, each) for each in results.windows])
-    rate = Series("burst", results.rate_t_s, results.rate_change_deg_s)
-    figures = [
-        Figure("Scale factor over time", Axis("time", "s"), Axis("scale factor less its mean", "ppm"), [factors]),
-        Figure("True rate, modulation taken out", Axis("time", "s"), Axis("rate less that at rest", "deg/s"), [rate]),
-    ]
-    rows = [each for each in results.allan if each.deviation_ppm > 0.0]
-    if rows:
-        tau = [each.tau_s for each in rows]
-        low, high = [each.low_ppm for each in rows], [each.high_ppm for each in rows]
-        curve = Series("windows", tau, [each.deviation_ppm for each in rows], low=low, high=high)
-        noise = Series("noise of the readings alone", tau, [each.noise_ppm for each in rows], kind="line")
-        axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "ppm", "log")
-        figures.append(
-            Figure(
-                "Allan deviation of the scale factor", *axes, [curve, noise], "The band holds the true value with 95 %."
-            )
-        )
-    return figures
