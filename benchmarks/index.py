@@ -13,6 +13,7 @@ import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import vcfbench
 from vcfbench.runs.index import RunIndex
@@ -39,13 +40,16 @@ def records(folder: Path, count: int) -> Path:
     result = (run.directory / "result.json").read_bytes()
     first, rest = journal.split(b"\n", 1)
     header = json.loads(first)
+    between, last = rest[: rest.rindex(b"\n", 0, -1) + 1], json.loads(rest[rest.rindex(b"\n", 0, -1) :])
     for number in range(count):
         began = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(minutes=7 * number)
         told = {"dut": f"G-{number % 200:04d}", "operator": "A. Person", "tags": {"batch": str(number % 17)}}
         directory = folder / "runs" / f"{began:%Y%m%dT%H%M%SZ}-turntable-{number:06x}"
         directory.mkdir(parents=True)
         changed = {**header, "run": directory.name, "utc": began.isoformat(), "metadata": told}
-        (directory / "journal.jsonl").write_bytes(json.dumps(changed).encode() + b"\n" + rest)
+        data = json.dumps(changed).encode() + b"\n" + between
+        footer = json.dumps({**last, "crc32": crc32(data)}).encode() + b"\n"
+        (directory / "journal.jsonl").write_bytes(data + footer)
         (directory / "result.json").write_bytes(result)
     return folder / "runs"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 import pytest
 
@@ -41,6 +42,24 @@ def test_a_whole_journal_says_what_a_list_shows(tmp_path: Path) -> None:
     assert outline is not None
     assert (outline.procedure, outline.bench, outline.seed) == ("turntable", "paper", 7)
     assert (outline.status, outline.marks) == (Status.COMPLETE, (Mark(5.0, 0.0, -0.5),))
+
+
+def test_lines_that_the_footer_vouches_for_are_not_read(tmp_path: Path) -> None:
+    """A journal as it was written has a list's answer in its first and last line; one that was changed is read."""
+    journal = written(tmp_path, WHOLE)
+    *before, _ = journal.read_bytes().splitlines(keepends=True)
+    data = b"".join(before)
+    footer = json.dumps({**FOOTER, "crc32": crc32(data)}).encode() + b"\n"
+    journal.write_bytes(data + footer)
+    outline = outline_of(journal)
+    assert outline is not None
+    assert (outline.points, outline.marks, outline.status) == (1, None, Status.COMPLETE)
+    journal.write_bytes(data.replace(b"turntable", b"Turntable") + footer)
+    changed = outline_of(journal)
+    assert changed is not None
+    assert changed.marks == (Mark(5.0, 0.0, -0.5),)
+    journal.write_bytes(b"".join(before[:2] + before[3:]) + footer)
+    assert outline_of(journal) is None
 
 
 @pytest.mark.parametrize(

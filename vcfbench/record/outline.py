@@ -1,6 +1,7 @@
 """What a list of runs shows of a journal, without its readings: thousands of records are listed in seconds.
 
-Every line is looked at, and must be JSON, in its place and in order of bench time. What is not plainly whole is left to
+The footer's sum says whether the lines before it are as they were written. Without one, or where it differs, every line
+is looked at, and must be JSON, in its place and in order of bench time. What is not plainly whole is left to
 :func:`~vcfbench.record.journal.read_journal`, which says what is wrong. The sums over readings are not done again here:
 that a point is not the mean of its readings is found by who reads the record itself.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 import sys
 from math import isfinite
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import msgspec
 from msgspec import Struct, field
@@ -43,13 +45,18 @@ class Told(Struct, frozen=True):
 
 
 class Outline(Struct, frozen=True):
-    """A journal without steps and readings; `marks` are of its points, `device` that of its settings."""
+    """A journal without steps and readings; `marks` are of its points, `device` that of its settings.
+
+    `marks` are None where the sum in the footer says that the lines between are as they were written.
+    """
 
     procedure: str
     bench: str | None
     seed: int | None
     status: Status
-    marks: tuple[Mark, ...]
+    points: int
+    marks: tuple[Mark, ...] | None
+    bench_seconds: float | None = None
     utc: str | None = None
     metadata: Told = field(default_factory=Told)
     device: str | None = None
@@ -88,6 +95,8 @@ class _Footer(Struct, frozen=True):
     type: str
     status: Status
     points: int
+    bench_seconds: float | None = None
+    crc32: int | None = None
 
 
 _HEADER = msgspec.json.Decoder(_Header)
@@ -103,15 +112,17 @@ def outline_of(path: Path) -> Outline | None:
         if not 0 < first < last or not data.endswith(b"\n"):
             return None
         header, footer = _HEADER.decode(data[:first]), _FOOTER.decode(data[last:])
-        between = _LINE.decode_lines(data[first:last])
+        sealed = footer.crc32 is not None and crc32(memoryview(data)[:last]) == footer.crc32
+        between = [] if sealed else _LINE.decode_lines(data[first:last])
     except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     marks = tuple(line.point for line in between if line.point is not None and line.type == "step")
-    whole = (header.type, footer.type, footer.points) == ("header", "footer", len(marks)) and _in_order(between)
-    if not whole or header.format not in READABLE:
+    whole = sealed or (footer.points == len(marks) and _in_order(between))
+    if (header.type, footer.type) != ("header", "footer") or not whole or header.format not in READABLE:
         return None
-    head = (header.procedure, header.bench.name, header.seed, footer.status, marks)
-    return Outline(*head, header.utc, header.metadata, header.settings.dut)
+    head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points)
+    told = (None if sealed else marks, footer.bench_seconds)
+    return Outline(*head, *told, header.utc, header.metadata, header.settings.dut)
 
 
 def _in_order(lines: Sequence[_Line]) -> bool:

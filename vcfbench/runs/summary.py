@@ -179,7 +179,7 @@ def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
         procedure=outline.procedure,
         bench=outline.bench,
         seed=outline.seed,
-        points=len(outline.marks),
+        points=outline.points,
         dut=told.dut or outline.device,
         operator=told.operator,
         note=told.note,
