@@ -159,7 +159,7 @@ def _hard_copy_learned(model: Dso7104B) -> str:
 def _setup(model: Dso7104B) -> bytes:
     """Return the setup as a block; its inside is ours.
 
-    It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests of a real DSOX1102G read it as
+    It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests for a real DSOX1102G read it as
     text and send it back.
     """
     return block(base64.b64encode(json.dumps(model.state).encode()), 8)

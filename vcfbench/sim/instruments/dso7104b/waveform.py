@@ -176,8 +176,8 @@ def _asked(model: Dso7104B) -> tuple[Any, ...]:
 def _shown(model: Dso7104B) -> bool:
     """Tell whether there is anything of the source: of what is off there are holes alone.
 
-    A real DSOX1102G sends something for it that PyMeasure's tests can read; a hole is a place without data (5000 series
-    guide). That these are what it sends is unverified.
+    PyMeasure's tests for a real DSOX1102G expect something that can be read; a hole is a place without data (5000
+    series guide). That holes are what is sent is unverified.
     """
     return bool(model.state[f"{model.state['WAV:SOUR']}:DISP"])
 
