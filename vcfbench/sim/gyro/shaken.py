@@ -27,6 +27,15 @@ if TYPE_CHECKING:
 __all__ = ["Shaken", "Shaking"]
 
 
+class _Interval(Struct, frozen=True):
+    """What an interval does: turns lines, leaves of free motions; what both put into the integral, V s each."""
+
+    turned: NDArray[np.complex128]
+    left: NDArray[np.complex128]
+    lines_v_s: NDArray[np.complex128]
+    free_v_s: NDArray[np.complex128]
+
+
 class Shaking:
     """A chain that one flutter shakes: how each of its lines, and of their mirror images, moves each eigenmode."""
 
@@ -41,6 +50,7 @@ class Shaking:
         self._shown = chain.to_filtered @ self.forced
         self._power = np.abs(self._shown[:lines] + self._shown[lines:].conj()) ** 2 / 2.0
         self._variances: dict[int, float] = {}
+        self._intervals: dict[int, _Interval] = {}
 
     def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> Shaken | None:
         """Return what the flutter of a segment of the motion does over an interval, None if it has none."""
@@ -49,15 +59,20 @@ class Shaking:
         turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
         return Shaken(self, np.concatenate((turned, turned.conj())), rate.shaking_deg_s, duration_s)
 
-    def moved(self, duration_s: float) -> NDArray[np.complex128]:
-        """Return exp(exponents t) - 1 of each line and mirror image."""
-        turned = self._speeds_rad_s * duration_s
-        moved = -2.0 * np.sin(0.5 * turned) ** 2 + 1j * np.sin(turned)
-        return np.concatenate((moved, moved.conj()))
-
-    def shown_v_s(self, sizes: NDArray[np.complex128]) -> complex:
-        """Return the sum of lines of these sizes in the filtered signal."""
-        return complex(self._shown @ sizes)
+    def interval(self, duration_s: float) -> _Interval:
+        """Return what an interval, to 1 ns, does to lines and eigenmodes; kept, since those of a plan come again."""
+        key = round(duration_s * 1e9)
+        if key not in self._intervals:
+            make_room(self._intervals)
+            turned = self._speeds_rad_s * (key * 1e-9)
+            moved = -2.0 * np.sin(0.5 * turned) ** 2 + 1j * np.sin(turned)
+            both = np.concatenate((moved, moved.conj()))
+            decayed = np.asarray(np.expm1(self.chain.eigenmodes * (key * 1e-9)), complex)
+            free = self.chain.to_filtered * decayed / self.chain.eigenmodes
+            self._intervals[key] = _Interval(
+                both + 1.0, np.asarray(decayed + 1.0, complex), self._shown * both / self.exponents, free
+            )
+        return self._intervals[key]
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance of the filtered signal about its mean over a time, of flutter of 1 deg/s, V^2."""
@@ -94,11 +109,9 @@ class Shaken(Struct, frozen=True, dict=True):
 
     @cached_property
     def _gathered(self) -> tuple[NDArray[np.complex128], float]:
-        by, own = self.by, self.by.chain.eigenmodes
-        gone, decayed = self.sizes * by.moved(self.duration_s), np.expm1(own * self.duration_s)
-        modal = by.forced @ (self.sizes + gone) + self._free * (decayed + 1.0)
-        integral_v_s = by.shown_v_s(gone / by.exponents) + by.chain.to_filtered @ (self._free * decayed / own)
-        return modal, float(integral_v_s.real)
+        over = self.by.interval(self.duration_s)
+        modal = self.by.forced @ (self.sizes * over.turned) + self._free * over.left
+        return modal, float((over.lines_v_s @ self.sizes + over.free_v_s @ self._free).real)
 
     @cached_property
     def _filtered(self) -> ExponentialSum:

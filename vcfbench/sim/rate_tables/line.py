@@ -100,11 +100,14 @@ class LineDevice:
             self._advance()
             self._quiet_until_s = min(self._own_events_s(), default=math.inf)
             self._commands_known = self._table.commands
-        now, own_s = self._clock.now(), self._quiet_until_s
+        own_s = self._quiet_until_s
+        if not self._output:
+            return own_s if own_s < math.inf else None
+        now = self._clock.now()
         coming_s = min((ready for ready, _ in self._output if ready > now), default=math.inf)
         if (next_s := min(own_s, coming_s)) < math.inf:
             return next_s
-        return self._output[0][0] if self._output else None
+        return self._output[0][0]
 
     @property
     def _quiet(self) -> bool:
