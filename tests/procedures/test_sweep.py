@@ -295,6 +295,24 @@ def test_the_earth_s_rate_leaves_the_bias_where_it_is_added_to_the_table_s(tmp_p
     assert tilt.u_source == pytest.approx(abs(told.results.scale_factor.value) * left / math.sqrt(3.0), rel=1e-6)
 
 
+def test_the_scale_factor_of_an_axis_askew_is_held_by_the_budget(tmp_path: Path) -> None:
+    angle_deg = 2.0
+    askew = simulated("ideal", errors="none", overrides=f"{STILL}misalignment_deg = {angle_deg}\n{NO_RIPPLE}")
+    known = structs.replace(askew.uncertainty, misalignment_deg=angle_deg)
+    benches = (
+        simulated("ideal", errors="none", overrides=STILL + NO_RIPPLE),
+        structs.replace(askew, uncertainty=known),
+    )
+    straight, tilted = (vcfbench.run("turntable", each, settings=QUICK, runs=tmp_path).results for each in benches)
+    away = tilted.scale_factor.value - straight.scale_factor.value
+    assert away / straight.scale_factor.value == pytest.approx(math.cos(math.radians(angle_deg)) - 1.0, rel=1e-3)
+    stated = tilted.uncertainty.value("scale_factor")
+    limit = next(each for each in stated.contributions if each.source == "misalignment").u * math.sqrt(3.0)
+    assert abs(away) <= limit * 1.001
+    others = math.sqrt(sum(each.u**2 for each in stated.contributions if each.source != "misalignment"))
+    assert abs(away) > 3.0 * others
+
+
 def test_the_four_steps_take_order_zeros_and_repeats_too(tmp_path: Path) -> None:
     told = {**QUICK, "order": "abba", "zeros": "ends", "repeat": 2, "rates_deg_s": [100.0, 0.0, -100.0]}
     run = vcfbench.run("virtual-coriolis", simulated("ideal"), settings=told, runs=tmp_path)

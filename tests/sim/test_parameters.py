@@ -36,7 +36,15 @@ def test_the_structure_is_the_papers() -> None:
 
 def test_ideal_has_every_imperfection_off() -> None:
     values = {row.path: row.value for row in ideal_bench().rows()}
-    ending = ("offset_v", "second_order_per_v", "third_order_per_v2", "quadrature_rad_s", "coefficient_per_k", "_error")
+    ending = (
+        "offset_v",
+        "second_order_per_v",
+        "third_order_per_v2",
+        "quadrature_rad_s",
+        "coefficient_per_k",
+        "_error",
+        "misalignment_deg",
+    )
     noise = ("noise.angle_random_walk_deg_sqrt_s", "noise.bias_instability_deg_s", "site.latitude_deg")
     imperfect = [value for path, value in values.items() if path.endswith(ending) or path in noise]
     assert len(imperfect) >= 14
@@ -50,6 +58,7 @@ def test_ideal_has_every_imperfection_off() -> None:
         ("sense_anti_phase", "quality", 0.5, "a number above 0.5"),
         ("sense_path", "low_pass_order", 0, "a number at least 1 and at most 10"),
         ("table", "loop_damping", 1.0, "a number at least 0.1 and at most 0.99"),
+        ("table", "misalignment_deg", 46.0, "a number at least 0 and at most 45"),
         ("table", "ripple_harmonic", (1, 0), "a number at least 1"),
         ("thermal", "refresh_k", 0.0, "a number at least 0.0001"),
         ("noise", "flicker_processes", -1, "a number at least 0 and at most 30"),

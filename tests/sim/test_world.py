@@ -141,6 +141,24 @@ def test_earth_rate_by_latitude(latitude: float, earth_deg_h: float) -> None:
     assert mean_v(clock, world, 1.0) / K_IDEAL * 3600 == pytest.approx(earth_deg_h, abs=0.006)
 
 
+def test_an_axis_askew_sees_the_cosine_of_table_and_earth() -> None:
+    """Of constant rate, ramp, ripple and flutter alike; 45 degrees on a table whose axis is vertical, at a pole."""
+    table = replace(PAPER.table, flutter_per_sqrt_hz=1e-3, loop_hz=5.0)
+    seen = []
+    for angle_deg in (0.0, 45.0):
+        askew = replace(table, misalignment_deg=angle_deg)
+        clock, world = powered(replace(IDEAL, table=askew, site=replace(IDEAL.site, latitude_deg=90.0)), seed=5)
+        still = mean_v(clock, world, 1.0)
+        world.table.demand_rate(50.0, 100.0)
+        means = [mean_v(clock, world, 0.1) for _ in range(20)]
+        assert world.table.rate_deg_s() == pytest.approx(50.0, abs=1.0)
+        seen.append([still, *means])
+    straight, tilted = seen
+    assert straight[0] / K_IDEAL * 3600 == pytest.approx(15.041, abs=0.006)
+    assert np.ptp(straight[10:]) > 1e-4
+    assert tilted == pytest.approx([math.sqrt(0.5) * each for each in straight], rel=1e-9, abs=1e-9)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_output_is_linear_at_200_and_saturates_below_the_rails(sign: float) -> None:
     clock, world = powered(IDEAL)

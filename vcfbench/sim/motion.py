@@ -75,6 +75,16 @@ class RateSegment(Struct, frozen=True):
         left = self.astray_deg * math.exp(-back_per_s * (instant_s - self.start_s)) if self.astray_deg else 0.0
         return left if self.flutter is None else left + self.shaking_deg_s * self.flutter.angle_at(instant_s)
 
+    def askew(self, share: float) -> RateSegment:
+        """Return what an axis at an angle sees of the rates, that share of each; of the angle it tells nothing."""
+        return replace(
+            self,
+            rate_deg_s=share * self.rate_deg_s,
+            slope_deg_s2=share * self.slope_deg_s2,
+            terms=tuple((share * a, s) for a, s in self.terms),
+            shaking_deg_s=share * self.shaking_deg_s,
+        )
+
 
 class Ripple(Struct, frozen=True):
     """A part of the angle error: `arcsec` sin(`harmonic` angle + `phase_rad`)."""

@@ -321,6 +321,15 @@ class TableMechanics(_Group, frozen=True):
             "1", "relative error of the mean rate", "BD125 class: 10 ppm, unverified", _Range(least=-0.5, most=0.5)
         ),
     ]
+    misalignment_deg: Annotated[
+        float,
+        Quantity(
+            "deg",
+            "from the table's axis to the gyroscope's, which sees the cosine of its rates; no horizontal part",
+            "off; 1 degree takes 152 ppm",
+            _Range(least=0.0, most=45.0),
+        ),
+    ]
     ripple_arcsec: Annotated[
         tuple[float, ...], Quantity("arcsec", "amplitude of the angle error of each harmonic", CHOSEN)
     ]

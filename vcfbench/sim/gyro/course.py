@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.sim.gyro.chain import Forcing
-from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
+from vcfbench.sim.gyro.design import earth_rate_deg_s
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.thermal import resonance_at
 
@@ -66,7 +66,7 @@ class Acting(Struct, frozen=True):
         """Return rate and modulator voltage from `since_s` on."""
         since, rate = self.since_s - self.rate.start_s, self.rate
         bench, scale = self.bench, math.pi / 180
-        earth = EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg))
+        earth = earth_rate_deg_s(bench)
         warm, drift = self._bias()
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift

@@ -36,9 +36,11 @@ __all__ = [
     "PERFECT",
     "Targets",
     "design",
+    "earth_rate_deg_s",
     "ideal_bench",
     "imperfect",
     "paper_bench",
+    "seen_share",
 ]
 
 EARTH_RATE_DEG_S = 15.041067 / 3600.0
@@ -95,13 +97,23 @@ def _linear_gains(bench: BenchParameters) -> tuple[float, float, float]:
     return per_rate, (demodulated * virtual_force).real, (demodulated * quadrature).real
 
 
+def seen_share(bench: BenchParameters) -> float:
+    """Return the share of a rate about the table's axis that the gyroscope's axis sees."""
+    return math.cos(math.radians(bench.table.misalignment_deg))
+
+
+def earth_rate_deg_s(bench: BenchParameters) -> float:
+    """Return the Earth's rate that the gyroscope sees of the vertical, the table's axis, deg/s."""
+    return EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg)) * seen_share(bench)
+
+
 def design(bench: BenchParameters, targets: Targets) -> BenchParameters:
     """Return `bench` with output gain, offset and curvature, K_FBY and modulator offset that meet `targets`.
 
     The output is y = offset + u + a2 u^2 + a3 u^3 with u = u0 + g r, where u0 comes from quadrature and Earth rate.
     """
     per_rate, per_volt, quadrature = _linear_gains(bench)
-    earth = EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg))
+    earth = earth_rate_deg_s(bench)
     gain, second, third = targets.scale_factor_v_s_deg / per_rate, 0.0, 0.0
     for _ in range(20):  # the curvature shifts the slope at u0 a little: converges at once
         slope = gain * per_rate
@@ -214,6 +226,7 @@ TABLE = TableMechanics(
     loop_hz=25.0,
     loop_damping=0.8,
     rate_error=0.0,
+    misalignment_deg=0.0,
     ripple_arcsec=(),
     ripple_harmonic=(),
     ripple_phase_rad=(),

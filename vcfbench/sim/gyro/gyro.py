@@ -20,6 +20,7 @@ from msgspec.structs import replace
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign
 from vcfbench.sim.gyro.course import Acting, Answer, Course, chain_at
+from vcfbench.sim.gyro.design import seen_share
 from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
@@ -82,7 +83,10 @@ class Gyro:
         """The carrier's when what acts on the chain changed last."""
         self._acting: Acting | None = None
         self._given: Situation | None = None
+        self._seen_share = seen_share(bench)
         self._rate: RateSegment | None = None
+        self._seen: RateSegment | None = None
+        """What the gyroscope's own axis sees of it."""
         self._warm_up = WarmUp(now_s, bench.thermal.ambient_c, bench.thermal.ambient_c, bench.thermal.time_constant_s)
         self._bands = self._warm_up.bands(bench.thermal)
         self._drive_mode = self._mode_at(self._temperature_c())
@@ -215,6 +219,7 @@ class Gyro:
             self._bring_noise_up()  # the flutter goes by the rate
             self._end_acting()
             self._rate = rate
+            self._seen = rate if self._seen_share == 1.0 else rate.askew(self._seen_share)
         if self._acting is None:
             self._acting = Acting(
                 self.now_s,
@@ -222,7 +227,7 @@ class Gyro:
                 self._bench,
                 self._temperature_c(),
                 self._drive[0],
-                rate,
+                self._seen or rate,
                 self._warm_up,
                 self._passage,
             )
@@ -319,14 +324,14 @@ class Gyro:
             rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
             return NoiseState.of(self._noise.modal, rates), 0.0, None
         noise, integral = self._noisy_chain.step(self._noise, duration, self._random)
-        shaken = self._shaken(duration) if self._rate is not None and self._rate.shaking_deg_s else None
+        shaken = self._shaken(duration) if self._seen is not None and self._seen.shaking_deg_s else None
         if shaken is not None:
             noise, integral = shaken.added(noise, integral)
         return noise, integral, shaken
 
     def _shaken(self, duration_s: float) -> Shaken | None:
         """Return what the table's flutter makes of the chain in a time from where the noise is."""
-        rate, noisy = self._rate, self._noisy_chain
+        rate, noisy = self._seen, self._noisy_chain
         if rate is None or rate.flutter is None or noisy is None:
             return None
         if self._shaking is None:

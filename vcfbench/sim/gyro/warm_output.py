@@ -10,7 +10,7 @@ import cmath
 import math
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.gyro.design import EARTH_RATE_DEG_S
+from vcfbench.sim.gyro.design import earth_rate_deg_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,13 +23,13 @@ __all__ = ["warm_output"]
 def warm_output(bench: BenchParameters, generator_ohm: float = 50.0) -> Callable[[float, float | None], float]:
     """Return the output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
 
+    The rate is that about its own axis, of which a table askew to it gives less.
     V_Vc is the level of the open generator behind `generator_ohm`; 0 ohm means the level at the input.
     """
     thermal, virtual, stage = bench.thermal, bench.virtual_path, bench.output_stage
     rise = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
     seen = _demodulated(bench, rise)
-    earth_deg_s = EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg))
-    steady_deg_s = earth_deg_s + thermal.bias_coefficient_deg_s_k * rise
+    steady_deg_s = earth_rate_deg_s(bench) + thermal.bias_coefficient_deg_s_k * rise
 
     def output(rate_deg_s: float, v_vc_v: float | None) -> float:
         modulated = 0.0
