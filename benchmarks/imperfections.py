@@ -52,8 +52,8 @@ class Case:
     """Of the run with it and the run without."""
     override: Mapping[str, Any] = field(default_factory=dict)
     errors: Mapping[str, Any] = field(default_factory=dict)
-    against: Mapping[str, Any] = field(default_factory=dict)
-    """What is on in the run without it as well."""
+    against: Mapping[str, Any] | None = field(default_factory=dict)
+    """What is on in the run without it as well; None where nothing is compared with one."""
     procedure: str = "virtual-coriolis"
     settings: Mapping[str, Any] = field(default_factory=dict)
 
@@ -161,6 +161,7 @@ def cases() -> Iterator[Case]:
     yield Case("unequal combs, +-1 %", "K_Vc", change, 20.0, "ppm", k_vc_ppm, unequal)
     yield Case("unequal combs, +-1 %", "virtual against table", 0.0, 5.0, "ppm", difference_ppm, unequal)
     yield from of_the_drive_and_split(base)
+    yield from of_the_warm_up()
     yield from of_noise()
 
 
@@ -271,9 +272,35 @@ def of_the_drive_and_split(base: float) -> Iterator[Case]:
     )
 
 
+def of_the_warm_up() -> Iterator[Case]:
+    """Yield what the output at rest does from power-on: b_inf - b dT exp(-t / tau).
+
+    The meter's noise is on, which scatters its steps of 10 uV.
+    """
+    heated = turned("thermal", self_heating_k=3.0, time_constant_s=300.0, bias_coefficient_deg_s_k=30.0 / 3600.0)
+    settings = {"bias_instability_deg_h": 0.1, "scale_factor_v_per_deg_s": K}
+    found: tuple[tuple[str, float, float, str, Callable[[Any, Any], float]], ...] = (
+        ("amplitude of the warm-up", -90.0, 1.0, "deg/h", lambda run, _: 3600.0 * float(run.results.amplitude.value)),
+        ("time constant", 300.0, 8.0, "s", lambda run, _: float(run.results.time_constant.value)),
+        ("time to 0.1 deg/h", 300.0 * math.log(900.0), 50.0, "s", lambda run, _: float(run.results.warm_up.value)),
+    )
+    for what, predicted, tolerance, unit, seen_in in found:
+        yield Case(
+            *("bias 30 deg/h/K, 3 K of own heat", what, predicted, tolerance, unit, seen_in, heated),
+            errors=meter(noise=1.0),
+            against=None,
+            procedure="warmup",
+            settings=settings,
+        )
+
+
 def of_noise() -> Iterator[Case]:
     """Yield what a zero record of an hour sees of the gyroscope's noise, one reading of 0.2 s a second."""
-    record = {"procedure": "zero", "settings": {"mode": "dead-time", "scale_factor_v_per_deg_s": K}}
+    record: dict[str, Any] = {
+        "against": None,
+        "procedure": "zero",
+        "settings": {"mode": "dead-time", "scale_factor_v_per_deg_s": K},
+    }
     walk = turned("noise", angle_random_walk_deg_sqrt_s=0.21 / 60.0)
     as_read = 0.21 * math.sqrt(2.0 * noise_bandwidth_hz(0.2))
     yield Case(
@@ -316,7 +343,8 @@ def seen() -> Iterator[tuple[Case, float]]:
             return known[key]
 
         for case in cases():
-            yield case, case.seen(run(case, case.override, case.errors), run(case, case.against, {}))
+            without = None if case.against is None else run(case, case.against, {})
+            yield case, case.seen(run(case, case.override, case.errors), without)
 
 
 def main() -> int:
