@@ -61,7 +61,7 @@ class Where(TypedDict, total=False):
 
 
 class BenchError(Exception):
-    """Anything the bench can tell its user; the attributes say where and when it happened.
+    """Any error of the bench that is shown to its user; the attributes say where and when it happened.
 
     `run` is the run that it ended, with the points that were kept (:class:`vcfbench.Run`); None outside of one.
     """
@@ -139,7 +139,8 @@ class Aborted(BenchError):
 class NotSafe(BenchError):
     """Something could not be made safe; the message names it.
 
-    `reports` tell what came of every instrument (:class:`vcfbench.interfaces.SafeReport`), as far as that is known.
+    `reports` say what state every instrument was left in (:class:`vcfbench.interfaces.SafeReport`), as far as that is
+    known.
     """
 
     exit_code = 5

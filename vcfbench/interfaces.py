@@ -129,7 +129,7 @@ class Instrument(Protocol):
         ...
 
     def command_safe(self) -> UnprovedCommand:
-        """Send the stop or off words at once, without waiting for an answer, and tell what is known.
+        """Send the stop or off commands at once, without waiting for an answer, and return what is known.
 
         They go out whatever state the session is in and whoever is in the middle of an exchange; a connection that is
         closed is made anew, if that is quick. Never raises; takes at most a few tenths of a second of wall time.
@@ -248,7 +248,7 @@ class BeginsReadings(ReadsVoltage, Protocol):
 
 @runtime_checkable
 class SamplesVoltage(ReadsVoltage, Protocol):
-    """Takes readings by itself, on an interval of its own, and keeps them until they are asked for."""
+    """Takes readings by itself, at its own interval, and keeps them until they are read out."""
 
     @property
     def aperture_s(self) -> float:

@@ -22,7 +22,7 @@ __all__ = ["Acceptance", "HasAcceptanceU95", "HasAcceptanceValues", "Verdict", "
 class Verdict:
     """One limit and its result; `value` is None where the result could not be computed, which does not pass.
 
-    `measured` tells whether the procedure measures this at all: a limit of K_Vc says nothing of a turntable run.
+    `measured` is False where the procedure does not measure this at all, as K_Vc in a turntable run.
     `u95` is the guard band, the value's expanded uncertainty; None where there is none, or none of that value.
     """
 

@@ -46,9 +46,9 @@ __all__ = ["Bench", "open_bench"]
 class Bench:
     """The instruments of an open bench by role, each within the bench's limits.
 
-    `instruments` has those that were opened; asking for another is a ConfigError that says what the bench file lacks.
-    `clock` is bench time with a safe point at every wait; `identities` says by role who answered; `safe_reports`
-    fills when the bench is left: at the end of a ``with``, by :meth:`close`, or when Python ends. `adjust` changes a
+    `instruments` has those that were opened. Asking for another is a ConfigError that says what the bench file lacks.
+    `clock` is bench time with a safe point at every wait. `identities` says by role who answered. `safe_reports` is
+    filled when the bench is left: at the end of a ``with``, by `close`, or when Python ends. `adjust` changes a
     simulated world as hands would, by the names of ``vcfbench sim ctl``; None on a real bench.
     """
 
@@ -92,7 +92,7 @@ class Bench:
 
     @property
     def v_vc_meter(self) -> Multimeter:
-        """The second voltmeter, whose leads are on the V_Vc input."""
+        """The second voltmeter, connected to the V_Vc input."""
         return self._instrument("v_vc_meter")  # type: ignore[no-any-return]
 
     @property
@@ -166,15 +166,17 @@ def open_bench(
 
     To be used in a ``with``, or left by its `close`; what is still open when Python ends is made safe then.
 
-    `bench` is a description, a bench file, or the name of an embedded bench; None is the simulated paper bench.
-    `seed` and `speed` are for simulated benches: by default the seed of the bench file, and as fast as it goes.
+    `bench` is a description, a bench file, or the name of an embedded bench; None is the simulated paper bench. `seed`
+    and `speed` are for simulated benches. By default they are the seed of the bench file, and as fast as possible.
+
     While it opens, and inside of a ``with``, SIGINT and SIGTERM raise Aborted at the next safe point, a second one at
-    once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe. Who
-    watches for them already, before and after, hands over his `signals`. `build` builds what a simulated bench stands
-    on, in place of `SimulatedBench.build`: to put something between its instruments and their drivers, or to look
-    behind them. `needs` are the roles that are needed, all by default: of those that drive nothing the others are left
-    closed, and to whoever else uses them. `now_s` is what bench time shall be now, for what goes on where it was broken
-    off; by default it begins.
+    once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe. A caller
+    that watches for signals already, before and after, passes its own `signals`.
+
+    `build` replaces `SimulatedBench.build`, to put something between simulated instruments and their drivers, or to
+    look behind them. `needs` are the roles that are needed, all by default. Other roles that drive nothing are left
+    closed, and free for other programs. `now_s` is the bench time to begin with, for a run that goes on where it was
+    broken off; by default bench time begins.
 
     Raises:
         ConfigError: the bench file cannot be used, or has no instrument for a role that is needed, or a real bench was

@@ -77,7 +77,7 @@ def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: boo
 
     Raises:
         InUse: another process has the bench.
-        ConnectFailed: a served bench is not served, or its time is led by another connection.
+        ConnectFailed: a served bench is not served, or another connection controls its time.
         NotSafe: it was broken off by a third signal.
     """
     description = described(bench)

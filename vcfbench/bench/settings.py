@@ -197,7 +197,7 @@ class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What every procedure is told; the defaults are the paper's.
+    """The settings that all procedures share; the defaults are the paper's.
 
     A subclass adds the keys of one procedure, each with a default::
 
@@ -230,7 +230,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @classmethod
     def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the keys by which these settings are told the device `dut`; none where they do not go by it."""
+        """Return the settings that name the device `dut`; none where no setting names a device."""
         del dut
         return {}
 

@@ -33,7 +33,7 @@ def analyze(
     ],
     compare: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Compare column B with column A; two columns are compared unasked."),
+        typer.Option(metavar="A,B", help="Compare column B with column A. Two columns are compared by default."),
     ] = None,
     *,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,

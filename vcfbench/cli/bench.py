@@ -58,9 +58,9 @@ def show(
 
 @app.command("check")
 def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) -> None:
-    """Open every instrument, verify who it is, read its error queue and faults; leave everything safe.
+    """Open every instrument, check its identity, error queue and faults, and leave everything safe.
 
-    What the bench file says of calibrations, limits and acceptance is shown with it, and which procedures can run here.
+    Also shows calibrations, limits and acceptance from the bench file, and which procedures can run here.
     """
     from vcfbench.bench.check import check_bench  # noqa: PLC0415
     from vcfbench.bench.file import load_bench  # noqa: PLC0415

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 __all__ = ["new"]
 
 
-File_ = Annotated[Path, typer.Argument(metavar="FILE", help="Where the bench file goes; never written over.")]
+File_ = Annotated[
+    Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
+]
 
 
 def new(
@@ -30,25 +32,29 @@ def new(
     ] = None,
     served: Annotated[
         str | None,
-        typer.Option("--served", metavar="PORT", help="Take the bench that `sim serve` serves: its control port."),
+        typer.Option("--served", metavar="PORT", help="Use the bench that `sim serve` serves: its control port."),
     ] = None,
     answers: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="The answer for a key of the file; not asked for any more."),
+        typer.Option("--set", metavar="KEY=VALUE", help="The value of a key of the file, which is then not asked for."),
     ] = None,
     *,
     timeout: Annotated[
         float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
     ] = 1.0,
     probe_serial: Annotated[
-        bool, typer.Option("--probe-serial", help="Ask serial ports too. Bytes can move what is not known: look first.")
+        bool,
+        typer.Option(
+            "--probe-serial",
+            help="Ask serial ports too. Check first what is on them: bytes can move an unknown device.",
+        ),
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: take what is found and proposed.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: use what is found and proposed.")] = False,
     trace: Trace_ = None,
 ) -> None:
-    """Make the bench file of a station: find what answers, ask for the rest, write it with its remarks.
+    """Make the bench file of a station: find what answers, ask for the rest, write the file with comments.
 
-    Enter takes what is proposed. Each answer is checked at once. Nothing is written before the last one.
+    Enter accepts what is proposed. Each answer is checked at once. Nothing is written before the last one.
     """
     from vcfbench.bench.new_station import Draft  # noqa: PLC0415
     from vcfbench.cli.interview import Interview  # noqa: PLC0415

@@ -19,12 +19,12 @@ def compare(
         typer.Argument(
             metavar="[RUN RUN ...]",
             autocompletion=run_names,
-            help="Names of runs, as `vcfbench report` takes them; none: the last 2.",
+            help="Names of runs, as for `vcfbench report`. Default: the last 2.",
         ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write it with figures: .html, .pdf or .md."),
+        typer.Option("-o", "--output", metavar="FILE", help="Write the comparison with figures: .html, .pdf or .md."),
     ] = None,
     directory: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
     *,

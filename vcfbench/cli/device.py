@@ -29,10 +29,12 @@ def device(
             metavar="SERIAL", autocompletion=device_names, help="Serial number; without it, all are listed."
         ),
     ] = None,
-    devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where they are kept.")] = Path("devices"),
+    devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where the devices are kept.")] = Path(
+        "devices"
+    ),
     *,
     json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, a row an entry.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each entry.")] = False,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -40,7 +42,7 @@ def device(
         ),
     ] = None,
 ) -> None:
-    """Show what is known of a gyroscope: its certificates and self-calibrations, oldest first."""
+    """Show the certificates and self-calibrations of a gyroscope, oldest first."""
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 
     if json and csv:

@@ -29,13 +29,17 @@ def discover(
     trace: Trace_ = None,
     *,
     probe_serial: Annotated[
-        bool, typer.Option("--probe-serial", help="Ask serial ports too. Bytes can move what is not known: look first.")
+        bool,
+        typer.Option(
+            "--probe-serial",
+            help="Ask serial ports too. Check first what is on them: bytes can move an unknown device.",
+        ),
     ] = False,
     json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
     ] = False,
 ) -> None:
-    """Ask every VISA resource who it is, list the serial ports, and print what a bench file can take over.
+    """Ask every VISA resource for its identity, list the serial ports, and print lines for a bench file.
 
     Exit code 3 when a resource given with --try does not answer.
     """

@@ -28,20 +28,20 @@ __all__ = ["app", "main"]
 
 
 COMMANDS = {
-    "resume": "Take up a run that was stopped, failed or died.",
-    "report": "Write the report of a run: one file to hand on.",
+    "resume": "Go on with a run that was stopped, failed or was killed.",
+    "report": "Write the report of a run as one file.",
     "plot": "Draw the figures of a run.",
     "compare": "Compare runs with the first of them.",
     "analyze": "Analyse a calibration table.",
-    "device": "Show what is known of a gyroscope.",
+    "device": "Show the certificates of a gyroscope.",
     "talk": "Talk to the bench, or to one of its instruments.",
-    "safe": "Stop the table, switch the outputs off, and prove it.",
+    "safe": "Stop the table, switch the outputs off, check both.",
     "run": "Run a calibration procedure on a bench.",
     "study": "Run a procedure many times on simulated benches.",
     "runs": "List, show and export records.",
     "page": "Show runs and devices in a browser.",
     "bench": "Make, show and check a bench.",
-    "sim": "Look into the simulated bench, make one, serve it.",
+    "sim": "Show the simulated bench, make one, serve it.",
 }
 """Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name.
 
@@ -144,7 +144,7 @@ def _version(*, wanted: bool) -> None:
 def root(
     *,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Calibrate MEMS vibratory gyroscopes on a rate table and by a virtual Coriolis force."""

@@ -22,7 +22,7 @@ def page(
         int, typer.Option("--port", min=0, max=65535, help="Port on this machine; 0 for any that is free.")
     ] = _PORT,
 ) -> None:
-    """Show runs, also those that go on, and devices in a browser on this machine, until Ctrl-C (extra page)."""
+    """Show devices and runs, finished or in progress, in a browser on this machine, until Ctrl-C (extra page)."""
     from vcfbench.page.server import serve_station  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
 
     with suppress(Stopped):  # the way in which it is meant to end

@@ -24,11 +24,14 @@ def plot(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="Where they go: .svg, .png or .pdf; of several NAME-1.svg and so on."
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Where the figures go: .svg, .png or .pdf. Several become NAME-1.svg and so on.",
         ),
     ] = None,
     figure: Annotated[
-        int | None, typer.Option("--figure", metavar="N", min=1, help="This one alone, as the report counts them.")
+        int | None, typer.Option("--figure", metavar="N", min=1, help="Only this figure, by its number in the report.")
     ] = None,
     runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
 ) -> None:

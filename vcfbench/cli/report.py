@@ -24,16 +24,18 @@ def report(
     ] = "last",
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Where it goes: .html, .pdf or .md.  [default: RUN.html]"),
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Where the report goes: .html, .pdf or .md.  [default: RUN.html]"
+        ),
     ] = None,
     runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
     words: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="With --dcc: what no measurement tells; repeatable."),
+        typer.Option("--set", metavar="KEY=VALUE", help="With --dcc: a field that no measurement gives. Repeatable."),
     ] = None,
     *,
     dcc: Annotated[
-        bool, typer.Option("--dcc", help="A Digital Calibration Certificate (XML, DCC 3.3.0), not signed.")
+        bool, typer.Option("--dcc", help="Write a Digital Calibration Certificate (XML, DCC 3.3.0), not signed.")
     ] = False,
 ) -> None:
     """Write the report of a run: device, conditions, equipment, results, figures, verdict, provenance."""

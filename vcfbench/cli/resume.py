@@ -29,13 +29,11 @@ def resume(
     ],
     bench: Annotated[
         Path | None,
-        typer.Option("--bench", metavar="FILE", help="The bench of the run, where it answers elsewhere today."),
+        typer.Option("--bench", metavar="FILE", help="Bench file, if the bench of the run has other addresses now."),
     ] = None,
     procedure: Annotated[
         Path | None,
-        typer.Option(
-            "--procedure", metavar="FILE", help="The procedure of the run, where its file was moved or changed."
-        ),
+        typer.Option("--procedure", metavar="FILE", help="Procedure file, if that of the run was moved or changed."),
     ] = None,
     runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
     *,
@@ -49,7 +47,7 @@ def resume(
     port: Port_ = 0,
     yes: Yes_ = False,
 ) -> None:
-    """Take up a run that was stopped, failed or died: nothing is measured twice, and the record is a new one."""
+    """Go on with a run that was stopped, killed or failed. Nothing is measured twice; the record is new."""
     from vcfbench.cli.conduct import RunOptions  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
     from vcfbench.cli.conduct import resume as resumed  # noqa: PLC0415
 

@@ -87,7 +87,7 @@ Seed_ = Annotated[
 ]
 Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 DryRun_ = Annotated[
-    bool, typer.Option("--dry-run", help="Print every step and the estimated bench time; touch nothing.")
+    bool, typer.Option("--dry-run", help="Print every step and the estimated bench time. Nothing is opened.")
 ]
 
 
@@ -103,8 +103,8 @@ Speed_ = Annotated[
     str | None,
     typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
 ]
-Quiet_ = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-Plain_ = Annotated[bool, typer.Option("--plain", help="Progress in plain lines on a terminal too, as for logs.")]
+Quiet_ = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
+Plain_ = Annotated[bool, typer.Option("--plain", help="Show progress as plain lines, as in logs, on a terminal too.")]
 Page_ = Annotated[
     bool,
     typer.Option("--page", help="Show the run in a browser on this machine, where it can be stopped too (extra page)."),
@@ -112,28 +112,30 @@ Page_ = Annotated[
 Port_ = Annotated[
     int, typer.Option("--port", min=0, max=65535, help="Port of the page on this machine; 0 for any that is free.")
 ]
-Yes_ = Annotated[bool, typer.Option("--yes", help="Ask nobody: take what only hands can do on a real bench as done.")]
+Yes_ = Annotated[bool, typer.Option("--yes", help="Ask nothing: assume that manual work on a real bench is done.")]
 Set_ = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="A setting, of those listed below; repeatable."),
+    typer.Option("--set", metavar="KEY=VALUE", help="One of the settings listed below. Repeatable."),
 ]
 
 Dut_ = Annotated[
     str | None,
     typer.Option("--dut", metavar="SERIAL", help="Serial number of the device under test."),
 ]
-Operator_ = Annotated[str | None, typer.Option("--operator", metavar="NAME", help="Who runs it, for the record.")]
+Operator_ = Annotated[
+    str | None, typer.Option("--operator", metavar="NAME", help="Who runs the procedure, for the record.")
+]
 Note_ = Annotated[str | None, typer.Option("--note", metavar="TEXT", help="Anything to remember, for the record.")]
 Tag_ = Annotated[
     list[str] | None,
-    typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists; repeatable."),
+    typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists. Repeatable."),
 ]
 Ambient_ = Annotated[
     str | None,
     typer.Option(
         "--ambient-temperature-c",
         metavar="DEGC|chamber",
-        help="Temperature of the room, for the record; chamber: its sensor tells, before air flows.",
+        help="Temperature of the room, for the record; chamber: read its sensor before air flows.",
     ),
 ]
 Humidity_ = Annotated[

@@ -31,7 +31,7 @@ Index_ = Annotated[
         "--index",
         metavar="URL",
         envvar="VCFBENCH_INDEX",
-        help="Database of the index, as in postgresql://user@host/database; else a file beside the records.",
+        help="Database of the index: postgresql://user@host/database. Default: a file beside the records.",
     ),
 ]
 Json_ = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
@@ -41,26 +41,27 @@ Json_ = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and no
 def list_(
     runs: Runs_ = Path("runs"),
     *,
-    dut: Annotated[str | None, typer.Option("--dut", metavar="SERIAL", help="Only those of this device.")] = None,
+    dut: Annotated[str | None, typer.Option("--dut", metavar="SERIAL", help="Only runs of this device.")] = None,
     since: Annotated[
-        str | None, typer.Option("--since", metavar="DATE", help="Only those that began on this day (UTC) or later.")
+        str | None, typer.Option("--since", metavar="DATE", help="Only runs that began on this day (UTC) or later.")
     ] = None,
     status: Annotated[
-        str | None, typer.Option("--status", metavar="STATUS", help="Only those that ended so: complete, aborted, ...")
+        str | None,
+        typer.Option("--status", metavar="STATUS", help="Only runs with this status: complete, aborted, ..."),
     ] = None,
     procedure: Annotated[
-        str | None, typer.Option("--procedure", metavar="NAME", help="Only those of this procedure.")
+        str | None, typer.Option("--procedure", metavar="NAME", help="Only runs of this procedure.")
     ] = None,
     tag: Annotated[
         list[str] | None,
-        typer.Option("--tag", metavar="KEY=VALUE", help="Only those that have this tag; repeatable, all must fit."),
+        typer.Option("--tag", metavar="KEY=VALUE", help="Only runs with this tag. Repeatable: all must match."),
     ] = None,
     index: Index_ = None,
     everywhere: Annotated[
-        bool, typer.Option("--everywhere", help="Also those that other stations have put into the index.")
+        bool, typer.Option("--everywhere", help="Also runs that other stations have put into the index.")
     ] = False,
     json: Json_ = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, a row a run.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each run.")] = False,
 ) -> None:
     """List the records, oldest first: device, key results, verdict."""
     from vcfbench.cli.metadata import tags_of  # noqa: PLC0415
@@ -95,7 +96,7 @@ def show(
     *,
     json: Json_ = False,
 ) -> None:
-    """Show one record: points, results, and how it ended. Everything is made again from the journal."""
+    """Show one record: points, results, and how it ended. All is computed again from the journal."""
     from vcfbench.record.directory import find_run  # noqa: PLC0415
     from vcfbench.runs.recorded import recorded_run  # noqa: PLC0415
 
@@ -130,7 +131,7 @@ def index(
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every record again, not only what changed.")] = False,
     json: Json_ = False,
 ) -> None:
-    """Make or bring up to date the index of the records; lists then ask it."""
+    """Make or update the index of the records, which lists then use."""
     from msgspec import to_builtins  # noqa: PLC0415
 
     from vcfbench.runs.index import RunIndex  # noqa: PLC0415
@@ -158,14 +159,16 @@ def export(
     ],
     runs: Runs_ = Path("runs"),
     *,
-    raw: Annotated[bool, typer.Option("--raw", help="Every raw reading instead of the points.")] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="Write every raw reading instead of the points.")] = False,
     format_: Annotated[
         str | None,
-        typer.Option("--format", metavar="csv|parquet|hdf5|xlsx|mat", help="As what; else the suffix of FILE says it."),
+        typer.Option("--format", metavar="csv|parquet|hdf5|xlsx|mat", help="Format. Default: by the suffix of FILE."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Where to; else RUN-points or RUN-readings here."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Where to write. Default: RUN-points or RUN-readings here."
+        ),
     ] = None,
     json: Json_ = False,
 ) -> None:

@@ -23,12 +23,12 @@ def safe(
     ] = None,
     trace: Trace_ = None,
     *,
-    force: Annotated[bool, typer.Option("--force", help="Also when another process has the bench: beside it.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Do it even while another process uses the bench.")] = False,
     json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
     ] = False,
 ) -> None:
-    """Stop the table, switch the outputs off, and prove it; say what was found on. Exit code 0 or 5."""
+    """Stop the table, switch the outputs off, check both, and list what was on. Exit code 0 or 5."""
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
 

@@ -38,7 +38,10 @@ def serve(
     ] = None,
     *,
     speed: Annotated[
-        str, typer.Option("--speed", metavar="X|max", help="Times real time; max jumps to whatever a client waits for.")
+        str,
+        typer.Option(
+            "--speed", metavar="X|max", help="Times real time. max jumps to the instant that a client waits for."
+        ),
     ] = "1",
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
     ports: Annotated[
@@ -56,7 +59,7 @@ def serve(
         ),
     ] = None,
     faults: Annotated[
-        Path | None, typer.Option("--faults", metavar="FILE", help="What goes wrong, and when (TOML).")
+        Path | None, typer.Option("--faults", metavar="FILE", help="File of faults, and when they happen (TOML).")
     ] = None,
     offer: Annotated[
         list[str] | None,
@@ -80,12 +83,12 @@ def serve(
     ] = None,
     write_bench: Annotated[
         Path | None,
-        typer.Option("--write-bench", metavar="FILE", help="Write the bench file that runs on what is served here."),
+        typer.Option("--write-bench", metavar="FILE", help="Write the bench file that uses what is served here."),
     ] = None,
     wires: Annotated[
         str,
         typer.Option(
-            "--wires", metavar="KIND", help="Which wires that file names where offered, else tcp: vxi11, hislip, pty."
+            "--wires", metavar="KIND", help="Interface that file names, if offered, else tcp: vxi11, hislip, pty."
         ),
     ] = "tcp",
     seed: Annotated[
@@ -128,10 +131,10 @@ def ctl(
     command: Annotated[list[str], typer.Argument(help="Command and its arguments, e.g. set applied_rate_deg_s 10.")],
     port: Annotated[
         int,
-        typer.Option("--port", min=1, max=65535, help="Control port that serve has printed.", envvar=_CONTROL_VARIABLE),
+        typer.Option("--port", min=1, max=65535, help="Control port, as printed by serve.", envvar=_CONTROL_VARIABLE),
     ] = _CONTROL_PORT,
 ) -> None:
-    """Read and change a served bench from outside its wires.
+    """Read and change a served bench through its control port.
 
     status; list [PART]; get NAME; set NAME VALUE; speed X|max; pause; resume; now; advance SECONDS;
     fault INSTRUMENT KIND [DURATION_S]; clear_faults [INSTRUMENT]; reset [SEED]; stop

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 app = typer.Typer(
-    no_args_is_help=True, help="Look into the simulated bench, give it your own gyroscope, serve and control it."
+    no_args_is_help=True, help="Show the simulated bench, give it your own gyroscope, serve and control it."
 )
 
 
 @app.callback()
 def group() -> None:
-    """Look into the simulated bench, give it your own gyroscope, serve and control it."""
+    """Show the simulated bench, give it your own gyroscope, serve and control it."""
 
 
 @app.command("show")

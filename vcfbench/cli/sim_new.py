@@ -50,7 +50,9 @@ def _option(key: str) -> Any:
 
 
 def new(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the bench file goes; never written over.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
+    ],
     scale_factor: Annotated[float | None, _option("scale_factor_v_per_deg_s")] = None,
     range_: Annotated[float | None, _option("range_deg_s")] = None,
     bias: Annotated[float | None, _option("bias_deg_s")] = None,
@@ -64,12 +66,14 @@ def new(
     bandwidth: Annotated[float | None, _option("bandwidth_hz")] = None,
     k_vc: Annotated[float | None, _option("k_vc_deg_s_per_v")] = None,
     imperfections: Annotated[
-        Imperfections, typer.Option("--imperfections", help="Everything perfect but the noise, or as in the paper.")
+        Imperfections, typer.Option("--imperfections", help="All perfect except noise, or as in the paper.")
     ] = Imperfections.NONE,
-    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="Of the bench; else that of FILE.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing at a terminal: take what is proposed.")] = False,
+    name: Annotated[
+        str | None, typer.Option("--name", metavar="NAME", help="Name of the bench. Default: that of FILE.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing at a terminal: use what is proposed.")] = False,
 ) -> None:
-    """Write a simulated bench with a gyroscope of your own: what its data sheet says is what runs on it find.
+    """Write a simulated bench with your own gyroscope: runs on it find the figures of its data sheet.
 
     At a terminal, figures that are not given are asked for.
     """

@@ -34,7 +34,7 @@ def study(
         ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes; one for each processor if nothing is said.")
+        int | None, typer.Option(metavar="N", help="Number of processes. Default: one for each processor.")
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="URL", help="Dask scheduler whose workers do the runs: tcp://HOST:8786.")
@@ -46,9 +46,9 @@ def study(
     trace: Annotated[
         Path | None, typer.Option(metavar="FILE", hidden=True, help="Refused: a run is traced alone.")
     ] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, whatever was done before.")] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, even if runs were done before.")] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check all of it, list the cases, and estimate the time.")
+        bool, typer.Option("--dry-run", help="Check the study, list the cases, and estimate the time.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,

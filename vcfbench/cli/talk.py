@@ -41,7 +41,7 @@ def talk(
         str | None,
         typer.Argument(
             autocompletion=role_names,
-            help="power, rate_source, multimeter, rate_table ...; without it the whole bench.",
+            help="power, rate_source, multimeter, rate_table ... Default: the whole bench.",
         ),
     ] = None,
     bench: Annotated[
@@ -50,7 +50,7 @@ def talk(
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of a simulated bench.")] = None,
     command: Annotated[
-        list[str] | None, typer.Option("--command", "-c", metavar="LINE", help="Say this and leave. May be repeated.")
+        list[str] | None, typer.Option("--command", "-c", metavar="LINE", help="Send this line and exit. Repeatable.")
     ] = None,
     timeout: Annotated[
         float | None,
@@ -59,15 +59,15 @@ def talk(
     *,
     trace: Trace_ = None,
     unguarded: Annotated[
-        bool, typer.Option("--unguarded", help="Send everything, beyond the limits of the bench file too.")
+        bool, typer.Option("--unguarded", help="Send everything, even beyond the limits of the bench file.")
     ] = False,
 ) -> None:
-    """Talk to the bench in words of its own, or to one instrument in the instrument's; what was open is left safe.
+    """Talk to the bench, or to one instrument in its own language. What was opened is left safe.
 
     power.on, multimeter.read, table.rate 10, v_vc.set 0.1, help; multimeter *IDN? goes to the instrument as typed.
 
-    Answers go to stdout, everything else to stderr. Lines come from -c, else from stdin; the first that is refused or
-    fails ends it with exit code 3, unless a person types them.
+    Answers go to stdout, everything else to stderr. Lines come from -c, else from stdin. The first that is refused or
+    fails ends the command with exit code 3, unless a person types them.
     """
     if role is None:
         from vcfbench.cli.talk_bench import talk_to_bench  # noqa: PLC0415

@@ -79,7 +79,7 @@ Event = StepStarted | ReadingTaken | StepFinished | StepFailed
 
 
 class Observer(Protocol):
-    """Something that is told what happens: a progress line, a page."""
+    """Gets the events of a run, as a progress line or a page does."""
 
     def handle(self, event: Event) -> None:
         """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""

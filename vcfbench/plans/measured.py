@@ -119,7 +119,7 @@ class Measured(Sequence[Point]):
     def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
         """Return each step of `kind` with what was measured from it to the next of them, or to the end of the run.
 
-        So a run in parts is seen part by part, each as a run of its own.
+        So each part of a run in parts can be evaluated like a run.
 
         Raises:
             ConfigError: the journal cannot be read any more.

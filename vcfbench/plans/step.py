@@ -210,7 +210,7 @@ def problem(instrument: Instrument, what: str) -> MeasurementError:
 
 
 class StepResult:
-    """What came of a step. A subclass of one's own, a frozen dataclass or struct, is known to records by its name."""
+    """Result of a step. Records know your own subclass, a frozen dataclass or struct, by its name."""
 
     __slots__ = ()
 
@@ -227,7 +227,7 @@ class StepResult:
         return None
 
     def as_json(self) -> dict[str, Any]:
-        """Return the fields as they stand in the journal."""
+        """Return the fields as they are in the journal."""
         return dict(to_builtins(self))
 
     def describe(self) -> str:
@@ -236,7 +236,7 @@ class StepResult:
 
 
 class Step:
-    """What all steps have in common; each is a frozen dataclass or msgspec struct of its own.
+    """What all steps have in common; each kind is its own frozen dataclass or msgspec struct.
 
     `subject` names what is set, waited for, checked or measured, ``"table rate"``.
     """

@@ -37,7 +37,7 @@ PAPER_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWavef
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure(Generic[S, R]):
-    """One calibration: what it is called, what it is told, what it does, what comes of it, what it needs.
+    """One calibration: its name, settings, plan, results, report and the roles it needs.
 
     Args:
         name: of its command, of its table in the bench file and in its records: ``turntable``.

@@ -113,7 +113,7 @@ class TurntableResult(CalibrationColumn):
     """What a calibration on the rate table came to: its one column."""
 
     uncertainty: Statement | None = None
-    """Combined uncertainties; None where nothing is told of the run but its points."""
+    """Combined uncertainties; None where only the points of the run are known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys."""

@@ -27,11 +27,11 @@ _KEY: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", re.ASCII)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMetadata:
-    """Which device a run was of, who did it, under what conditions, and what else is to be remembered of it.
+    """Device, operator, conditions, notes and tags of a run.
 
     `dut` is the serial number of the device under test. `operator` is who ran it, `note` any words, `tags` words by
-    key. `ambient_temperature_c` (degC) and `humidity_percent` (relative) are those of the room; `ambient_from` is the
-    role that told the temperature, or shall tell it at the begin of the run. All may be missing.
+    key. `ambient_temperature_c` (degC) and `humidity_percent` (relative) are those of the room. `ambient_from` is the
+    role whose instrument measures the temperature at the beginning of the run. All may be missing.
 
     Raises:
         ConfigError: a value cannot be what it is to be; its name comes first.
@@ -60,7 +60,7 @@ class RunMetadata:
         object.__setattr__(self, "tags", ReadOnly(_tags(self.tags)))
 
     def as_json(self) -> dict[str, Any]:
-        """Return what is told, by its names; what is not told is left out."""
+        """Return what is set, by name; what is not set is left out."""
         told = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "tags"}
         given = {name: value for name, value in told.items() if value is not None}
         return {**given, **({"tags": dict(self.tags)} if self.tags else {})}
@@ -68,11 +68,11 @@ class RunMetadata:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equipment:
-    """One instrument of a run, with the dates of its calibration as the bench file told them.
+    """One instrument of a run, with the dates of its calibration from the bench file.
 
-    `identity` is what it answered, None where nobody asked. `serial_number` is that which it answered, else that of the
-    bench file, None where it has none to tell; `inventory_number` is what is written on it. `overdue`: its calibration
-    was due before the day of the run.
+    `identity` is what it answered, None if it was not asked. `serial_number` is the one it answered, else that of the
+    bench file, None if neither has one. `inventory_number` is what is written on it. `overdue`: its calibration was due
+    before the day of the run.
     """
 
     role: str

@@ -50,9 +50,9 @@ class Point:
 
     `step` is the number of the procedure's step. `rate_deg_s` is the table's rate; in step 4 of the virtual Coriolis
     calibration it is K_Vc V_Vc, the rate that V_Vc stands for. `std_v` is the sample standard deviation of the `n`
-    readings, not of their mean. `v_vc_v` is the generator's setting as it reads it back; where V_Vc was measured,
-    `v_vc_measured_v` is the mean of what the meter on it read meanwhile, and `v_vc_std_v` the standard deviation of one
-    such reading.
+    readings, not of their mean. `v_vc_v` is the generator's setting as it reads it back. Where V_Vc was measured,
+    `v_vc_measured_v` is the mean of what the meter on it read meanwhile, and `v_vc_std_v` is the standard deviation of
+    one such reading.
     """
 
     step: int

@@ -96,7 +96,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Columns and rows of values; `title` stands above it, empty for none.
+    """Columns and rows of values; `title` is shown above them, empty for none.
 
     Args:
         columns: what stands where.

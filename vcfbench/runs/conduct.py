@@ -65,7 +65,7 @@ def run(
         seed: of a simulated bench; None is that of the bench file. The same seed gives the same results.
         settings: of the procedure, in place of those of the bench file and checked as they are there:
             ``{"samples": 20, "drive": {"start_up_s": 8.0}}``.
-        observers: are told what happens (``handle(event)``). One that raises is left out from then on; the run goes
+        observers: get every event (``handle(event)``). One that raises is left out from then on; the run goes
             on, and :attr:`Run.observers_lost` says so.
         runs: directory of the records; this run gets one of its own in it. None keeps no record, on a simulated bench.
         speed: of a simulated bench, times real time, or ``"max"``, the default.

@@ -53,14 +53,14 @@ def resume(
     speed: str | float | None = None,
     operator: Operator | None = None,
 ) -> Run:
-    """Take up a run that was stopped, failed or died, where its record ends; what it comes to is a new record.
+    """Go on with a run that was stopped, failed or was killed, where its record ends; it gets a new record.
 
     What was measured is not measured again. The bench is first brought to where it was. A simulated bench begins anew.
 
     Args:
         run: its directory, its name under `runs` (or the beginning or end of it, or ``"last"``), or itself.
-        bench: the bench as it is today, where it answers elsewhere; None is the bench of the record.
-        procedure: where it is one's own and not in the file of the record any more.
+        bench: the bench as it is now, if its addresses have changed; None is the bench of the record.
+        procedure: needed for your own procedure if it is no longer in the file named in the record.
         runs: directory of the records; the new one lies beside the old one.
         observers: as of :func:`vcfbench.run`.
         speed: as of :func:`vcfbench.run`.

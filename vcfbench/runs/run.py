@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RawReading:
-    """One reading of the multimeter as it stands in the record.
+    """One reading of the multimeter as it is in the record.
 
-    `number` is that of the step that was performed, from 1; `step` the procedure's step (1 to 4), as in a point.
-    `t_s` is bench time, s; `voltage_v` the reading, V; `table_rate_deg_s` what the table read back at the end of the
-    reading's window, deg/s, None where the window failed before that, or stood on no table. `v_vc_v` is
-    what the meter on V_Vc read at the same time, V, None where there was none.
+    `number` is that of the step that was performed, from 1; `step` is the procedure's step (1 to 4), as in a point.
+    `t_s` is bench time, s. `voltage_v` is the reading, V. `table_rate_deg_s` is what the table read back at the end of
+    the reading's window, deg/s, None where the window failed before that, or used no table. `v_vc_v` is what the meter
+    on V_Vc read at the same time, V, None where there was none.
     """
 
     number: int
@@ -46,13 +46,13 @@ class RawReading:
 class Run:
     """What a run came to: its points, results, verdict and record.
 
-    `procedure` is its name; `status` says how it ended (``run.status == "complete"``); `points` are the averaged
-    points that were measured. `results` are what the procedure made of them (``run.results.k_vc.value``), None where
-    there are none; of a record whose procedure is not known here they are a read-only mapping of what is stored in
-    ``result.json``. `no_results` says why in both cases. `error` is what ended the run, None if nothing did; `verdict`
+    `procedure` is its name. `status` says how it ended (``run.status == "complete"``). `points` are the averaged points
+    that were measured. `results` are what the procedure made of them (``run.results.k_vc.value``), None if there are
+    none. If the procedure of a record is not known here, they are a read-only mapping of what is stored in
+    ``result.json``. `no_results` says why in both cases. `error` is what ended the run, None if nothing did. `verdict`
     is that on the limits of ``[acceptance]``, None if there are none. `directory` is where the record is, None if
     nothing was recorded. `bench` is its name; `seed` that of a simulated bench. `bench_seconds` is how long it took in
-    bench time, `physical_minimum_s` how much of it is windows, ramps and settling, None if no step was performed.
+    bench time. `physical_minimum_s` is how much of it is windows, ramps and settling, None if no step was performed.
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
     `not_checked` says what the procedure would have checked on a bench with more instruments. `device_entry` is the
     file in the device store that the run added, None if it added none. `resumed` says, for each time that the run was

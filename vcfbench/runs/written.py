@@ -40,7 +40,7 @@ def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | Non
     Args:
         run: one that is complete, with results that have uncertainties.
         path: where it goes, ``.xml``.
-        words: what no measurement tells, by the fields of `CertificateWords`: ``{"customer": "ACME Ltd", ...}``; what
+        words: what no measurement gives, by the fields of `CertificateWords`: ``{"customer": "ACME Ltd", ...}``; what
             the run's tags, its record or the bench file tell may be left out.
 
     Raises:

@@ -112,10 +112,10 @@ def study(
         scheduler: address of a Dask scheduler (``"tcp://host:8786"``), whose workers do the runs instead.
         restart: begin anew, whatever is there.
         keep_records: directory for the record of each run; None keeps none.
-        progress: is told how it goes.
+        progress: gets the progress.
 
     Raises:
-        BenchError: the study cannot be as asked, which is told before anything runs; or no run came to its end.
+        BenchError: the study cannot be done as asked (raised before anything runs), or no run was completed.
     """
     how = How(
         None if output is None else Path(output),

@@ -49,8 +49,8 @@ class VirtualCoriolisResult:
 
     V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
     `scale_factor_error_u_percent` is what noise and the resolutions of meter and generator allow, through both slopes
-    and K_Vc; `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
-    Neither knows of the generator's accuracy: a V_Vc that is set and not measured may be off by as much as
+    and K_Vc. `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
+    Neither includes the generator's accuracy. A V_Vc that is set and not measured may be off by as much as
     `k_vc_u_generator` says (standard uncertainty), at step 2 and at each level of step 4 differently.
     """
 
@@ -77,7 +77,7 @@ class VirtualCoriolisResult:
     """Standard uncertainty of one window's mean."""
     meter_resolution_v: float
     uncertainty: Statement | None = None
-    """Combined uncertainties; None where nothing is told of the run but its points."""
+    """Combined uncertainties; None where only the points of the run are known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
