@@ -86,6 +86,17 @@ def noise_bandwidth_hz(aperture_s: float) -> float:
     return float(np.trapezoid(power, f))
 
 
+def rate_answer(f: Any) -> Any:
+    """Return how much more the demodulated modes answer to a rate that swings at `f`, Hz, than to a steady one."""
+    drive, turned = 2.0 * math.pi * 3488.9, 2.0 * math.pi * f
+    owns = [2.0 * math.pi * own_hz for own_hz in (3342.0, 3464.1)]
+
+    def answered(at: Any) -> Any:
+        return sum(1.0 / (own**2 - at**2 + 1j * own * at / 1224.0) for own in owns)
+
+    return np.abs(answered(drive + turned) + answered(drive - turned).conj()) / abs(2.0 * answered(drive).real)
+
+
 def slope_ppm(run: Any, ideal: Any) -> float:
     """Return how far the table's scale factor is from that of the ideal bench."""
     return 1e6 * (run.results.turntable.scale_factor.value / ideal.results.turntable.scale_factor.value - 1.0)
@@ -161,6 +172,7 @@ def cases() -> Iterator[Case]:
     yield Case("unequal combs, +-1 %", "K_Vc", change, 20.0, "ppm", k_vc_ppm, unequal)
     yield Case("unequal combs, +-1 %", "virtual against table", 0.0, 5.0, "ppm", difference_ppm, unequal)
     yield from of_the_drive_and_split(base)
+    yield from of_feedthrough(base)
     yield from of_the_warm_up()
     yield from of_noise()
 
@@ -175,6 +187,7 @@ def of_instruments() -> Iterator[Case]:
     yield Case("table's rate, 10 ppm", "K_Vc", -10.0, 0.5, "ppm", k_vc_ppm, table)
     yield Case("table's rate, 10 ppm", "virtual against table", 0.0, 1.0, "ppm", difference_ppm, table)
     yield of_ripple()
+    yield of_flutter()
     askew, tilt_ppm = turned("table", misalignment_deg=2.0), 1e6 * (math.cos(math.radians(2.0)) - 1.0)
     yield Case("gyroscope's axis 2 deg askew", "scale factor", tilt_ppm, 0.5, "ppm", slope_ppm, askew)
     inverse_ppm = 1e6 * (1.0 / math.cos(math.radians(2.0)) - 1.0)
@@ -225,6 +238,33 @@ def of_ripple() -> Case:
     )
 
 
+def of_flutter() -> Case:
+    """Return flutter of 100 ppm/sqrt(Hz) of the rate at the loop's 25 Hz: what readings of 0.2 s scatter by it.
+
+    The meter's noise of 40 uV is on, for the same reason as above.
+    """
+    rates_deg_s, share = [200.0, 190.0, 180.0, 170.0, -170.0, -180.0, -190.0, -200.0], 100e-6
+    f = np.linspace(0.0, 500.0, 500_001)[1:]
+    damped = (2.0 * 0.8 * 25.0 * f) ** 2
+    density = share**2 * damped / ((25.0**2 - f**2) ** 2 + damped)
+    seen_by = rate_answer(f) ** 2 / (1.0 + (f / 100.0) ** 8) * np.sinc(0.2 * f) ** 2
+    turning_deg_s = math.sqrt(np.mean(np.square(rates_deg_s)))
+    shaken_v = abs(K) * turning_deg_s * math.sqrt(float(np.trapezoid(density * seen_by, f)))
+    scatter_uv = 1e6 * math.hypot(shaken_v, 40e-6)
+
+    def seen(run: Any, _ideal: Any) -> float:
+        return 1e6 * math.sqrt(np.mean([point.std_v**2 for point in run.points if point.rate_deg_s]))
+
+    return Case(
+        *("table's flutter, 100 ppm/sqrt(Hz)", "scatter at 170 to 200 deg/s", scatter_uv, 0.2 * scatter_uv, "uV", seen),
+        turned("table", flutter_per_sqrt_hz=share),
+        meter(noise=4.0),
+        against=None,
+        procedure="turntable",
+        settings={"rates_deg_s": rates_deg_s, "rate_tolerance_deg_s": 1.0},
+    )
+
+
 def of_the_modulator() -> Iterator[Case]:
     """Yield what the modulator's offset and curvature do."""
     leaking = turned("virtual_path", offset_v=51.7e-3 / (K * K_VC))
@@ -245,6 +285,10 @@ def of_the_drive_and_split(base: float) -> Iterator[Case]:
     yield Case("drive amplitude, +1 %", "K_Vc", 1e6 * (1.0 / 1.01 - 1.0), 10.0, "ppm", k_vc_ppm, larger)
     both = {**larger, "sense_path": {"reference_amplitude_v": 2.02}}
     yield Case("drive and carrier, +1 %", "K_Vc", 0.0, 5.0, "ppm", k_vc_ppm, both)
+    told = {"drive_loop": {"amplitude_supply_coefficient_per_v": 200e-6}, "supply": {"nominal_v": 9.0}}
+    change = 1e6 * ((1.0 + 200e-6) ** 2 - 1.0)  # the drive itself, and the demodulator's reference, which follows it
+    yield Case("amplitude by 200 ppm/V, 1 V more", "scale factor", change, 1.0, "ppm", slope_ppm, told)
+    yield Case("amplitude by 200 ppm/V, 1 V more", "K_Vc", 0.0, 1.0, "ppm", k_vc_ppm, told)
     near = turned("sense_anti_phase", frequency_hz=3464.1 - 0.05)
     change = 1e6 * (gain(*modes(anti_frequency=-0.05 / 3464.1)) / base - 1.0)
     yield Case("split, +0.05 Hz", "scale factor", change, 5.0, "ppm", slope_ppm, near)
@@ -270,6 +314,17 @@ def of_the_drive_and_split(base: float) -> Iterator[Case]:
         *("bias 30 deg/h/K, 0.3 K of own heat", "bias, warm", 1e6 * K * 9.0 / 3600.0, 0.3, "uV", bias_uv, heated),
         settings={"warm_up_s": 3600.0},
     )
+
+
+def of_feedthrough(base: float) -> Iterator[Case]:
+    """Yield what the carrier does that is in V_s without motion: a rate of 1 deg/s makes V_s of so many volts."""
+    acceleration_m_s2 = 2.0 * math.radians(1.0) * 5e-6 * 2.0 * math.pi * 3488.9
+    sensed_v = 10.0 * 10.0 * 2e5 * acceleration_m_s2 * base
+    carrier = turned("sense_path", carrier_feedthrough=1e-5)
+    yield Case("carrier in V_s, 1e-5", "bias", 1e6 * K * 1e-5 * 2.0 / sensed_v, 1.0, "uV", bias_uv, carrier)
+    modulated, change = turned("sense_path", v_vc_feedthrough=1e-3), 1e6 * 1e-3 / sensed_v / K_VC
+    yield Case("modulated V_Vc in V_s, 1e-3", "K_Vc", change, 1.0, "ppm", k_vc_ppm, modulated)
+    yield Case("modulated V_Vc in V_s, 1e-3", "virtual against table", 0.0, 1.0, "ppm", difference_ppm, modulated)
 
 
 def of_the_warm_up() -> Iterator[Case]:
