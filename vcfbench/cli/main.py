@@ -28,12 +28,12 @@ __all__ = ["app", "main"]
 
 
 COMMANDS = {
-    "resume": "Go on with a run that was stopped, failed or was killed.",
+    "resume": "Go on with a run that failed, or was stopped or killed.",
     "report": "Write the report of a run as one file.",
     "plot": "Draw the figures of a run.",
     "compare": "Compare runs with the first of them.",
     "analyze": "Analyse a calibration table.",
-    "device": "Show the certificates of a gyroscope.",
+    "device": "Show the calibration history of a gyroscope.",
     "talk": "Talk to the bench, or to one of its instruments.",
     "safe": "Stop the table, switch the outputs off, check both.",
     "run": "Run a calibration procedure on a bench.",

@@ -47,7 +47,7 @@ def resume(
     port: Port_ = 0,
     yes: Yes_ = False,
 ) -> None:
-    """Go on with a run that was stopped, killed or failed. Nothing is measured twice; the record is new."""
+    """Go on with a run that failed, or was stopped or killed. Nothing is measured twice; the record is new."""
     from vcfbench.cli.conduct import RunOptions  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
     from vcfbench.cli.conduct import resume as resumed  # noqa: PLC0415
 

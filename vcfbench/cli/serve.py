@@ -59,7 +59,7 @@ def serve(
         ),
     ] = None,
     faults: Annotated[
-        Path | None, typer.Option("--faults", metavar="FILE", help="File of faults, and when they happen (TOML).")
+        Path | None, typer.Option("--faults", metavar="FILE", help="TOML file of the faults to happen, and when.")
     ] = None,
     offer: Annotated[
         list[str] | None,

@@ -53,7 +53,7 @@ def resume(
     speed: str | float | None = None,
     operator: Operator | None = None,
 ) -> Run:
-    """Go on with a run that was stopped, failed or was killed, where its record ends; it gets a new record.
+    """Go on with a run that failed, or was stopped or killed, where its record ends; it gets a new record.
 
     What was measured is not measured again. The bench is first brought to where it was. A simulated bench begins anew.
 
