@@ -40,14 +40,15 @@ def vcfbench(command: str) -> list[str]:
 
 
 def results() -> str:
-    """Return what a run ends with, from the fits on, without the name of the record."""
+    """Return what a run ends with: the fits, and the last line before the name of the record."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(  # noqa: S603
             vcfbench("vcfbench run virtual-coriolis --quiet"), cwd=folder, stdout=subprocess.PIPE, text=True, check=True
         )
-    lines = [line.rstrip() for line in done.stdout.splitlines() if not line.startswith("record:")]
+    lines = [line.rstrip() for line in done.stdout.splitlines()]
     start = next(number for number, line in enumerate(lines) if line.startswith(FIRST_LINE))
-    return "\n".join(lines[start:]).strip()
+    fits = lines[start : lines.index("", start)]
+    return "\n".join([*fits, "...", *(line for line in lines if line.startswith("complete:"))])
 
 
 def screen_of_a_run() -> pyte.Screen:

@@ -18,6 +18,7 @@ from vcfbench.procedures.sweep.schedule import EARTH_DEG_S, Order, SweepSettings
 from vcfbench.procedures.sweep.window_noise import Flicker, WindowNoise
 from vcfbench.procedures.sweep.windows import sweep_of, window_times
 from vcfbench.procedures.turntable import SweptTurntableResult, TurntableResult, turntable_results
+from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point
 from vcfbench.testing import simulated
 
@@ -84,6 +85,15 @@ def test_a_hysteresis_that_is_put_in_is_found_with_its_size_rate_and_sign() -> N
     u_percent = 100.0 * math.sqrt(3.0) * NOISE / math.sqrt(READINGS) / (abs(K) * 200.0)
     assert loop.difference.u == pytest.approx(u_percent, rel=0.03)  # two windows, and half of four zeros between
     assert loop.difference.unit == "%"
+
+
+@pytest.mark.parametrize("zeros", [Zeros.NONE, Zeros.BRACKET])
+def test_a_hysteresis_without_a_known_flicker_can_be_written(zeros: Zeros) -> None:
+    settings = make_settings(order=Order.LOOP, zeros=zeros, station=WHITE, samples=READINGS)
+    loop = found(settings, blank(settings)).sweep.hysteresis
+    assert loop is not None
+    assert [part.dof for part in loop.difference.parts if part.source == "flicker"] == [None]
+    assert plain(loop)
 
 
 def test_without_hysteresis_noise_is_said_to_be_noise_in_95_of_100_runs() -> None:

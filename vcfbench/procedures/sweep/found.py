@@ -143,9 +143,10 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
     differences = percent * (weights @ outputs)
     u = percent * np.sqrt(np.diag(white + flicker))
     most = int(np.abs(differences).argmax())
+    flicker_dof = None if math.isinf(noise.flicker_dof) else noise.flicker_dof
     parts = [
         Part("readings", percent * math.sqrt(white[most, most]), noise.dof),
-        Part("flicker", percent * math.sqrt(flicker[most, most]), noise.flicker_dof),
+        Part("flicker", percent * math.sqrt(flicker[most, most]), flicker_dof),
     ]
     largest = measurand(float(differences[most]), "%", parts)
     by_noise = t_of_largest(len(rates), math.inf) * float(u.max())
