@@ -5,7 +5,7 @@ import math
 import pytest
 from scipy import stats
 
-from vcfbench.analysis.tails import f_tail, t_quantile, t_tail
+from vcfbench.analysis.tails import f_is_improbable, f_tail, t_quantile, t_tail
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 7, 9, 80, 400, 100_000])
@@ -25,6 +25,20 @@ def test_fishers_f(ratio: float, degrees: int, below: int) -> None:
 @pytest.mark.parametrize("tail", [0.9, 0.3173, 0.1, 0.05, 0.01, 1e-4])
 def test_the_t_that_is_exceeded(tail: float, degrees: float) -> None:
     assert t_quantile(tail, degrees) == pytest.approx(stats.t.isf(0.5 * tail, degrees), rel=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [1, 8, 90])
+@pytest.mark.parametrize("below", [1, 8, 340, 100_000])
+@pytest.mark.parametrize("ratio", [0.0, 1e-300, 0.01, 1.0, 3.0, 9.0, 30.0, 400.0, 1e40, math.inf])
+@pytest.mark.parametrize("chance", [1e-9, 0.05, 0.6])
+def test_what_is_improbable_is_so_by_the_tail(ratio: float, degrees: int, below: int, chance: float) -> None:
+    assert f_is_improbable(ratio, degrees, below, chance=chance) == (f_tail(ratio, degrees, below) < chance)
+
+
+@pytest.mark.parametrize("off", [-1e-5, 1e-5])
+def test_what_lies_close_to_the_chance_is_worked_out(off: float) -> None:
+    probability = f_tail(3.0, 9, 90)
+    assert f_is_improbable(3.0, 9, 90, chance=probability * (1.0 + off)) == (off > 0.0)
 
 
 def test_nothing_is_as_large_as_infinity() -> None:

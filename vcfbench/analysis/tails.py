@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from statistics import NormalDist
 
-__all__ = ["f_tail", "t_of_largest", "t_quantile", "t_tail"]
+__all__ = ["f_is_improbable", "f_tail", "t_of_largest", "t_quantile", "t_tail"]
 
 _TINY = 1e-300
 _ENOUGH = 1e-14
+_CLEARLY = 1e-6
+"""By how much logarithms of two probabilities differ beyond their rounding."""
 _MOST_TERMS = 10_000
 _MANY_DEGREES = 1000.0
 """From here on the series in 1/degrees is exact to 1e-13, while the difference of two logarithms of gamma is not."""
@@ -61,33 +63,51 @@ def f_tail(ratio: float, degrees: float, degrees_below: float) -> float:
     return _incomplete_beta(0.5 * degrees_below, 0.5 * degrees, degrees_below / (degrees_below + degrees * ratio))
 
 
+def f_is_improbable(ratio: float, degrees: float, degrees_below: float, *, chance: float) -> bool:
+    """Tell whether F exceeds `ratio`, as of :func:`f_tail`, with a probability below `chance` (> 0).
+
+    The first term of a series of positive terms (Abramowitz and Stegun 26.5.4) is the least that the probability is:
+    it settles what is nowhere near `chance`.
+    """
+    if 0.0 < ratio < math.inf:
+        a, b = 0.5 * degrees_below, 0.5 * degrees
+        x = degrees_below / (degrees_below + degrees * ratio)
+        if 0.0 < x < 1.0 and _log_front(a, b, x) - math.log(a) > math.log(chance) + _CLEARLY:
+            return False
+    return f_tail(ratio, degrees, degrees_below) < chance
+
+
+def _log_front(a: float, b: float, x: float) -> float:
+    """Return the logarithm of x^a (1 - x)^b / B(a, b)."""
+    return math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
+
+
 def _incomplete_beta(a: float, b: float, x: float) -> float:
     """Return the regularised incomplete beta function I_x(a, b) (Abramowitz and Stegun 26.5.8)."""
     if x <= 0.0 or x >= 1.0:
         return min(1.0, max(0.0, x))
-    log_front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
+    log_front = _log_front(a, b, x)
     if x > (a + 1.0) / (a + b + 2.0):  # there the fraction of the complement converges
         return 1.0 - math.exp(log_front) * _fraction(b, a, 1.0 - x) / b
     return math.exp(log_front) * _fraction(a, b, x) / a
 
 
 def _fraction(a: float, b: float, x: float) -> float:
-    """Return the continued fraction of the incomplete beta function by Lentz's method."""
-    c, d = 1.0, 1.0 / _apart(1.0 - (a + b) * x / (a + 1.0))
+    """Return the continued fraction of the incomplete beta function by Lentz's method; no divisor is left at zero."""
+    under = 1.0 - (a + b) * x / (a + 1.0)
+    c, d = 1.0, 1.0 / (under if abs(under) > _TINY else _TINY)
     value = d
     for m in range(1, _MOST_TERMS):
         for term in (
             m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
             -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
         ):
-            d = 1.0 / _apart(1.0 + term * d)
-            c = _apart(1.0 + term / c)
+            # not by a function of its own: this is gone through thousands of times a budget
+            under = 1.0 + term * d
+            d = 1.0 / (under if abs(under) > _TINY else _TINY)
+            c = 1.0 + term / c
+            c = c if abs(c) > _TINY else _TINY
             value *= c * d
         if abs(c * d - 1.0) < _ENOUGH:
             break
     return value
-
-
-def _apart(value: float) -> float:
-    """Keep a divisor from being zero."""
-    return value if abs(value) > _TINY else _TINY

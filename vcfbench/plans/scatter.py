@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct, field
 
-from vcfbench.analysis.tails import f_tail, t_tail
+from vcfbench.analysis.tails import f_is_improbable, t_tail
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -152,10 +152,10 @@ class NoiseSeen(Struct):
             return ""
         run_v = math.sqrt(max(0.0, self._squares_v2 - window.squares_v2) / degrees)
         above = (max(window.std_v, self.resolution_v) / max(run_v, self.resolution_v)) ** 2
-        if above > _LEAST_RATIO**2 and f_tail(above, window.degrees, degrees) < FALSE_ALARM:
+        if above > _LEAST_RATIO**2 and f_is_improbable(above, window.degrees, degrees, chance=FALSE_ALARM):
             return f"the readings scatter by {window.std_v:.2g} V, those of the other windows by {run_v:.2g} V"
         below = (run_v / max(window.std_v, _STILL * self.resolution_v, 1e-12)) ** 2
-        if below > 1.0 and f_tail(below, degrees, window.degrees) < FALSE_ALARM:
+        if below > 1.0 and f_is_improbable(below, degrees, window.degrees, chance=FALSE_ALARM):
             return (
                 f"the readings scatter by {window.std_v:.2g} V only, those of the other windows by {run_v:.2g} V: "
                 "a lead is off, or the others were disturbed"
