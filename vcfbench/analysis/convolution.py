@@ -49,7 +49,7 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     half_a_cell = float(edges[_CELLS // 2 + 1])
     for kind, half_width in limits:
         if half_width > half_a_cell:  # what stays within the middle cell moves nothing
-            together = together * np.fft.rfft(_cells(kind, edges / half_width))
+            together = together * np.fft.rfft(_cells(kind, edges, half_width))
     return _upper_end(np.fft.irfft(together, _CELLS), edges, result.confidence) / result.u
 
 
@@ -61,9 +61,11 @@ _HALF_WIDTH: Mapping[Distribution, float] = {
 """In standard uncertainties."""
 
 
-def _cells(kind: Distribution, edges: Floats) -> Floats:
-    """Return the probability of each cell, the middle one first; `edges` over the half width."""
-    x = np.clip(edges, -1.0, 1.0)
+def _cells(kind: Distribution, edges: Floats, half_width: float) -> Floats:
+    """Return the probability of each cell, the middle one first, of a source that goes beyond the middle cell."""
+    first = int(edges.searchsorted(-half_width, "right")) - 1
+    stop = int(edges.searchsorted(half_width)) + 1
+    x = np.clip(edges[first:stop] / half_width, -1.0, 1.0)
     match kind:
         case Distribution.TRIANGULAR:
             below = 0.5 + x - 0.5 * x * np.abs(x)
@@ -71,7 +73,11 @@ def _cells(kind: Distribution, edges: Floats) -> Floats:
             below = np.arcsin(x) / math.pi
         case _:
             below = 0.5 * x
-    return np.asarray(np.fft.ifftshift(np.diff(below)))
+    middle = edges.size // 2 - 1
+    inside, cells = np.diff(below), np.zeros(edges.size - 1)
+    cells[: stop - 1 - middle] = inside[middle - first :]
+    cells[first - middle :] = inside[: middle - first]
+    return cells
 
 
 def _rest(edges: Floats, u: float, dof: float) -> Floats:
