@@ -54,6 +54,8 @@ class RateSegment(Struct, frozen=True):
     flutter: Flutter | None = None
     shaking_deg_s: float = 0.0
     astray_deg: float = 0.0
+    begun_s: float = 0.0
+    """The flutter's angle at the start, s/sqrt(Hz): of the rate's noise of unit density."""
 
     def rate_at(self, instant_s: float) -> float:
         """Return the true rate at bench time `instant_s`, deg/s."""
@@ -68,7 +70,7 @@ class RateSegment(Struct, frozen=True):
         angle = self.angle_deg + turned + sum([(a * (cmath.exp(s * t) - 1) / s).real for a, s in self.terms])
         if self.flutter is None:
             return angle
-        return angle + self.shaking_deg_s * (self.flutter.angle_at(instant_s) - self.flutter.angle_at(self.start_s))
+        return angle + self.shaking_deg_s * (self.flutter.angle_at(instant_s) - self.begun_s)
 
     def fluttered_deg(self, instant_s: float, back_per_s: float) -> float:
         """Return by how much flutter has the angle off at bench time `instant_s`, deg."""
@@ -144,7 +146,7 @@ class _Profile(Struct, frozen=True):
     def rate_at(self, instant_s: float) -> float:
         """Return the commanded rate, deg/s."""
         t = instant_s - self.start_s
-        return self.rate_deg_s + self.slope_deg_s2 * t + sum((a * cmath.exp(s * t)).real for a, s in self.terms)
+        return self.rate_deg_s + self.slope_deg_s2 * t + sum([(a * cmath.exp(s * t)).real for a, s in self.terms])
 
     def acceleration_at(self, instant_s: float) -> float:
         """Return by how much the commanded rate changes, deg/s2."""
@@ -355,8 +357,10 @@ class TableMotion:
         return self._segments[-1]
 
     def _profile_at(self, instant_s: float) -> _Profile | None:
-        passed = [each for each in self._profiles if each.start_s <= instant_s]
-        return passed[-1] if passed else None
+        for each in reversed(self._profiles):
+            if each.start_s <= instant_s:
+                return each
+        return None
 
     def _loop_at(self, instant_s: float) -> tuple[float, float]:
         """Return rate and acceleration of the rate loop, before the mean-rate error and ripple."""
@@ -411,11 +415,12 @@ class TableMotion:
         """Return a segment with its flutter, if it turns at one rate; the loop takes back what the angle was off."""
         steady = segment.stop_s == math.inf and not self._swings
         shaking = self._mechanics.flutter_per_sqrt_hz * abs(segment.rate_deg_s) if steady else 0.0
-        astray = off_deg - shaking * flutter.angle_at(segment.start_s) if shaking else off_deg
+        begun_s = flutter.angle_at(segment.start_s) if shaking else 0.0
+        astray = off_deg - shaking * begun_s if shaking else off_deg
         back = abs(self._pole)
         terms = (*segment.terms, (complex(-back * astray), complex(-back))) if astray else segment.terms
         shaken = flutter if shaking else None
-        return replace(segment, terms=terms, flutter=shaken, shaking_deg_s=shaking, astray_deg=astray)
+        return replace(segment, terms=terms, flutter=shaken, shaking_deg_s=shaking, astray_deg=astray, begun_s=begun_s)
 
     def _fluttered_deg(self, instant_s: float) -> float:
         """Return by how much flutter has the angle off, deg."""

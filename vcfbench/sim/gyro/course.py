@@ -122,7 +122,7 @@ class Course:
     def note(self, acting: Acting) -> None:
         """Note what acts from now on."""
         modes = _resonances(acting.bench, acting.temperature_c)
-        nepers_s = min(*(-mode.poles[0].real for mode in modes), self._filter_nepers_s)
+        nepers_s = min(*[mode.natural_rad_s / (2 * mode.quality) for mode in modes], self._filter_nepers_s)
         decayed = 0.0 if self._latest is None else self._latest.decayed_by(acting.since_s)
         self._latest = _Noted(acting, nepers_s, decayed)
         self._noted.append(self._latest)

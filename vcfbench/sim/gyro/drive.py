@@ -45,8 +45,11 @@ LONGEST_START_S = 3.0
 SETTLED = 1e-7
 
 
-class Motion(NamedTuple):
-    """The mode under a constant force, exact from `start_s` on: two parts, force per mass, frame and phase there."""
+class Motion(Struct, frozen=True, gc=False):
+    """The mode under a constant force, exact from `start_s` on: two parts, force per mass, frame and phase there.
+
+    A start-up has thousands, none of which can be part of a cycle: the collector of cycles need not look at them.
+    """
 
     start_s: float
     parts: tuple[complex, complex]
@@ -123,9 +126,9 @@ class _Loop:
             self._agc += self._agc_integral * error * CONTROL_STEP_S
         self._pll_rad_s += self._pll_integral * phase * CONTROL_STEP_S
         frequency = self._free_running_rad_s + self._pll_proportional_per_s * phase + self._pll_rad_s
-        if abs(error) >= SETTLED or abs(phase) >= SETTLED:
-            return force, frequency, False
-        return force, frequency, abs(frequency - self._natural_rad_s) < SETTLED * self._natural_rad_s
+        if -SETTLED < error < SETTLED and -SETTLED < phase < SETTLED:
+            return force, frequency, abs(frequency - self._natural_rad_s) < SETTLED * self._natural_rad_s
+        return force, frequency, False
 
 
 def start_up(
@@ -144,6 +147,8 @@ def start_up(
     """
     stiffness = mode.natural_rad_s**2
     loop = _Loop(bench.drive_loop, mode)
+    plus, minus = mode.poles
+    apart = plus - minus
     motions, known = list[Motion](), None
     for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
         allowed = supplied(start_s + step * CONTROL_STEP_S)
@@ -151,7 +156,7 @@ def start_up(
             known, (amplitude_m, supply_v) = allowed, allowed
             holding = stiffness * amplitude_m / mode.quality
             limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
-        force, frequency, settled = loop.control(mode.displacement(parts), amplitude_m, limit)
+        force, frequency, settled = loop.control((parts[0] - parts[1]) / apart, amplitude_m, limit)
         if settled and step % STEPS_A_SEGMENT == 0:
             break
         motion = Motion(start_s + step * CONTROL_STEP_S, parts, -1j * force * holding, frequency, phase_rad)

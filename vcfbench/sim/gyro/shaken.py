@@ -95,7 +95,7 @@ class Shaken(Struct, frozen=True, dict=True):
     shaking_deg_s: float
     duration_s: float
 
-    @cached_property
+    @property
     def _free(self) -> NDArray[np.complex128]:
         return -(self.by.forced @ self.sizes)
 
@@ -110,8 +110,9 @@ class Shaken(Struct, frozen=True, dict=True):
     @cached_property
     def _gathered(self) -> tuple[NDArray[np.complex128], float]:
         over = self.by.interval(self.duration_s)
-        modal = self.by.forced @ (self.sizes * over.turned) + self._free * over.left
-        return modal, float((over.lines_v_s @ self.sizes + over.free_v_s @ self._free).real)
+        free = self._free
+        modal = self.by.forced @ (self.sizes * over.turned) + free * over.left
+        return modal, float((over.lines_v_s @ self.sizes + over.free_v_s @ free).real)
 
     @cached_property
     def _filtered(self) -> ExponentialSum:
