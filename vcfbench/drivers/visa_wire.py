@@ -40,6 +40,8 @@ _BIG_CHUNK = 1 << 20
 _SLACK_S = 0.010
 """A VISA time-out this much longer than what is left of a deadline is good enough: setting one costs more."""
 
+_FULL = StatusCode.success_max_count_read
+_TIMEOUT = ResourceAttribute.timeout_value
 _TIMED_OUT = frozenset({StatusCode.error_timeout})
 _INTERFACES: dict[InterfaceType, Interface] = {
     InterfaceType.gpib: "gpib",
@@ -271,7 +273,7 @@ class VisaWire:
         except Exception as error:  # as above: bare OSError, RPCError, EOFError, struct.error were seen
             raise _failure(error, "no answer") from error
         self._chunk = _CHUNK if len(data) < _CHUNK else _BIG_CHUNK
-        return bytes(data), self._knows_end and status != StatusCode.success_max_count_read
+        return bytes(data), self._knows_end and status != _FULL
 
     def pending(self) -> bytes:
         """Take what has come unasked on a serial line; elsewhere VISA cannot tell without waiting."""
@@ -317,7 +319,7 @@ class VisaWire:
         if not 0.0 <= self._timeout_s - left <= _SLACK_S:
             # Rounded up: a VISA time-out of 0 ms would mean "do not wait at all".
             milliseconds = int(left * 1000.0) + 1
-            self._set(self._session, ResourceAttribute.timeout_value, milliseconds)
+            self._set(self._session, _TIMEOUT, milliseconds)
             self._timeout_s = milliseconds / 1000.0
 
 

@@ -35,6 +35,11 @@ __all__ = ["Resolver", "SimVisaLibrary", "SimulatedInstruments"]
 
 _EMBEDDED = "embedded"
 _LINE_FEED = 10
+_SUCCESS = StatusCode.success
+_FULL = StatusCode.success_max_count_read
+_TERMINATED = StatusCode.success_termination_character_read
+_TIMEOUT = ResourceAttribute.timeout_value
+"""Looked up once: Python 3.11 takes long to find a member of an enumeration, and these come with every message."""
 _DEFAULT_TIMEOUT_MS = 2000
 
 
@@ -237,7 +242,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         except KeyError:
             raise errors.VisaIOError(StatusCode.error_invalid_object) from None
 
-    def _done(self, session: int, status: StatusCode = StatusCode.success) -> StatusCode:
+    def _done(self, session: int, status: StatusCode = _SUCCESS) -> StatusCode:
         return self.handle_return_value(cast("VISASession", session), status)
 
     def open_default_resource_manager(self) -> tuple[VISARMSession, StatusCode]:
@@ -279,7 +284,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
             closed.place.sharers.discard(cast("VISASession", session))
         self._contexts.discard(session)
         self._last_status_in_session.pop(session, None)
-        return StatusCode.success
+        return _SUCCESS
 
     def list_resources(self, session: VISARMSession, query: str = "?*::INSTR") -> tuple[str, ...]:
         """Return the names of the bench's instruments that match the VISA expression `query`."""
@@ -294,8 +299,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         self._check_owner(session, opened)
         with opened.bench.lock:
             opened.place.device.write(data, end=opened.sends_end)
-        self._last_status = self._last_status_in_session[session] = StatusCode.success
-        return len(data), StatusCode.success
+        self._last_status = self._last_status_in_session[session] = _SUCCESS
+        return len(data), _SUCCESS
 
     def read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
         """Receive up to `count` bytes of the next response; waits in bench time, at most the session's time-out."""
@@ -307,11 +312,11 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
                 data, end = opened.place.device.read(count)
             if end and not opened.stream and (terminator is None or data.find(terminator) in (-1, len(data) - 1)):
                 # what nearly every read is: a whole response, as it came
-                self._last_status = self._last_status_in_session[session] = StatusCode.success
-                return data, StatusCode.success
+                self._last_status = self._last_status_in_session[session] = _SUCCESS
+                return data, _SUCCESS
             opened.rest, opened.offset, opened.ended = data, 0, end
         data, status = self._collect(opened, count, terminator)
-        if status is not StatusCode.success:
+        if status is not _SUCCESS:
             return data, self._done(session, status)
         self._last_status = self._last_status_in_session[session] = status
         return data, status
@@ -477,11 +482,11 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     ) -> StatusCode:
         """Set an attribute; VI_ERROR_ATTR_READONLY for one that cannot be."""
         opened = self._session(session)
-        if attribute == ResourceAttribute.timeout_value:  # what drivers set before nearly every exchange
+        if attribute == _TIMEOUT:  # what drivers set before nearly every exchange
             opened.attributes[attribute] = attribute_state
             opened.timeout_s = math.inf if attribute_state == constants.VI_TMO_INFINITE else attribute_state / 1e3
-            self._last_status = self._last_status_in_session[session] = StatusCode.success
-            return StatusCode.success
+            self._last_status = self._last_status_in_session[session] = _SUCCESS
+            return _SUCCESS
         if not _known_attribute(opened, attribute).write:
             raise errors.VisaIOError(StatusCode.error_attribute_read_only)
         opened.attributes[attribute] = attribute_state
@@ -552,10 +557,10 @@ def _take(opened: _Session, count: int, terminator: int | None) -> tuple[bytes, 
         opened.rest, opened.offset = b"", 0
     if exhausted and opened.ended and part and not opened.stream:
         opened.ended = False
-        return part, StatusCode.success
+        return part, _SUCCESS
     if found >= 0:
-        return part, StatusCode.success_termination_character_read
-    return part, StatusCode.success_max_count_read if len(part) == count else None
+        return part, _TERMINATED
+    return part, _FULL if len(part) == count else None
 
 
 def _available(opened: _Session) -> int:

@@ -261,10 +261,11 @@ class ScpiEngine:
 
     def wake_at(self) -> float | None:
         """Return when something happens by itself."""
-        self.model.service()
+        model = self.model
+        model.service()
         if self._pending is not None or self._queue or self._announce_completion or self.status.sre:
             self._advance()
-        own = self.model.next_event_s()
+        own = model.next_event_s()
         if self._pending is None and not self._announce_completion:
             return own
         ready = None if self._pending is None else self._pending.ready_at()

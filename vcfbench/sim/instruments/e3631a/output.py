@@ -6,7 +6,7 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 118, 186-187)
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
@@ -56,7 +56,7 @@ class _Ramp(Struct):
         return self.start_s + self.tau_s * math.log((self.from_v - self.to_v) / (level_v - self.to_v))
 
 
-class _Regulated(NamedTuple):
+class _Regulated(Struct, frozen=True):
     """A working point: voltage with the present load, and whether the current is at its limit."""
 
     voltage_v: float
@@ -167,11 +167,20 @@ class Output:
         """
         now, limit = self._world.clock.now(), self.limit_a()
         here = self._working_point(self.level_v(now), limit)
+        if self._rests_at(here):
+            return
         goal_v = here.voltage_v if self.ramp is None or here.limited else self._constant_voltage(self.ramp.to_v)[0]
         self._go(now, here, goal_v)
         self.limited, self.current_a = here.limited, here.current_a
         self.turns_s = self._turn_s(now, limit)
         self._ripple(on=bool(goal_v or self.terminal.terms))
+
+    def _rests_at(self, here: _Regulated) -> bool:
+        """Whether it goes to this working point since the last look, and no ramp with it: nothing has changed."""
+        if self.ramp is not None or self._followed is not None:
+            return False
+        same = here.limited == self.limited and here.current_a == self.current_a
+        return same and here.voltage_v == self.terminal.goal_v
 
     def _working_point(self, level_v: float, limit: float) -> _Regulated:
         """Return where an open-circuit level comes to rest with the present load."""

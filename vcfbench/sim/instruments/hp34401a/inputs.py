@@ -62,7 +62,7 @@ class Reading(Struct, frozen=True):
     value: Callable[[], float | Reading]
 
 
-class Conditions(NamedTuple):
+class Conditions(Struct, frozen=True):
     """What a reading depends on beside function and setup.
 
     Args:
@@ -78,7 +78,7 @@ class Conditions(NamedTuple):
     delay_s: float = 0.0
 
 
-class _Scale(NamedTuple):
+class _Scale(Struct, frozen=True):
     """A range, how far beyond it readings go, the resolution, and what a short integration adds to the noise, rms."""
 
     range: float
