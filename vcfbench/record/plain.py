@@ -30,17 +30,19 @@ def plain(value: object, name: str = "results") -> Any:
     Raises:
         ConfigError: something in it is no finite number, or nothing that JSON has; it names where.
     """
+    if value is None or type(value) in (str, bool) or (type(value) is float and math.isfinite(value)):
+        return value  # what nearly all are
     if isinstance(value, Enum):
-        return plain(value.value, name)
+        value = value.value
     if isinstance(value, Mapping):
         return {_key(key, name): plain(each, f"{name}.{key}") for key, each in value.items()}
     if isinstance(value, list | tuple):
         if set(map(type, value)) == {float} and all(map(math.isfinite, value)):
             return list(value)  # a million of them take no time
         return [plain(each, f"{name}[{place}]") for place, each in enumerate(value)]
-    if (names := field_names(value)) is not None:
-        return {each: plain(getattr(value, each), f"{name}.{each}") for each in names}
-    return _single(value, name)
+    if (names := field_names(value)) is None:
+        return _single(value, name)
+    return {each: plain(getattr(value, each), f"{name}.{each}") for each in names}
 
 
 def field_names(value: object) -> Sequence[str] | None:

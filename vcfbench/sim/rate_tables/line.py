@@ -70,11 +70,12 @@ class LineDevice:
         if not self._quiet:
             self._advance()
         self._quiet_until_s = -math.inf
-        for byte in data:
-            if byte in self._terminators:
-                self._finish_message()
-            else:
-                self._take(byte)
+        begun = 0
+        for stop in [place for place, byte in enumerate(data) if byte in self._terminators]:
+            self._take(data[begun:stop])
+            self._finish_message()
+            begun = stop + 1
+        self._take(data[begun:])
         if end:
             self._finish_message()
 
@@ -132,11 +133,11 @@ class LineDevice:
     def trigger(self) -> None:
         """Do nothing: a serial line has no group execute trigger."""
 
-    def _take(self, byte: int) -> None:
-        if len(self._input) >= self._longest:
-            self._overflowed = True
-        else:
-            self._input.append(byte)
+    def _take(self, part: bytes) -> None:
+        """Take what fits of a part of a message."""
+        room = self._longest - len(self._input)
+        self._input += part[:room]
+        self._overflowed = self._overflowed or len(part) > room
 
     def _finish_message(self) -> None:
         message, overflowed = bytes(self._input), self._overflowed

@@ -72,14 +72,15 @@ class FrameDevice(LineDevice):
             return 0
         return self._length if self._intact(bytes(data[: self._length])) else 1
 
-    def _take(self, byte: int) -> None:
-        self._input.append(byte)
-        while self._input and not self._may_begin():
-            del self._input[0]
-        if len(self._input) == self._length:
-            frame = bytes(self._input)
-            self._input.clear()
-            self._send(self._answer(frame))
+    def _take(self, part: bytes) -> None:
+        for byte in part:
+            self._input.append(byte)
+            while self._input and not self._may_begin():
+                del self._input[0]
+            if len(self._input) == self._length:
+                frame = bytes(self._input)
+                self._input.clear()
+                self._send(self._answer(frame))
 
     def _may_begin(self) -> bool:
         begun = min(len(self._input), len(self._header))

@@ -9,6 +9,7 @@ settle ``:INT:``/``:I:`` (Interlock, not Interface) and ``:R:V`` (Read:Vector). 
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from msgspec import Struct, field
 
@@ -120,6 +121,7 @@ def _tree() -> _Node:
 
 
 _ROOT = _tree()
+_MESSAGES_KEPT = 64
 _COMMAND = re.compile(r"(?P<header>\*?[A-Za-z:][A-Za-z0-9:]*)(?P<query>\s*\?)?(?:\s+(?P<rest>\S.*))?")
 
 
@@ -129,6 +131,12 @@ def parse_message(text: str) -> list[Request | BadCommand]:
     A leading colon starts from the root, ``;`` stays at the level of the command before, ``;:`` goes back to the
     root (TM-8004-C 2.3). A failed command leaves the level as it was (unverified).
     """
+    return list(_parsed(text))
+
+
+@lru_cache(maxsize=_MESSAGES_KEPT)
+def _parsed(text: str) -> tuple[Request | BadCommand, ...]:
+    """Return what a message asks for; kept, since a controller is asked the same again and again."""
     level, requests = _ROOT, list[Request | BadCommand]()
     for command in text.split(";"):
         stripped = command.strip()
@@ -140,7 +148,7 @@ def parse_message(text: str) -> list[Request | BadCommand]:
             requests.append(fault)
         else:
             requests.append(request)
-    return requests
+    return tuple(requests)
 
 
 def _parse_command(command: str, level: _Node) -> tuple[Request, _Node]:
