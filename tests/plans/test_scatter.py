@@ -75,6 +75,13 @@ def test_readings_that_stand_still_where_others_scatter_are_no_measurement() -> 
     assert "a lead is off" in first_doubt(windows)
 
 
+@pytest.mark.parametrize("times", [0.5, 2.0])
+def test_long_windows_at_another_rate_may_scatter_less_or_more(times: float) -> None:
+    windows = np.random.default_rng(6).normal(0.0, 3e-5, (6, 200))
+    windows[3] *= times
+    assert not first_doubt(windows)
+
+
 def test_noise_that_doubles_with_the_rate_is_believed() -> None:
     windows = honest(5)
     windows[20:] *= 2.0

@@ -30,7 +30,10 @@ A calibration of 43 windows makes 170 tests: one honest run in six million is re
 """
 
 _LEAST_RATIO = 3.0
-"""A window may scatter three times as much as the run whatever its number of readings: noise may grow with the rate."""
+"""A window may scatter three times as much as the run or as little, whatever its number of readings.
+
+Noise may grow with the rate, and the windows of a run are taken at different rates.
+"""
 
 _NEVER = 5.9
 """Below so many standard deviations no number of readings makes a reading improbable enough: not worth the tail."""
@@ -155,7 +158,7 @@ class NoiseSeen(Struct):
         if above > _LEAST_RATIO**2 and f_is_improbable(above, window.degrees, degrees, chance=FALSE_ALARM):
             return f"the readings scatter by {window.std_v:.2g} V, those of the other windows by {run_v:.2g} V"
         below = (run_v / max(window.std_v, _STILL * self.resolution_v, 1e-12)) ** 2
-        if below > 1.0 and f_is_improbable(below, degrees, window.degrees, chance=FALSE_ALARM):
+        if below > _LEAST_RATIO**2 and f_is_improbable(below, degrees, window.degrees, chance=FALSE_ALARM):
             return (
                 f"the readings scatter by {window.std_v:.2g} V only, those of the other windows by {run_v:.2g} V: "
                 "a lead is off, or the others were disturbed"
