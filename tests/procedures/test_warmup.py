@@ -114,6 +114,13 @@ def test_what_is_steady_ends_at_the_shortest_and_needs_no_exponential(tmp_path: 
     assert run.results.turn_on_s < 2.0
 
 
+def test_a_bench_without_noise_has_no_exponential_and_the_meter_s_last_digit(tmp_path: Path) -> None:
+    run = vcfbench.run("warmup", "ideal", settings={**SCALE, "shortest_s": 240.0}, runs=tmp_path)
+    assert run.results.time_constant is None
+    assert run.results.bias_end.value == pytest.approx(0.0, abs=1e-6)
+    assert run.results.bias_end.u > 0.0
+
+
 def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: float) -> WarmupResult:
     """Readings one a second of a closed form and white noise."""
     windows = []

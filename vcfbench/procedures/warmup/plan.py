@@ -199,6 +199,7 @@ def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
         tolerance_deg_s=settings.turn_on_tolerance_deg_s,
         instability_deg_s=settings.bias_instability_deg_h / 3600.0,
         steady=is_steady(measured[-3:], length_s, _instability_v(settings)),
+        resolution_deg_s=settings.meter_resolution_v / abs(scale.value),
     )
 
 

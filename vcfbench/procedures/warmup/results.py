@@ -102,6 +102,7 @@ def warmup_results(
     tolerance_deg_s: float,
     instability_deg_s: float,
     steady: bool,
+    resolution_deg_s: float = 0.0,
 ) -> WarmupResult:
     """Return what a warm-up comes to.
 
@@ -113,16 +114,22 @@ def warmup_results(
         tolerance_deg_s: the output is on when it stays so close to what the log ends with.
         instability_deg_s: B, which correlates the means and is what warm means.
         steady: whether the last means agreed.
+        resolution_deg_s: the meter's last digit; no mean is known better than to its rounding.
     """
     import numpy as np  # noqa: PLC0415  # the plan needs none
 
-    begin_s, end_s, means, u_white = _means(windows, interval_s)
+    begin_s, end_s, means, u_scatter = _means(windows, interval_s)
+    u_white = np.maximum(u_scatter, resolution_deg_s / math.sqrt(12.0))
     fit = _fitted(begin_s, end_s, means, u_white, instability_deg_s)
-    bias, amplitude, tau_s = fit.parameters.tolist()
-    u_bias, u_amplitude, u_tau = np.sqrt(np.diag(fit.covariance)).tolist()
-    seen = abs(amplitude) > _SHOWS * u_amplitude and tau_s > _SHOWS * u_tau
-    if not seen:
-        bias, u_bias = _constant(begin_s, end_s, means, u_white, instability_deg_s)
+    bias, u_bias, chi_square, dof = _constant(begin_s, end_s, means, u_white, instability_deg_s)
+    seen = False
+    if fit is not None:
+        chi_square, dof = fit.chi_square, fit.dof
+        (fitted_bias, amplitude, tau_s), u = fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
+        u_fitted_bias, u_amplitude, u_tau = u
+        seen = abs(amplitude) > _SHOWS * u_amplitude and tau_s > _SHOWS * u_tau
+        if seen:
+            bias, u_bias = fitted_bias, u_fitted_bias
     each = [(float(t_s.mean()), float(rate.mean()), float(np.std(rate, ddof=1)), rate.size) for t_s, rate in windows]
     return WarmupResult(
         turn_on_s=_turn_on(log, tolerance_deg_s),
@@ -134,8 +141,8 @@ def warmup_results(
         time_constant=WarmupFigure(tau_s, u_tau, "s") if seen else None,
         warm_up=_warm_up(fit, instability_deg_s) if seen else None,
         bias_instability_deg_s=instability_deg_s,
-        chi_square=fit.chi_square,
-        dof=fit.dof,
+        chi_square=chi_square,
+        dof=dof,
         scale_factor_v_per_deg_s=scale,
         means_t_s=tuple(t_s for t_s, _, _, _ in each),
         means_deg_s=tuple(mean for _, mean, _, _ in each),
@@ -196,7 +203,10 @@ def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instabi
 
 
 def _fitted(begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float) -> Any:
-    """Fit b_inf + a exp(-t / tau), each mean the integral over its seconds, by generalised least squares."""
+    """Fit b_inf + a exp(-t / tau), each mean the integral over its seconds, by generalised least squares.
+
+    None: the means do not determine an exponential.
+    """
     import numpy as np  # noqa: PLC0415
 
     from vcfbench.analysis.model_fit import fit_model  # noqa: PLC0415
@@ -218,21 +228,20 @@ def _fitted(begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, inst
             fits.append(fit_model(residuals, start, "warm-up"))
         except ConfigError:
             continue
-    if not fits:
-        raise ConfigError(f"warm-up: {means.size} means do not determine an exponential")
-    return min(fits, key=lambda fit: fit.chi_square)
+    return min(fits, key=lambda fit: fit.chi_square, default=None)
 
 
 def _constant(
     begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float
-) -> tuple[float, float]:
-    """Return mean and standard uncertainty of what shows no exponential."""
+) -> tuple[float, float, float, int]:
+    """Return mean, its standard uncertainty, chi-square and degrees of freedom of what shows no exponential."""
     import numpy as np  # noqa: PLC0415
 
     root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
-    ones = np.linalg.solve(root, np.ones(means.size))
+    ones, white = np.linalg.solve(root, np.ones(means.size)), np.linalg.solve(root, means)
     weight = float(ones @ ones)
-    return float(ones @ np.linalg.solve(root, means)) / weight, 1.0 / math.sqrt(weight)
+    mean = float(ones @ white) / weight
+    return mean, 1.0 / math.sqrt(weight), float(((white - mean * ones) ** 2).sum()), means.size - 1
 
 
 def _warm_up(fit: Any, instability_deg_s: float) -> WarmupFigure:
