@@ -58,6 +58,7 @@ def installed(project: Path, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.exhaustive
 def test_an_instrument_of_ones_own_is_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its tests pass, and a calibration runs with it."""
     site = installed(OWN, tmp_path / "site")

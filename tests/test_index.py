@@ -213,6 +213,7 @@ def of_another_version(path: Path) -> None:
     connection.close()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("spoil", [no_database, empty, spoilt, cut, foreign, of_another_version])
 def test_an_index_beside_the_records_that_is_none_is_made_again(spoil: Callable[[Path], None], runs: Path) -> None:
     told = vcfbench.run_summaries(runs)

@@ -31,6 +31,7 @@ def record(rng: np.random.Generator, frequency_hz: float, late_s: float, cube: f
     return np.asarray((wave + cube * wave**3 + mains).mean(axis=1) + 3e-4 * rng.standard_normal(512) - 0.04)
 
 
+@pytest.mark.exhaustive
 def test_a_tone_is_found_in_spite_of_aperture_mains_and_a_spacing_that_is_not_known() -> None:
     rng = np.random.default_rng(5)
     z = []

@@ -49,6 +49,7 @@ def test_the_reference_comes_back_apart_from_half_turns(reference_deg: float, ga
     assert (found[0].turning, found[0].output) == pytest.approx((1.1, 1.7))
 
 
+@pytest.mark.exhaustive
 def test_the_uncertainty_is_the_scatter() -> None:
     z = []
     for trial in range(12):

@@ -112,6 +112,7 @@ def test_match_absolute_shows_the_trap() -> None:
     assert results.match is Match.ABSOLUTE
 
 
+@pytest.mark.exhaustive
 def test_error_is_bounded_by_its_own_uncertainty() -> None:
     """Of 40 noisy runs about one in twenty is beyond two standard uncertainties; 12 or more would be one in 1e6."""
     settings = make_settings()

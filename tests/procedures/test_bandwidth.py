@@ -26,6 +26,7 @@ QUICK = {
 SPLIT_HZ, Q = 3488.9 - 3464.1, 1224.0
 
 
+@pytest.mark.exhaustive
 def test_split_and_q_come_back_from_readings_alone(tmp_path: Path) -> None:
     """+3 dB, peak and -3 dB with the in-phase mode at equal sign are 14.24, 24.73 and 35.0 Hz (docs/theory.md)."""
     run = vcfbench.run("bandwidth", simulated(overrides=COLD), seed=4, settings=QUICK, runs=tmp_path)

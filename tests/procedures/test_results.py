@@ -58,6 +58,7 @@ def virtual_coriolis_k_vc(points: list[Point]) -> float:
     return float(K_VC * (means[2, True] - means[2, False]) / (means[1, True] - means[1, False]))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("noise_v", "wander_v", "level"),
     few([(1.2e-4, 0.0, 0.0), (1.2e-4, 25e-6, 0.0), (1e-6, 0.0, 3.86e-4)], (1.2e-4, 25e-6, 0.0)),

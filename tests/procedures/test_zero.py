@@ -96,6 +96,7 @@ def test_as_it_stands_is_said_to_be_so(hour: Run, tmp_path: Path) -> None:
     assert hour.results.allan_deg_h[0].corrected == pytest.approx(3600.0 * N_DEG_RTH / 60.0, rel=0.1)
 
 
+@pytest.mark.exhaustive
 def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
     done = run(tmp_path, mode="gapless", duration_s=1800.0)
     value, u = walk_of(done.results)

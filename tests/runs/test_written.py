@@ -124,6 +124,7 @@ def test_the_figures_of_a_markdown_report_lie_beside_it(quick: Run, tmp_path: Pa
     assert set(re.findall("<[^>]*", text.read_text(encoding="utf-8"))) <= {"<i", "</i", "<sub", "</sub"}
 
 
+@pytest.mark.exhaustive
 def test_a_pdf_has_the_name_of_the_run_and_the_number_on_every_page(quick: Run, tmp_path: Path) -> None:
     pypdf = pytest.importorskip("pypdf")
     try:

@@ -198,6 +198,7 @@ class Killer(Quiet):
             self.killed += 1
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> None:
     killer = Killer()

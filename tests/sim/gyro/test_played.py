@@ -109,6 +109,7 @@ CASES: dict[str, tuple[tuple[str, ...], Volts]] = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("case", few(CASES, "FM of a tone"))
 def test_the_chain_answers_what_is_played_as_the_equations_of_motion_do(case: str) -> None:
     messages, wanted = CASES[case]

@@ -220,6 +220,7 @@ def test_a_thousand_specimens_are_within_the_published_accuracy_and_differ(frequ
     assert detect([piece], 1.0, 8.0, Response(3.0, AcErrors())).rms_v == pytest.approx(5.0, rel=6e-3)
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.01, 3.0), st.floats(50.0, 3e5), st.floats(0.0, 6.0)), min_size=1, max_size=5),

@@ -127,6 +127,7 @@ def test_each_error_shows_by_itself(errors: CounterErrors, frequency_hz: float, 
     assert made.value() / frequency_hz - 1.0 == pytest.approx(change, abs=1e-8)
 
 
+@pytest.mark.exhaustive
 def test_noise_falls_with_the_gate() -> None:
     made = counter(Sine(1.0, 1e4, 0.0), errors=MeterErrors(counter=CounterErrors(noise=0.3), noise_seed=1))
     spreads = []
