@@ -45,11 +45,8 @@ LONGEST_START_S = 3.0
 SETTLED = 1e-7
 
 
-class Motion(Struct, frozen=True, gc=False):
-    """The mode under a constant force, exact from `start_s` on: two parts, force per mass, frame and phase there.
-
-    A start-up has thousands, none of which can be part of a cycle: the collector of cycles need not look at them.
-    """
+class Motion(Struct, frozen=True):
+    """The mode under a constant force, exact from `start_s` on: two parts, force per mass, frame and phase there."""
 
     start_s: float
     parts: tuple[complex, complex]
