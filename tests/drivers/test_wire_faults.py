@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import select
 import socket
 import threading
 import time
@@ -14,6 +15,7 @@ from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
 from tests.ports import BUSY_S
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.visa_wire import SocketWire
 from vcfbench.errors import (
     BenchError,
     ConnectFailed,
@@ -34,6 +36,11 @@ def opened(resource: str, timeout_s: float = 0.2) -> Session:
     session = open_session(resource, library="@py", clock=CLOCK, name="multimeter", timeout_s=timeout_s)
     session.identify()
     return session
+
+
+def wait_until_something_lies_there(session: Session) -> None:
+    assert isinstance(session._wire, SocketWire)
+    assert select.select([session._wire._socket], [], [], 30.0)[0]
 
 
 def timed(call: Callable[[], object]) -> tuple[BenchError, float, float]:
@@ -157,16 +164,19 @@ def test_a_second_answer_to_one_question_is_dropped() -> None:
 
 
 def test_something_said_unasked_is_dropped() -> None:
+    answered = threading.Event()
+
     def chatty(connection: socket.socket, line: str) -> bool:
         if line == "A?":
             connection.sendall(b"A\n")
-            sleep(CLOCK, 0.02)
+            answered.wait(BUSY_S)
             connection.sendall(b"welcome\n")
         return line == "A?"
 
     with serving(answering(chatty)) as where, opened(where) as session:
         assert session.query("A?") == "A"
-        sleep(CLOCK, 0.05)
+        answered.set()
+        wait_until_something_lies_there(session)
         assert session.query("B?") == "B"
 
 
