@@ -216,18 +216,30 @@ def test_a_broken_package_is_one_sentence_and_breaks_no_other(
     assert [each.name for each in PROCEDURES.loaded()] == [*BUILT_IN]
 
 
-@pytest.mark.parametrize("name", ["turntable", "wait"])
-def test_a_name_that_is_taken_twice_is_refused_with_both_origins(
-    name: str, install: Callable[..., None], package: Callable[[str], None]
-) -> None:
-    package(GOOD)
-    install(name, "acme_of_a_test:WAIT")
-    if name == "wait":
-        install(name, "other:WAIT")
-    first = "vcfbench itself" if name == "turntable" else r"a package \(acme_of_a_test:WAIT\)"
-    with pytest.raises(ConfigError, match=rf"'{name}' is taken twice: {first} and a package \((acme|other)"):
-        vcfbench.dry_run(name)
+def test_a_name_that_is_taken_twice_is_refused_with_both_origins(install: Callable[..., None]) -> None:
+    install("wait", "acme_of_a_test:WAIT")
+    install("wait", "other:WAIT")
+    said = r"'wait' is taken twice: a package \(acme_of_a_test:WAIT\) and a package \(other:WAIT\)"
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.dry_run("wait")
     assert vcfbench.dry_run("virtual-coriolis").steps
+
+
+def test_a_procedure_that_comes_along_keeps_its_name_and_the_list_says_whose_is_hidden(
+    install: Callable[..., None],
+) -> None:
+    install("turntable", "acme_of_a_test:WAIT")
+    assert vcfbench.dry_run("turntable").procedure == "turntable"
+    assert "That of a package (acme_of_a_test:WAIT) has to be renamed" in PROCEDURES.title("turntable")
+    assert "renamed" not in PROCEDURES.title("virtual-coriolis")
+
+
+def test_a_procedure_that_comes_along_is_found_without_looking_through_the_packages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where many are installed that takes as long as reading the command line."""
+    monkeypatch.setattr(catalogue, "_installed", lambda: pytest.fail("looked through the packages"))
+    assert PROCEDURES["turntable"].name == "turntable"
 
 
 def test_an_unknown_name_is_answered_with_those_that_there_are() -> None:

@@ -6,7 +6,8 @@ Another package brings its own as entry points::
     hysteresis = "acme.hysteresis:HYSTERESIS"
 
 Names are known without importing anything; a procedure is imported when it is asked for. One that cannot be loaded is
-an error when it is asked for and keeps no other from being run.
+an error when it is asked for and keeps no other from being run. Those that come along keep their names: a package that
+takes one of them is told in the list.
 """
 
 from __future__ import annotations
@@ -101,15 +102,15 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
             KeyError: there is none.
             ConfigError: its package cannot be loaded, or two bring one of this name.
         """
-        entries = _installed().get(name, ())
-        if name not in BUILT_IN and not entries:
-            raise KeyError(name)
-        if len(entries) + (name in BUILT_IN) > 1:
-            raise ConfigError(f"the name {name!r} is taken twice: {self.origin(name)}; one of them has to be renamed")
-        if not entries:
+        if name in BUILT_IN:  # packages are not even looked for: that takes as long as reading the command line
             module, _, variable = BUILT_IN[name][0].partition(":")
             built_in: AnyProcedure = getattr(import_module(module), variable)
             return built_in
+        entries = _installed().get(name, ())
+        if not entries:
+            raise KeyError(name)
+        if len(entries) > 1:
+            raise ConfigError(f"the name {name!r} is taken twice: {self.origin(name)}; one of them has to be renamed")
         return _load(entries[0])
 
     def __iter__(self) -> Iterator[str]:
@@ -127,7 +128,11 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
 
     def title(self, name: str) -> str:
         """Return the title of the procedure called `name` as far as it is known without importing it."""
-        return BUILT_IN[name][1] if name in BUILT_IN else f"Of {self.origin(name)}."
+        if name not in BUILT_IN:
+            return f"Of {self.origin(name)}."
+        hidden = " and ".join(map(_origin, _installed().get(name, ())))
+        title = BUILT_IN[name][1]
+        return f"{title} That of {hidden} has to be renamed before it can be run." if hidden else title
 
     def origin(self, name: str) -> str:
         """Say where the procedure called `name` comes from, "" where there is none."""

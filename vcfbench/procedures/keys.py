@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from msgspec import NODEFAULT, Struct, inspect, to_builtins
+from msgspec import NODEFAULT, Struct, inspect, structs, to_builtins
 
 from vcfbench.bench.strict import expectation
 from vcfbench.bench.writing import value_text
@@ -33,28 +33,25 @@ class SettableKey(Struct, frozen=True):
 
 def settable_keys(kind: type[ProcedureSettings]) -> Iterator[SettableKey]:
     """Yield every key of settings of `kind`, those of tables within one by one; what the station gives is none."""
-    for field in _fields(kind):
+    for field in structs.fields(kind):
         if field.name != "station":
             yield from _keys(field, ())
 
 
-def _fields(kind: Any) -> tuple[inspect.Field, ...]:
-    node = inspect.type_info(kind)
-    return node.fields if isinstance(node, inspect.StructType) else ()
-
-
-def _keys(field: inspect.Field, above: tuple[str, ...]) -> Iterator[SettableKey]:
-    described = field.type.extra_json_schema or {} if isinstance(field.type, inspect.Metadata) else {}
-    extra = field.type.extra or {} if isinstance(field.type, inspect.Metadata) else {}
-    node = field.type.type if isinstance(field.type, inspect.Metadata) else field.type
+def _keys(field: structs.FieldInfo, above: tuple[str, ...]) -> Iterator[SettableKey]:
+    described = inspect.type_info(field.type)
     path = (*above, field.encode_name)
-    if isinstance(node, inspect.StructType):
-        for below in node.fields:
+    extra: dict[str, Any] = {}
+    meaning = ""
+    if isinstance(described, inspect.Metadata):
+        extra, meaning = described.extra or {}, (described.extra_json_schema or {}).get("description", "")
+        described = described.type
+    if isinstance(described, inspect.StructType):
+        for below in structs.fields(described.cls):
             yield from _keys(below, path)
         return
     name = dotted(path)
-    option = _option(name, extra.get("option"))
-    yield SettableKey(name, _default(field), _expected(node), described.get("description", ""), option)
+    yield SettableKey(name, _default(field), _expected(described), meaning, _option(name, extra.get("option")))
 
 
 def _option(name: str, option: object) -> str:
@@ -72,6 +69,6 @@ def _expected(node: inspect.Type) -> str:
     return f"{expectation(node)}{f', each{limits}' if limits else ''}"
 
 
-def _default(field: inspect.Field) -> str:
+def _default(field: structs.FieldInfo) -> str:
     value = field.default if field.default_factory is NODEFAULT else field.default_factory()
     return "" if value is NODEFAULT or value is None else value_text(to_builtins(value))
