@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
-from tests.ports import BUSY_S
+from tests.ports import BUSY_S, PLENTY_S
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.session import Session, open_session
 from vcfbench.drivers.visa_wire import SocketWire
@@ -32,7 +32,12 @@ if TYPE_CHECKING:
 CLOCK = WallClock()
 
 
-def opened(resource: str, timeout_s: float = 0.2) -> Session:
+def soon() -> Deadline:
+    """Return the deadline of what does not come."""
+    return Deadline.after(CLOCK, 0.1)
+
+
+def opened(resource: str, timeout_s: float = PLENTY_S) -> Session:
     session = open_session(resource, library="@py", clock=CLOCK, name="multimeter", timeout_s=timeout_s)
     session.identify()
     return session
@@ -40,7 +45,7 @@ def opened(resource: str, timeout_s: float = 0.2) -> Session:
 
 def wait_until_something_lies_there(session: Session) -> None:
     assert isinstance(session._wire, SocketWire)
-    assert select.select([session._wire._socket], [], [], 30.0)[0]
+    assert select.select([session._wire._socket], [], [], PLENTY_S)[0]
 
 
 def timed(call: Callable[[], object]) -> tuple[BenchError, float, float]:
@@ -55,13 +60,13 @@ def test_a_port_where_nobody_listens_fails_to_open() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(ConnectFailed, match=f"multimeter at TCPIP0::127.0.0.1::{port}::SOCKET: nobody answers"):
-        opened(f"TCPIP0::127.0.0.1::{port}::SOCKET")
+        opened(f"TCPIP0::127.0.0.1::{port}::SOCKET", 0.2)
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_host_that_cannot_be_resolved_fails_to_open() -> None:
     with pytest.raises(ConnectFailed, match=r"multimeter at .*cannot be opened"):
-        opened("TCPIP0::no-such-host.invalid::5025::SOCKET")
+        opened("TCPIP0::no-such-host.invalid::5025::SOCKET", 0.2)
     gc.collect()  # PyVISA-py leaves its socket to the collector, whose warning belongs to this test
 
 
@@ -76,7 +81,7 @@ def test_a_peer_that_closes_is_link_lost_at_once_and_without_spinning() -> None:
             connection.shutdown(socket.SHUT_RDWR)
         return line == "READ?"
 
-    with serving(answering(closing)) as where, opened(where, 2.0) as session:
+    with serving(answering(closing)) as where, opened(where) as session:
         error, wall_s, processor_s = timed(lambda: session.query("READ?"))
         assert isinstance(error, LinkLost)
         assert "multimeter at TCPIP0" in str(error)
@@ -88,49 +93,55 @@ def test_a_peer_that_closes_is_link_lost_at_once_and_without_spinning() -> None:
             session.query("READ?")
 
 
-def late(seconds: float, question: str = "FIRST?") -> Callable[[socket.socket, str], bool]:
-    """Answer the first asking of `question` too late."""
+def late(may_come: Callable[[socket.socket], object], question: str = "FIRST?") -> Callable[[socket.socket, str], bool]:
+    """Answer the first asking of `question` too late: when `may_come`, told the connection, returns."""
     asked: list[str] = []
 
     def special(connection: socket.socket, line: str) -> bool:
         if line != question or asked:
             return False
         asked.append(line)
-        sleep(CLOCK, seconds)
+        may_come(connection)
         connection.sendall((IDENTITY if line == "*IDN?" else "LATE").encode() + b"\n")
         return True
 
     return special
 
 
+def when_more_is_asked(connection: socket.socket) -> None:
+    select.select([connection], [], [], PLENTY_S)
+
+
 def test_a_late_answer_is_never_the_answer_to_another_question() -> None:
-    with serving(answering(late(0.3))) as where, opened(where, 0.1) as session:
-        error, wall_s, _ = timed(lambda: session.query("FIRST?"))
+    given_up = threading.Event()
+    with serving(answering(late(lambda _: given_up.wait(PLENTY_S)))) as where, opened(where) as session:
+        error, wall_s, _ = timed(lambda: session.query("FIRST?", soon()))
         assert isinstance(error, DeadlineExceeded)
         assert 0.1 <= wall_s < 0.1 + BUSY_S
         assert session.dirty
-        sleep(CLOCK, 0.3)  # the late answer lies waiting
+        given_up.set()
+        wait_until_something_lies_there(session)
         assert [session.query(f"Q{n}?") for n in range(5)] == [f"Q{n}" for n in range(5)]
 
 
 def test_a_late_answer_that_comes_amid_resynchronising_is_dropped_too() -> None:
-    with serving(answering(late(0.15))) as where, opened(where, 0.1) as session:
+    with serving(answering(late(when_more_is_asked))) as where, opened(where) as session:
         with pytest.raises(DeadlineExceeded):
-            session.query("FIRST?")
-        assert session.query("SECOND?", Deadline.after(CLOCK, 2.0)) == "SECOND"
+            session.query("FIRST?", soon())
+        assert session.query("SECOND?") == "SECOND"
         assert session.query("THIRD?") == "THIRD"
 
 
 def test_the_late_answer_may_be_the_one_that_resynchronising_looks_for() -> None:
-    with serving(answering(nothing_special), answering(late(0.15, "*IDN?"))) as where:
+    with serving(answering(nothing_special), answering(late(when_more_is_asked, "*IDN?"))) as where:
         with opened(where) as first:
             first.query("A?")
-        session = open_session(where, library="@py", clock=CLOCK, name="multimeter", timeout_s=0.1)
+        session = open_session(where, library="@py", clock=CLOCK, name="multimeter", timeout_s=PLENTY_S)
         session._identity = IDENTITY  # as learnt before
         with session:
             with pytest.raises(DeadlineExceeded):
-                session.query("*IDN?")
-            assert session.query("NEXT?", Deadline.after(CLOCK, 2.0)) == "NEXT"
+                session.query("*IDN?", soon())
+            assert session.query("NEXT?") == "NEXT"
             assert [session.query(f"Q{n}?") for n in range(3)] == ["Q0", "Q1", "Q2"]
 
 
@@ -142,10 +153,10 @@ def test_answers_that_stay_away_close_the_session() -> None:
         return dumbed.is_set()
 
     dumbed = threading.Event()
-    with serving(answering(dumb)) as where, opened(where, 0.1) as session:
+    with serving(answering(dumb)) as where, opened(where) as session:
         with pytest.raises(DeadlineExceeded):
-            session.query("READ?")
-        error, wall_s, _ = timed(lambda: session.query("A?"))
+            session.query("READ?", soon())
+        error, wall_s, _ = timed(lambda: session.query("A?", Deadline.after(CLOCK, 0.5)))
         assert isinstance(error, OutOfSync)
         assert wall_s < BUSY_S
         assert session.closed
@@ -169,7 +180,7 @@ def test_something_said_unasked_is_dropped() -> None:
     def chatty(connection: socket.socket, line: str) -> bool:
         if line == "A?":
             connection.sendall(b"A\n")
-            answered.wait(BUSY_S)
+            answered.wait(PLENTY_S)
             connection.sendall(b"welcome\n")
         return line == "A?"
 
@@ -212,12 +223,12 @@ def test_two_threads_get_their_own_answers() -> None:
     def ask(session: Session, name: str) -> None:
         wrong.extend(name for _ in range(300) if session.query(f"{name}?") != name)
 
-    with serving(answering(nothing_special)) as where, opened(where, 2.0) as session:
+    with serving(answering(nothing_special)) as where, opened(where) as session:
         threads = [threading.Thread(target=ask, args=(session, name)) for name in ("ALPHA", "BETA", "GAMMA")]
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join(10.0)
+            thread.join(PLENTY_S)
         assert not any(thread.is_alive() for thread in threads)
         assert wrong == []
 
@@ -227,18 +238,19 @@ def test_a_peer_that_does_not_read_is_a_deadline_not_a_hang() -> None:
 
     def deaf(connection: socket.socket, line: str) -> bool:
         del connection, line
-        done.wait(5.0)
+        done.wait(PLENTY_S)
         return True
 
     with serving(answering(deaf)) as where:
-        session = open_session(where, library="@py", clock=CLOCK, name="generator", timeout_s=0.2)
-        error, wall_s, _ = timed(lambda: session.write("DATA " + "0," * 10_000_000))
+        session = open_session(where, library="@py", clock=CLOCK, name="generator", timeout_s=PLENTY_S)
+        data = "DATA " + "0," * 10_000_000
+        error, wall_s, _ = timed(lambda: session.write(data, deadline=soon()))
         done.set()
         session.close()
     assert isinstance(error, DeadlineExceeded)
     assert "does not take the command" in str(error)
     assert len(str(error)) < 400
-    assert 0.2 <= wall_s < 0.2 + BUSY_S
+    assert 0.1 <= wall_s < 0.1 + BUSY_S
 
 
 def test_an_answer_that_never_ends_is_ended_by_the_deadline() -> None:
@@ -248,10 +260,10 @@ def test_an_answer_that_never_ends_is_ended_by_the_deadline() -> None:
             sleep(CLOCK, 0.005)
         return False
 
-    with serving(answering(babbling)) as where, opened(where, 0.2) as session:
-        error, wall_s, _ = timed(lambda: session.query("READ?"))
+    with serving(answering(babbling)) as where, opened(where) as session:
+        error, wall_s, _ = timed(lambda: session.query("READ?", soon()))
     assert isinstance(error, DeadlineExceeded)
-    assert 0.2 <= wall_s < 0.2 + BUSY_S
+    assert 0.1 <= wall_s < 0.1 + BUSY_S
 
 
 def test_a_block_may_hold_newlines_and_come_in_pieces() -> None:
@@ -264,7 +276,7 @@ def test_a_block_may_hold_newlines_and_come_in_pieces() -> None:
                 connection.sendall(message[begin : begin + 997])
         return line == ":WAV:DATA?"
 
-    with serving(answering(sending)) as where, opened(where, 2.0) as session:
+    with serving(answering(sending)) as where, opened(where) as session:
         assert session.query_block(":WAV:DATA?") == data
         assert session.query("B?") == "B"
 
@@ -278,9 +290,9 @@ def test_a_block_that_is_none_leaves_the_next_answer_right(answer: bytes) -> Non
             connection.sendall(answer)
         return line == ":WAV:DATA?"
 
-    with serving(answering(sending)) as where, opened(where, 0.2) as session:
+    with serving(answering(sending)) as where, opened(where) as session:
         with pytest.raises((FramingError, DeadlineExceeded)):
-            session.query_block(":WAV:DATA?")
+            session.query_block(":WAV:DATA?", soon())
         assert session.query("B?") == "B"
         assert session.query("C?") == "C"
 
@@ -329,4 +341,4 @@ def test_revive_refuses_another_instrument() -> None:
         with pytest.raises(LinkLost):
             session.query("READ?")
         with pytest.raises(OutOfSync):
-            session.revive()
+            session.revive(Deadline.after(CLOCK, 0.5))

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import serial
 
-from vcfbench.clock import WallClock, sleep
+from tests.ports import PLENTY_S, eventually
+from vcfbench.clock import WallClock
 from vcfbench.testing import WIRE_FAULTS, WireFault, faulty_wire
 
 if TYPE_CHECKING:
@@ -47,26 +48,34 @@ def instrument() -> Iterator[tuple[str, list[bytes]]]:
         server.shutdown(socket.SHUT_RDWR)
 
 
-def asked(port: Any, question: bytes, timeout_s: float = 0.3) -> bytes:
-    """Return all that comes; a whole reply is followed by nothing, or at once."""
-    port.timeout = timeout_s
+def asked(port: Any, question: bytes) -> bytes:
+    """Return a reply with its end."""
+    port.timeout = PLENTY_S
     port.write(question)
-    reply = bytes(port.read_until(b"\r\n"))
-    port.timeout = 0.05
-    return reply + bytes(port.read(200))
+    return bytes(port.read_until(b"\r\n"))
 
 
 @pytest.mark.parametrize(
     ("kind", "expected"),
-    [("silent", b""), ("torn", b"<AB"), ("unended", b"<ABC>"), ("doubled", b"<ABC>\r\n<ABC>\r\n"), ("late", b"")],
+    [
+        ("silent", b""),
+        ("torn", b"<AB"),
+        ("unended", b"<ABC>"),
+        ("doubled", b"<ABC>\r\n<ABC>\r\n"),
+        ("late", b"<ABC>\r\n"),
+    ],
 )
 def test_a_reply_is_spoilt_once_and_the_next_is_whole(kind: Any, expected: bytes) -> None:
     with instrument() as (resource, heard), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
         assert asked(port, b"A\n") == b"<A>\r\n"
-        wire.begin(WireFault(kind, replies=1, delay_s=0.6))
-        assert asked(port, b"ABC\n") == expected
-        sleep(CLOCK, 0.5 if kind == "late" else 0.0)
-        assert asked(port, b"D\n").removeprefix(b"<ABC>\r\n") == b"<D>\r\n"
+        wire.begin(WireFault(kind, replies=1, delay_s=0.3))
+        begin_s = CLOCK.now()
+        port.write(b"ABC\n")
+        eventually(lambda: wire.spoilt_s)
+        port.write(b"D\n")
+        assert port.read(len(expected)) == expected
+        assert CLOCK.now() - begin_s >= (0.3 if kind == "late" else 0.0)
+        assert port.read(len(b"<D>\r\n")) == b"<D>\r\n"
         assert b"".join(heard) == b"A\nABC\nD\n"
         assert bytes(wire.told) == b"ABC\nD\n"
         assert len(wire.spoilt_s) == 1
@@ -77,7 +86,9 @@ def test_random_bytes_come_from_the_seed() -> None:
     for _ in range(2):
         with instrument() as (resource, _), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
             wire.begin(WireFault("garbage", seed=4))
-            came.append(asked(port, b"ABCDEF\n"))
+            port.timeout = PLENTY_S
+            port.write(b"ABCDEF\n")
+            came.append(port.read(len(b"<ABCDEF>\r\n")))
     assert came[0] == came[1] != b"<ABCDEF>\r\n"
     assert len(came[0]) == len(b"<ABCDEF>\r\n")
 
@@ -85,7 +96,9 @@ def test_random_bytes_come_from_the_seed() -> None:
 def test_one_bit_is_flipped() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
         wire.begin(WireFault("flipped"))
-        came = asked(port, b"ABC\n")
+        port.timeout = PLENTY_S
+        port.write(b"ABC\n")
+        came = port.read(len(b"<ABC>\r\n"))
     assert sum((one ^ other).bit_count() for one, other in zip(came, b"<ABC>\r\n", strict=True)) == 1
 
 
@@ -93,7 +106,7 @@ def test_a_trickle_comes_byte_by_byte() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
         wire.begin(WireFault("trickle", delay_s=0.2))
         begin_s = CLOCK.now()
-        port.timeout = 10.0
+        port.timeout = PLENTY_S
         port.write(b"A\n")
         assert port.read(5) == b"<A>\r\n"
         assert CLOCK.now() - begin_s >= 0.9
@@ -102,7 +115,7 @@ def test_a_trickle_comes_byte_by_byte() -> None:
 def test_an_endless_answer_goes_on_until_the_fault_ends() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
         wire.begin(WireFault("endless", replies=1))
-        port.timeout = 10.0
+        port.timeout = PLENTY_S
         port.write(b"A\n")
         assert port.read(300_000).endswith(b"A" * 290_000)
         wire.end()
@@ -112,7 +125,7 @@ def test_what_was_told_before_a_connection_is_dropped_arrives_and_a_new_one_work
     with instrument() as (resource, heard), faulty_wire(resource) as wire:
         wire.begin(WireFault("dropped", replies=1))
         with serial.serial_for_url(wire.resource) as port, pytest.raises(serial.SerialException):
-            asked(port, b"A\n", 5.0)
+            asked(port, b"A\n")
         with serial.serial_for_url(wire.resource) as port:
             assert asked(port, b"B\n") == b"<B>\r\n"
         assert b"".join(heard) == b"A\nB\n"
@@ -122,7 +135,7 @@ def test_a_line_that_is_cut_comes_back_when_the_fault_ends() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire:
         wire.begin(WireFault("cut"))
         with serial.serial_for_url(wire.resource) as port, pytest.raises(serial.SerialException):
-            asked(port, b"A\n", 5.0)
+            asked(port, b"A\n")
         with pytest.raises(serial.SerialException):
             serial.serial_for_url(wire.resource)
         wire.end()
@@ -137,7 +150,7 @@ def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with faulty_wire(os.ttyname(slave)) as wire:
-        with serial.Serial(wire.resource, timeout=5.0) as port:
+        with serial.Serial(wire.resource, timeout=PLENTY_S) as port:
             port.write(b"A\n")
             assert os.read(master, 10) == b"A\n"
             os.write(master, b"one\n")
@@ -147,17 +160,15 @@ def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
             with pytest.raises(serial.SerialException):
                 port.read(4)
         path = Path(wire.resource)
-        while not path.exists():  # it comes back by itself, when the machine has a moment for it
-            sleep(CLOCK, 0.01)
-        with serial.Serial(wire.resource, timeout=5.0) as port:
+        eventually(path.exists)
+        with serial.Serial(wire.resource, timeout=PLENTY_S) as port:
             port.write(b"B\n")
             assert os.read(master, 10) == b"B\n"
             os.write(master, b"three\n")
             assert port.read(6) == b"three\n"
         wire.begin(WireFault("cut"))
         os.write(master, b"four\n")
-        while path.is_symlink():
-            sleep(CLOCK, 0.01)
+        eventually(lambda: not path.is_symlink())
         wire.end()
         assert path.is_symlink()
     os.close(master)

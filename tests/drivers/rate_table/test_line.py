@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.drivers.servers import lines
-from tests.ports import BUSY_S
+from tests.ports import BUSY_S, PLENTY_S
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.dialect import TableLimits
@@ -66,7 +66,7 @@ def test_a_table_on_a_pseudo_terminal() -> None:
     with pseudo_terminal() as (host, name):
         thread = threading.Thread(target=serve, args=(host,), daemon=True)
         thread.start()
-        driver = table(open_line(name, clock=CLOCK, name="rate_table", timeout_s=1.0))
+        driver = table(open_line(name, clock=CLOCK, name="rate_table", timeout_s=PLENTY_S))
         assert driver.rate_deg_s() == 1.25
         assert driver.angle_deg() == 90.5
         assert driver._dialect.header == "none"  # type: ignore[attr-defined]
@@ -78,14 +78,14 @@ def test_a_port_has_one_owner() -> None:
     with pseudo_terminal() as (_, name):
         first = open_line(name, clock=CLOCK, name="rate_table", timeout_s=0.2)
         with pytest.raises(ConnectFailed, match="rate_table at"):
-            open_line(name, clock=CLOCK, name="rate_table", timeout_s=0.2)
+            open_line(name, clock=CLOCK, name="rate_table", timeout_s=PLENTY_S)
         first.close()
 
 
 @POSIX
 def test_a_silent_port_is_a_deadline() -> None:
     with pseudo_terminal() as (_, name):
-        line = open_line(name, clock=CLOCK, name="rate_table", timeout_s=0.1)
+        line = open_line(name, clock=CLOCK, name="rate_table", timeout_s=PLENTY_S)
         begin_s = CLOCK.now()
         with pytest.raises(DeadlineExceeded):
             line.take_line(Deadline.after(CLOCK, 0.1))
@@ -107,7 +107,7 @@ def test_a_table_over_tcp_that_hangs_up() -> None:
 
     threading.Thread(target=run, daemon=True).start()
     url = f"socket://127.0.0.1:{server.getsockname()[1]}"
-    driver = table(open_line(url, clock=CLOCK, name="rate_table", timeout_s=1.0))
+    driver = table(open_line(url, clock=CLOCK, name="rate_table", timeout_s=PLENTY_S))
     assert driver.rate_deg_s() == 1.25
     with pytest.raises(LinkLost, match=r"rate_table at socket://.*Position"):
         driver.angle_deg()

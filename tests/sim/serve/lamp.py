@@ -6,7 +6,6 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
-from vcfbench.clock import WallClock, sleep
 from vcfbench.sim.scpi import (
     COMMON_COMMANDS,
     GPIB,
@@ -167,11 +166,3 @@ def serving(
             server.stop()
             thread.join(10)
             assert not thread.is_alive()
-
-
-def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> None:
-    """Wait until the server's thread has come as far."""
-    clock = WallClock()
-    while not condition():
-        assert clock.now() < seconds, "it did not happen"
-        sleep(clock, 0.002)

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, serving
+from tests.ports import eventually
+from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, serving
 from tests.sim.serve.test_tables import StillWorld
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.rate_tables.ruya import RuyaTable, TableErrors

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, served_lamp, serving
+from tests.ports import eventually
+from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, served_lamp, serving
 from tests.sim.serve.test_raw import Wire, wires
 from tests.sim.serve.test_vxi11 import callers
 from vcfbench.clock import sleep

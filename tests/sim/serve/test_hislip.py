@@ -11,7 +11,8 @@ import pytest
 import pyvisa
 from pyvisa_py.protocols import hislip  # type: ignore[import-untyped]
 
-from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, eventually, served_lamp
+from tests.ports import eventually
+from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, served_lamp
 from vcfbench.sim.serve import MAX_SPEED
 
 if TYPE_CHECKING:

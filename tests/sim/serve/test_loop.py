@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import serial
 
-from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, eventually, served_lamp
+from tests.ports import eventually
+from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, served_lamp
 from tests.sim.serve.test_hislip import DATA_END, sessions
 from tests.sim.serve.test_pty import device
 from tests.sim.serve.test_raw import Wire, wires

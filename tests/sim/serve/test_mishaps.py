@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import pytest
 import serial
 
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, eventually, serving
+from tests.ports import eventually
+from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, serving
 from tests.sim.serve.test_hislip import DATA_END, sessions
 from tests.sim.serve.test_pty import device
 from tests.sim.serve.test_raw import Wire, wires

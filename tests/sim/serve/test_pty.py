@@ -9,8 +9,9 @@ import pytest
 import pyvisa
 import serial
 
+from tests.ports import eventually
 from tests.sim.rate_tables.ideal import IdealMotion
-from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, eventually, served_lamp, serving
+from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, served_lamp, serving
 from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
 from vcfbench.sim.serve import MAX_SPEED, ServedClock
 

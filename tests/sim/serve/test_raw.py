@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.ports import BUSY_S
-from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, eventually, served_lamp
+from tests.ports import BUSY_S, eventually
+from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, served_lamp
 from vcfbench.clock import WallClock
 from vcfbench.sim.serve import MAX_SPEED
 from vcfbench.sim.serve.raw import TcpStream

@@ -10,7 +10,8 @@ import pytest
 import pyvisa
 import serial
 
-from tests.sim.serve.lamp import ALL, IDENTITY, Served, eventually, served_lamp
+from tests.ports import eventually
+from tests.sim.serve.lamp import ALL, IDENTITY, Served, served_lamp
 from vcfbench.sim.serve import MAX_SPEED, Rs232, ServerSettings
 
 if TYPE_CHECKING:

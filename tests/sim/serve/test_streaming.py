@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import pyvisa
 
-from tests.sim.serve.lamp import ALL, Served, eventually, serving
+from tests.ports import eventually
+from tests.sim.serve.lamp import ALL, Served, serving
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.served import build_served
 from vcfbench.sim.serve import MAX_SPEED, Control, ServedClock, ServerSettings

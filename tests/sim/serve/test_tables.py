@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import serial
 
+from tests.ports import eventually
 from tests.sim.rate_tables.ideal import IdealMotion
-from tests.sim.serve.lamp import Served, eventually, serving
+from tests.sim.serve.lamp import Served, serving
 from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.clock import Deadline, ScaledClock, sleep
 from vcfbench.drivers.rate_table.dialects import DIALECTS

@@ -11,8 +11,8 @@ import pytest
 import pyvisa
 from pyvisa.constants import ResourceAttribute, StatusCode
 
-from tests.ports import BUSY_S
-from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, eventually, served_lamp
+from tests.ports import BUSY_S, eventually
+from tests.sim.serve.lamp import IDENTITY, PICTURE, Served, served_lamp
 from vcfbench.clock import WallClock
 from vcfbench.sim.serve import MAX_SPEED, ServerSettings
 
