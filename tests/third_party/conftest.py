@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 collect_ignore_glob = [] if os.environ.get("VCFBENCH_THIRD_PARTY") == "1" else ["test_*.py"]
 
+
 HERE = Path(__file__).parent
 ROLES = ("power", "rate_source", "multimeter", "oscilloscope")
 OFFERED = {"rate_source": "tcp,pty,vxi11,hislip", "oscilloscope": "tcp,pty,vxi11,hislip"}
@@ -46,6 +47,15 @@ NEEDED = (
 """What the parts of them that are run here import and we have not; some pin versions that no longer build, or a GUI."""
 
 
+@pytest.hookimpl(tryfirst=True)  # xdist reads the mark when it collects
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker have the tests with PyMeasure and another the rest: each environment is made once."""
+    for item in items:
+        if item.path.is_relative_to(HERE):
+            group = "pymeasure" if "pymeasure" in getattr(item, "fixturenames", ()) else "others"
+            item.add_marker(pytest.mark.xdist_group(group))
+
+
 def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYVISA_LIBRARY": "@py"}
     return subprocess.run(  # noqa: S603
@@ -55,14 +65,22 @@ def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.Complete
 
 def environment(folder: Path) -> Path:
     """Make an environment; return its interpreter."""
-    venv.create(folder, with_pip=True)
+    venv.create(folder)
     return folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
 
 
-def install(python: Path, *words: str) -> Path:
-    """Add packages to an environment; return its interpreter."""
-    done = command(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *words)
+def pip(python: Path, *words: str | Path) -> None:
+    """Let our own pip do something for an environment: to give each its own costs seconds."""
+    done = command(sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check", *words)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+def install(python: Path, *words: str) -> Path:
+    """Add packages to an environment; return its interpreter.
+
+    What is imported is compiled then: that is the least part of them.
+    """
+    pip(python, "install", "--no-compile", *words)
     return python
 
 
@@ -101,11 +119,7 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def pymeasure_source(pymeasure: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PyMeasure's source distribution, unpacked; its suites for devices are in there only."""
     folder = tmp_path_factory.mktemp("source")
-    done = command(
-        pymeasure, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":none:", "--no-binary", "pymeasure",
-        "--dest", folder, PYMEASURE,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
+    pip(pymeasure, "download", "--no-deps", "--no-binary", "pymeasure", "--dest", folder, PYMEASURE)
     with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
         archive.extractall(folder, filter="data")
     return next(path for path in folder.iterdir() if path.is_dir())
