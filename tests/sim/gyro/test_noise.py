@@ -15,10 +15,11 @@ from vcfbench.sim.gyro.chain import ChainDesign, Forcing
 from vcfbench.sim.gyro.course import chain_at
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.drive import locked
-from vcfbench.sim.gyro.gyro import NOISE_STEP_K, Gyro
 from vcfbench.sim.gyro.noise import STEPS_KEPT, Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise_course import NOISE_STEP_K
 from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.signals import real_terms
+from vcfbench.sim.gyro.thermal import resonance_at
 from vcfbench.sim.motion import RateSegment
 
 if TYPE_CHECKING:
@@ -81,12 +82,11 @@ def test_a_step_is_what_the_state_becomes_by_itself_and_what_is_drawn() -> None:
 
 @pytest.mark.parametrize("temperature_c", [-30.0, 20.0, 85.0])
 def test_half_a_step_of_temperature_hardly_changes_the_noise(temperature_c: float) -> None:
-    """So the noise may pass a chain whose temperature goes in steps of `NOISE_STEP_K`: see `Gyro`."""
-    gyro = Gyro(PAPER, 1, 0.0)
+    """So the noise may pass a chain whose temperature goes in steps of `NOISE_STEP_K`: see `NoiseCourse`."""
     sizes = []
     for each in (temperature_c, temperature_c + 0.5 * NOISE_STEP_K):
-        drive = locked(PAPER.drive_loop.amplitude_m, gyro._mode_at(each).natural_rad_s)
-        chain = NoisyChain(chain_at(ChainDesign(PAPER), PAPER, each, drive), gyro._flicker, gyro._white)
+        drive = locked(PAPER.drive_loop.amplitude_m, resonance_at(PAPER.drive_mode, PAPER.thermal, each).natural_rad_s)
+        chain = NoisyChain(chain_at(ChainDesign(PAPER), PAPER, each, drive), Flicker.of(PAPER.noise), WHITE)
         sizes.append([math.sqrt(chain.covariance(0.2)[-1, -1]), math.sqrt(chain.variance_v2(0.2))])
     np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-3)
 

@@ -14,18 +14,15 @@ import copy
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
 from msgspec.structs import replace
 
-from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign
-from vcfbench.sim.gyro.course import Acting, Answer, Course, chain_at
+from vcfbench.sim.gyro.course import Acting, Answer, Course
 from vcfbench.sim.gyro.design import seen_share
 from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
-from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
-from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
-from vcfbench.sim.gyro.shaken import Shaking
+from vcfbench.sim.gyro.electronics import Pin, output_limits, passage, rail_current_a
+from vcfbench.sim.gyro.noise_course import NoiseCourse
 from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.sources import NOTHING_V, Approach
@@ -33,8 +30,8 @@ from vcfbench.sim.sources import NOTHING_V, Approach
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.gyro.shaken import Shaken
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Drive, Played, Ripple
@@ -46,8 +43,6 @@ AMPLITUDE_STEP = 1e-4
 """Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""
 FORCED_STEP_V = 10e-3
 """The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
-NOISE_STEP_K = 1.0
-"""Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""
 _LOOKS, _BEHIND, _IMAGINED = 2, 4, 5
 """Random streams beside the gyro's own noise (1: :mod:`vcfbench.sim.flutter`, 3: :mod:`vcfbench.sim.mains`); no number
 is ever given again."""
@@ -64,10 +59,6 @@ class Gyro:
         self.now_s = now_s
         self._bench = bench
         self._seed = seed
-        self._random = np.random.default_rng(seed)
-        self._flicker = Flicker.of(bench.noise)
-        self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
-        self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
         noise = bench.noise
         self._electronic = (
             ElectronicNoise(noise.electronic_v_sqrt_hz, noise.electronic_corner_hz, (seed, _BEHIND))
@@ -82,6 +73,8 @@ class Gyro:
         self._phase = 0.0
         """The carrier's when what acts on the chain changed last."""
         self._acting: Acting | None = None
+        self._next_event_s = math.inf
+        """That while the same acts, which every such event ends."""
         self._given: Situation | None = None
         self._seen_share = seen_share(bench)
         self._rate: RateSegment | None = None
@@ -93,12 +86,7 @@ class Gyro:
         self._drive = [resting(self._drive_mode.natural_rad_s)]
         self._design = ChainDesign(bench)
         self._course = Course(self._design, bench)
-        self._noisy_chains: dict[tuple[int, complex], NoisyChain] = {}
-        self._noisy_chain: NoisyChain | None = None
-        self._shaking: Shaking | None = None
-        self._quiet = np.zeros(4 + bench.sense_path.low_pass_order, complex)
-        self._noise = NoiseState.of(self._quiet, self._flicker.drawn(self._random))
-        self._noise_s = now_s
+        self._noise = NoiseCourse(self._design, bench, seed, now_s)
 
     def imagined(self) -> Gyro:
         """Return a gyro that goes on from here by itself, with random numbers of its own: this one learns nothing."""
@@ -111,8 +99,8 @@ class Gyro:
         self._drive, self._bands = list(self._drive), list(self._bands)
         self._course = copy.copy(self._course)
         self._course.part()
-        key = (self._seed, _IMAGINED, round(self.now_s * 1e9))
-        self._random = np.random.default_rng([*key, 0])
+        self._noise = copy.copy(self._noise)
+        self._noise.part((self._seed, _IMAGINED, round(self.now_s * 1e9)))
 
     # -- commands, all at `now_s` --
 
@@ -188,14 +176,17 @@ class Gyro:
 
     def next_event_s(self) -> float:
         """Return when the gyro's own parameters change next, or V_Vc begins another piece."""
+        return self._event_ahead_s() if self._acting is None else self._next_event_s
+
+    def _event_ahead_s(self) -> float:
         band = self._bands[1][0] if len(self._bands) > 1 else math.inf
         return min(self._drive[0].stop_s, band, self._passage.stop_s, self._rail_event_s)
 
     def look(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`, as it will be without noise but that of now; goes nowhere."""
         acting = self._act(rate)
-        self._bring_noise_up()
-        return self._stretch(acting, stop_s, self._path(None, 0.0, 0.0, None), 0.0)
+        self._noise.bring_up(self.now_s)
+        return self._stretch(acting, stop_s, self._noise.path_now(self._key), 0.0)
 
     def go(self, rate: RateSegment, stop_s: float) -> None:
         """Go to `stop_s`, not beyond the next event, with nobody looking."""
@@ -205,21 +196,24 @@ class Gyro:
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
         """Go to `stop_s`, not beyond the next event, and return what happened."""
         acting = self._act(rate)
-        self._bring_noise_up()
-        noise, integral, shaken = self._noise_at(stop_s)
-        path = self._path(noise, integral, stop_s - self.now_s, shaken)
-        stretch = self._stretch(acting, stop_s, path, integral)
-        self._noise, self._noise_s = noise, stop_s
+        self._noise.bring_up(self.now_s)
+        path, integral_v_s = self._noise.gone(stop_s, self._key)
+        stretch = self._stretch(acting, stop_s, path, integral_v_s)
         self._arrive(stop_s)
         return stretch
+
+    @property
+    def _key(self) -> tuple[int, ...]:
+        """What the random numbers of a picture come from: the seed and the instant."""
+        return self._seed, _LOOKS, round(self.now_s * 1e9)
 
     def _act(self, rate: RateSegment) -> Acting:
         """Return what acts on the chain; where it has changed, it acts from now on."""
         if rate is not self._rate:
-            self._bring_noise_up()  # the flutter goes by the rate
             self._end_acting()
             self._rate = rate
             self._seen = rate if self._seen_share == 1.0 else rate.askew(self._seen_share)
+            self._noise.shake(self.now_s, self._seen)
         if self._acting is None:
             self._acting = Acting(
                 self.now_s,
@@ -232,6 +226,7 @@ class Gyro:
                 self._passage,
             )
             self._course.note(self._acting)
+            self._next_event_s = self._event_ahead_s()
         return self._acting
 
     def _situation(self, acting: Acting) -> Situation:
@@ -246,8 +241,17 @@ class Gyro:
                 self._pins,
                 self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
                 self._electronic,
+                self._still_limits_v(),
             )
         return self._given
+
+    def _still_limits_v(self) -> tuple[float, float] | None:
+        """Return where the output saturates on rails at rest; None while they move."""
+        positive, negative = self._pins
+        if positive.approach.terms or negative.approach.terms:
+            return None
+        stage = self._bench.output_stage
+        return output_limits(stage, positive.smooth_v(self.now_s), negative.smooth_v(self.now_s))
 
     def _end_acting(self) -> None:
         """Have what acts on the chain so far end now, before something changes it."""
@@ -290,69 +294,7 @@ class Gyro:
         if self._drive[0].locked:
             self._drive = [locked(self._amplitude_m(self._held_v), self._drive_mode.natural_rad_s)]
         self._end_acting()
-        self._settle_noise()
-
-    def _settle_noise(self) -> None:
-        """Go on with the noise of the chain that fits drive and temperature; what it has made so far stays."""
-        noisy = self._new_noise()
-        if noisy is self._noisy_chain:
-            return
-        self._bring_noise_up()
-        modal = self._quiet
-        if noisy is not None and self._noisy_chain is not None:
-            modal = self._noisy_chain.chain.handed_over(self._noise.modal, 0j, noisy.chain)
-        self._noise = NoiseState.of(modal, self._noise.rates_rad_s)
-        self._noisy_chain, self._shaking = noisy, None
-
-    # -- noise --
-
-    def _bring_noise_up(self) -> None:
-        """Bring the noise up to now, nobody having looked meanwhile."""
-        if self._noise_s < self.now_s:
-            self._noise, _, _ = self._noise_at(self.now_s)
-            self._noise_s = self.now_s
-
-    def _noise_at(self, stop_s: float) -> tuple[NoiseState, float, Shaken | None]:
-        """Return the noise at `stop_s`, its integral from where it is, and what of both the table's flutter made.
-
-        While the drive is not locked only the flicker goes on.
-        """
-        if not self._noisy:
-            return self._noise, 0.0, None
-        duration = stop_s - self._noise_s
-        if self._noisy_chain is None:
-            rates = self._flicker.later(self._noise.rates_rad_s, duration, self._random)
-            return NoiseState.of(self._noise.modal, rates), 0.0, None
-        noise, integral = self._noisy_chain.step(self._noise, duration, self._random)
-        shaken = self._shaken(duration) if self._seen is not None and self._seen.shaking_deg_s else None
-        if shaken is not None:
-            noise, integral = shaken.added(noise, integral)
-        return noise, integral, shaken
-
-    def _shaken(self, duration_s: float) -> Shaken | None:
-        """Return what the table's flutter makes of the chain in a time from where the noise is."""
-        rate, noisy = self._seen, self._noisy_chain
-        if rate is None or rate.flutter is None or noisy is None:
-            return None
-        if self._shaking is None:
-            self._shaking = Shaking(noisy.chain, rate.flutter)
-        return self._shaking.shaken(rate, self._noise_s, duration_s)
-
-    def _path(
-        self, end: NoiseState | None, integral_v_s: float, duration_s: float, shaken: Shaken | None
-    ) -> NoisePath | None:
-        """Return the noise of a step, its random numbers from the seed and the instant; without an end, that of now."""
-        if not self._noisy or self._noisy_chain is None:
-            return None
-        return NoisePath(
-            self._noisy_chain,
-            self._noise,
-            end,
-            integral_v_s=integral_v_s,
-            duration_s=duration_s,
-            shaken=shaken,
-            key=(self._seed, _LOOKS, round(self.now_s * 1e9)),
-        )
+        self._noise.go_through(self.now_s, self._bench, self._temperature_c(), self._drive[0])
 
     def _stretch(self, acting: Acting, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`."""
@@ -472,23 +414,6 @@ class Gyro:
     def _mode_at(self, temperature_c: float) -> Resonance:
         """Return the drive mode at a temperature."""
         return resonance_at(self._bench.drive_mode, self._bench.thermal, temperature_c)
-
-    def _new_noise(self) -> NoisyChain | None:
-        """Return the chain that the noise passes now, none while the drive is not locked.
-
-        Its temperature goes in steps of `NOISE_STEP_K`, so that its factors last.
-        """
-        drive = self._drive[0]
-        if not drive.locked or not self._noisy:
-            return None
-        step = round(self._temperature_c() / NOISE_STEP_K)
-        key = (step, drive.displacement_m)
-        if key not in self._noisy_chains:
-            temperature = step * NOISE_STEP_K
-            speed = self._mode_at(temperature).natural_rad_s
-            chain = chain_at(self._design, self._bench, temperature, locked(abs(drive.displacement_m), speed))
-            self._noisy_chains[key] = NoisyChain(chain, self._flicker, self._white)
-        return self._noisy_chains[key]
 
 
 def _later_phase(phase_rad: float, speed_rad_s: float, elapsed_s: float) -> float:

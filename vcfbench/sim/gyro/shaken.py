@@ -57,7 +57,12 @@ class Shaking:
         if not rate.shaking_deg_s:
             return None
         turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
-        return Shaken(self, np.concatenate((turned, turned.conj())), rate.shaking_deg_s, duration_s)
+        sizes, over = np.concatenate((turned, turned.conj())), self.interval(duration_s)
+        free = -(self.forced @ sizes)
+        modal = self.forced @ (sizes * over.turned) + free * over.left
+        integral_v_s = float((over.lines_v_s @ sizes + over.free_v_s @ free).real)
+        gathered = np.concatenate((modal.real, modal.imag))
+        return Shaken(self, sizes, rate.shaking_deg_s, free, gathered, integral_v_s)
 
     def interval(self, duration_s: float) -> _Interval:
         """Return what an interval, to 1 ns, does to lines and eigenmodes; kept, since those of a plan come again."""
@@ -87,32 +92,22 @@ class Shaking:
 class Shaken(Struct, frozen=True, dict=True):
     """What flutter makes of a chain at rest over an interval: modes `forced exp(exponents t)` less what rest asks for.
 
-    `sizes` are those of the lines at its start.
+    `sizes` are those of the lines at its start, `free` those of the free motions. `gathered` is what they come to, Re
+    modal and Im modal, and `integral_v_s` what they put into the integral.
     """
 
     by: Shaking
     sizes: NDArray[np.complex128]
     shaking_deg_s: float
-    duration_s: float
-
-    @property
-    def _free(self) -> NDArray[np.complex128]:
-        return -(self.by.forced @ self.sizes)
+    free: NDArray[np.complex128]
+    gathered: NDArray[np.float64]
+    integral_v_s: float
 
     def added(self, state: NoiseState, integral_v_s: float, sign: float = 1.0) -> tuple[NoiseState, float]:
         """Return the noise at the end, and its integral, with this in it (or, sign -1, without)."""
-        modal, integral = self._gathered
-        made, modes = state.made.copy(), state.modes
-        made[:modes] += sign * modal.real
-        made[modes : 2 * modes] += sign * modal.imag
-        return NoiseState(made, modes), integral_v_s + sign * integral
-
-    @cached_property
-    def _gathered(self) -> tuple[NDArray[np.complex128], float]:
-        over = self.by.interval(self.duration_s)
-        free = self._free
-        modal = self.by.forced @ (self.sizes * over.turned) + free * over.left
-        return modal, float((over.lines_v_s @ self.sizes + over.free_v_s @ free).real)
+        made = state.made.copy()
+        made[: len(self.gathered)] += sign * self.gathered
+        return NoiseState(made, state.modes), integral_v_s + sign * self.integral_v_s
 
     @cached_property
     def _filtered(self) -> ExponentialSum:
@@ -123,7 +118,7 @@ class Shaken(Struct, frozen=True, dict=True):
         return self._sum(turning_with(self.by.chain))
 
     def _sum(self, weights: NDArray[np.complex128]) -> ExponentialSum:
-        sizes = np.concatenate((weights * self._free, (weights @ self.by.forced) * self.sizes))
+        sizes = np.concatenate((weights * self.free, (weights @ self.by.forced) * self.sizes))
         return ExponentialSum(0j, 0j, sizes, np.concatenate((self.by.chain.eigenmodes, self.by.exponents)))
 
     def filtered(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from vcfbench.sim.gyro.dense import COARSE_S, coarser
-from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, PlayedVoltage, amplify, output_limits
+from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
 
 if TYPE_CHECKING:
@@ -48,6 +48,8 @@ class Situation(Struct, frozen=True):
     pins: tuple[Pin, Pin]
     alive: bool
     electronic: ElectronicNoise | None
+    limits_v: tuple[float, float] | None
+    """Where the output saturates; None while the rails move."""
 
 
 class Stretch(Struct, frozen=True):
@@ -152,27 +154,19 @@ class Stretch(Struct, frozen=True):
         variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
         noise = self.noise_integral_v_s / duration
         filtered = self._response.filtered.later(self.responding_s)
-        moving = self._moving_limits()
-        limits_v = self._still_limits_v() if moving is None else moving.tightest(duration)
+        moving, limits_v = None, self.given.limits_v
+        if limits_v is None:
+            moving = self._moving_limits()
+            limits_v = moving.tightest(duration)
         return output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
 
     def _amplified(self, filtered_v: NDArray[np.float64], elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        moving = self._moving_limits()
-        limits = self._still_limits_v() if moving is None else moving.at(elapsed_s)
+        limits = self._moving_limits().at(elapsed_s) if self.given.limits_v is None else self.given.limits_v
         return amplify(self.given.bench.output_stage, filtered_v, limits)
 
-    def _still_limits_v(self) -> tuple[float, float]:
-        """Return where the output saturates on rails at rest."""
+    def _moving_limits(self) -> MovingLimits:
+        """Return where the output saturates while the rails move."""
         positive, negative = self.given.pins
-        return output_limits(
-            self.given.bench.output_stage, positive.smooth_v(self.start_s), negative.smooth_v(self.start_s)
-        )
-
-    def _moving_limits(self) -> MovingLimits | None:
-        """Return where the output saturates while the rails move; None when they are at rest."""
-        positive, negative = self.given.pins
-        if not (positive.approach.terms or negative.approach.terms):
-            return None
         stage = self.given.bench.output_stage
         return MovingLimits(stage, positive.smooth(self.start_s), negative.smooth(self.start_s))
 

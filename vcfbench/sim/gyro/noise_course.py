@@ -1,0 +1,176 @@
+"""The noise of the chain as it goes on, brought up to where somebody looks.
+
+What changes it (the chain that it passes, the table's motion) is only noted. The steps in between are drawn when
+somebody looks, the same numbers as if they had been drawn at once. A way down to rest that nobody watches costs none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.sim.gyro.bridge import NoisePath
+from vcfbench.sim.gyro.course import chain_at
+from vcfbench.sim.gyro.drive import locked
+from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.shaken import Shaking
+from vcfbench.sim.gyro.thermal import resonance_at
+
+if TYPE_CHECKING:
+    from vcfbench.sim.gyro.chain import ChainDesign
+    from vcfbench.sim.gyro.drive import DriveSegment
+    from vcfbench.sim.gyro.shaken import Shaken
+    from vcfbench.sim.motion import RateSegment
+    from vcfbench.sim.parameters import BenchParameters
+
+__all__ = ["NoiseCourse"]
+
+NOISE_STEP_K = 1.0
+"""Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""
+MOST_NOTED = 64
+"""Changes that are noted at most; with the next one the steps are drawn."""
+
+
+class _Passing(NamedTuple):
+    """Which chain the noise passes: by its temperature, in steps so that its factors last, and its drive."""
+
+    temperature_steps: int
+    displacement_m: complex
+
+
+class _Noted(Struct, frozen=True):
+    """What holds from `since_s` on; while the drive is not locked there is no chain, and only the flicker goes on."""
+
+    since_s: float
+    passing: _Passing | None
+    bench: BenchParameters
+    rate: RateSegment | None
+
+
+class NoiseCourse:
+    """The noise at `_now_s`, the last instant that it was brought up to."""
+
+    def __init__(self, design: ChainDesign, bench: BenchParameters, seed: int, now_s: float) -> None:
+        self._design = design
+        self._random = np.random.default_rng(seed)
+        self._flicker = Flicker.of(bench.noise)
+        self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
+        self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
+        self._chains: dict[_Passing, NoisyChain] = {}
+        self._chain: NoisyChain | None = None
+        self._shaking: Shaking | None = None
+        self._quiet = np.zeros(4 + bench.sense_path.low_pass_order, complex)
+        self._state = NoiseState.of(self._quiet, self._flicker.drawn(self._random))
+        self._now_s = now_s
+        self._held = self._latest = _Noted(now_s, None, bench, None)
+        """What holds at `_now_s`, and what was noted last."""
+        self._noted: deque[_Noted] = deque()
+        """What has changed since, in order."""
+
+    def part(self, key: tuple[int, ...]) -> None:
+        """Have nothing in common any more with what this was copied from that would change there; `key` is a seed."""
+        self._noted = self._noted.copy()
+        self._random = np.random.default_rng([*key, 0])
+
+    def shake(self, now_s: float, rate: RateSegment) -> None:
+        """Let the gyroscope's axis move so from now on: the table's flutter goes by the rate."""
+        self._note(_Noted(now_s, self._latest.passing, self._latest.bench, rate))
+
+    def go_through(self, now_s: float, bench: BenchParameters, temperature_c: float, drive: DriveSegment) -> None:
+        """Let the noise pass the chain that fits temperature and drive from now on."""
+        passing = None
+        if drive.locked and self._noisy:
+            passing = _Passing(round(temperature_c / NOISE_STEP_K), drive.displacement_m)
+        if passing != self._latest.passing:
+            self._note(_Noted(now_s, passing, bench, self._latest.rate))
+
+    def _note(self, noted: _Noted) -> None:
+        self._latest = noted
+        self._noted.append(noted)
+        if len(self._noted) > MOST_NOTED:
+            self.bring_up(noted.since_s)
+
+    def bring_up(self, now_s: float) -> None:
+        """Bring the noise up to now, one step from change to change, nobody having looked meanwhile."""
+        while self._noted:
+            noted = self._noted.popleft()
+            self._go(noted.since_s)
+            if noted.passing != self._held.passing:
+                self._hand_over(noted)
+            self._held = noted
+        self._go(now_s)
+
+    def _go(self, now_s: float) -> None:
+        if self._now_s < now_s:
+            self._state, _, _ = self._at(now_s)
+            self._now_s = now_s
+
+    def _hand_over(self, noted: _Noted) -> None:
+        """Go on with another chain; what the noise has made so far stays."""
+        chain, modal = self._chain_of(noted), self._quiet
+        if chain is not None and self._chain is not None:
+            modal = self._chain.chain.handed_over(self._state.modal, 0j, chain.chain)
+        self._state = NoiseState.of(modal, self._state.rates_rad_s)
+        self._chain, self._shaking = chain, None
+
+    def _chain_of(self, noted: _Noted) -> NoisyChain | None:
+        passing, bench = noted.passing, noted.bench
+        if passing is None:
+            return None
+        if passing not in self._chains:
+            temperature_c = passing.temperature_steps * NOISE_STEP_K
+            speed = resonance_at(bench.drive_mode, bench.thermal, temperature_c).natural_rad_s
+            chain = chain_at(self._design, bench, temperature_c, locked(abs(passing.displacement_m), speed))
+            self._chains[passing] = NoisyChain(chain, self._flicker, self._white)
+        return self._chains[passing]
+
+    def path_now(self, key: tuple[int, ...]) -> NoisePath | None:
+        """Return the noise as it is, None while there is none; a picture's random numbers come from `key`."""
+        if self._chain is None:
+            return None
+        return NoisePath(self._chain, self._state, None, integral_v_s=0.0, duration_s=0.0, key=key)
+
+    def gone(self, stop_s: float, key: tuple[int, ...]) -> tuple[NoisePath | None, float]:
+        """Go on to `stop_s` from where it was brought up to; return the path, as above, and its integral, V s."""
+        begun, begun_s = self._state, self._now_s
+        self._state, integral_v_s, shaken = self._at(stop_s)
+        self._now_s = stop_s
+        if self._chain is None:
+            return None, integral_v_s
+        path = NoisePath(
+            self._chain,
+            begun,
+            self._state,
+            integral_v_s=integral_v_s,
+            duration_s=stop_s - begun_s,
+            shaken=shaken,
+            key=key,
+        )
+        return path, integral_v_s
+
+    def _at(self, stop_s: float) -> tuple[NoiseState, float, Shaken | None]:
+        """Return the noise at `stop_s`, its integral from where it is, and what of both the table's flutter made."""
+        if not self._noisy:
+            return self._state, 0.0, None
+        duration = stop_s - self._now_s
+        if self._chain is None:
+            rates = self._flicker.later(self._state.rates_rad_s, duration, self._random)
+            return NoiseState.of(self._state.modal, rates), 0.0, None
+        noise, integral = self._chain.step(self._state, duration, self._random)
+        shaken = self._shaken(self._chain, duration)
+        if shaken is not None:
+            noise, integral = shaken.added(noise, integral)
+        return noise, integral, shaken
+
+    def _shaken(self, chain: NoisyChain, duration_s: float) -> Shaken | None:
+        """Return what the table's flutter makes of the chain in a time from where the noise is."""
+        rate = self._held.rate
+        if rate is None or rate.flutter is None or not rate.shaking_deg_s:
+            return None
+        if self._shaking is None:
+            self._shaking = Shaking(chain.chain, rate.flutter)
+        return self._shaking.shaken(rate, self._now_s, duration_s)
