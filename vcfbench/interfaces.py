@@ -10,9 +10,10 @@ of the table are in deg and deg/s, which the field uses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,8 +49,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Identity:
+class Identity(Struct, frozen=True):
     """Who answers: the four fields of ``*IDN?`` (empty where a dialect has none)."""
 
     maker: str
@@ -58,8 +58,7 @@ class Identity:
     firmware: str
 
 
-@dataclass(frozen=True, slots=True)
-class UnprovedCommand:
+class UnprovedCommand(Struct, frozen=True):
     """A command sent to an instrument without waiting for an answer, and what was last read back of it."""
 
     words: str
@@ -79,8 +78,7 @@ class UnprovedCommand:
         return f"{done}; last read back: {self.last_read}{ago}"
 
 
-@dataclass(frozen=True, slots=True)
-class SafeReport:
+class SafeReport(Struct, frozen=True):
     """What making an instrument safe came to, proved by read-back; `unproved` is there when it could not be proved."""
 
     instrument: str
@@ -99,8 +97,7 @@ class Regulation(Enum):
     FAULT = "fault"
 
 
-@dataclass(frozen=True, slots=True)
-class Waveform:
+class Waveform(Struct, frozen=True):
     """A record of one oscilloscope channel: times (s, trigger at 0) and voltages (V), one-dimensional, equal length."""
 
     time_s: NDArray[np.float64]

@@ -14,10 +14,10 @@ import json
 import os
 import signal
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import replace
 from typer.testing import CliRunner
 
 from vcfbench.bench.file import embedded_text

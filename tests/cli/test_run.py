@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import contextmanager
-from dataclasses import asdict
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 from unittest.mock import ANY
 
 import pytest
 import typer
+from msgspec import structs
 from typer.testing import CliRunner
 
 from tests.procedures.fakes import FakeBench, Gyro
@@ -197,7 +197,7 @@ def test_a_bench_that_opened_into_something_unsafe_has_a_record_of_that(station:
     (journal,) = (tmp_path / "runs").glob("*/journal.jsonl")
     header, footer = (json.loads(line) for line in journal.read_text().splitlines())
     assert (header["identities"], footer["error"]["kind"], footer["status"]) == ({}, "NotSafe", "aborted")
-    assert footer["safe"] == [asdict(unsafe)]
+    assert footer["safe"] == [structs.asdict(unsafe)]
 
 
 def test_a_record_that_cannot_be_kept_is_found_before_an_instrument_is_opened(station: Station, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-from dataclasses import FrozenInstanceError, fields
 
 import numpy as np
 import pytest
@@ -126,13 +125,13 @@ def test_results_are_values_that_cannot_be_changed() -> None:
     assert results == virtual_coriolis_results(points, Match.ZERO, 10.0, 1e-5)
     assert results == pickle.loads(pickle.dumps(results))  # noqa: S301  # ours
     assert len({results, results}) == 1
-    with pytest.raises(FrozenInstanceError):
+    with pytest.raises(AttributeError):
         results.k_vc = results.k_vc  # type: ignore[misc]
 
 
 def test_what_is_written_has_the_names_of_the_fields() -> None:
     """Every number of a column is a field, and the definitions of non-linearity are those of the analysis."""
-    assert [each.name for each in fields(Nonlinearity)] == list(DEFINITIONS)
+    assert list(Nonlinearity.__struct_fields__) == list(DEFINITIONS)
     written = plain(turntable_results([point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES], 1e-5))
     assert list(written)[:4] == ["scale_factor", "bias", "nonlinearity_ppm", "asymmetry_ppm"]
     assert list(written["scale_factor"]) == ["value", "u", "unit"]

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 from uncertainties import ufloat, umath
 
 from vcfbench.analysis.tails import t_quantile
@@ -72,8 +72,7 @@ _HALF_WIDTHS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
+class Source(Struct, frozen=True):
     """One input quantity: best value, standard uncertainty, and what that rests on."""
 
     name: str
@@ -103,8 +102,7 @@ class Source:
         return cls(name, value, half_width / _HALF_WIDTHS[distribution], unit, distribution=distribution)
 
 
-@dataclass(frozen=True, slots=True)
-class Contribution:
+class Contribution(Struct, frozen=True):
     """What one source adds to one result."""
 
     source: str
@@ -118,8 +116,7 @@ class Contribution:
     """Of the result's variance; correlated sources share what they have in common by halves, so it may be negative."""
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
+class Result(Struct, frozen=True):
     """One output quantity; the contributions are in the order of their size."""
 
     name: str
@@ -143,8 +140,7 @@ class Result:
         return self.value - self.expanded_u, self.value + self.expanded_u
 
 
-@dataclass(frozen=True, slots=True)
-class Budget:
+class Budget(Struct, frozen=True):
     """All results of one model: what they share makes them correlated."""
 
     sources: tuple[Source, ...]

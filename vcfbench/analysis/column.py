@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from vcfbench.analysis.symmetry import Pair
@@ -11,8 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["CalibrationColumn", "CubicFit", "Nonlinearity", "Quantity", "TypeA"]
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
+class Quantity(Struct, frozen=True):
     """A measured value with its standard uncertainty `u`, both in `unit`."""
 
     value: float
@@ -20,8 +20,7 @@ class Quantity:
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
-class TypeA:
+class TypeA(Struct, frozen=True):
     """What the noise of the readings alone explains, apart from how well a straight line fits."""
 
     u_scale_factor: float
@@ -34,8 +33,7 @@ class TypeA:
     """What is left of the residual standard deviation beside that noise, V."""
 
 
-@dataclass(frozen=True, slots=True)
-class Nonlinearity:
+class Nonlinearity(Struct, frozen=True):
     """Non-linearity by every definition in use, ppm; None where the points do not allow the definition.
 
     The names are those of :data:`vcfbench.analysis.nonlinearity.DEFINITIONS`, which says in words what each means.
@@ -55,8 +53,7 @@ class Nonlinearity:
     asym_common: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class CubicFit:
+class CubicFit(Struct, frozen=True):
     """A least-squares cubic of the output in the rate, ``c0 + c1 rate + c2 rate^2 + c3 rate^3``."""
 
     c0: float
@@ -73,8 +70,7 @@ class CubicFit:
     """Largest residual over the span of the line, ppm."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationColumn:
+class CalibrationColumn(Struct, frozen=True, kw_only=True):
     """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and what it leaves over."""
 
     scale_factor: Quantity

@@ -6,10 +6,10 @@ definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.regression import checked_points, slope
 
@@ -107,8 +107,7 @@ def best_straight_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[floa
     return gain, float(offsets.max() + offsets.min()) / 2.0, float(np.ptp(offsets)) / 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Hull:
+class _Hull(Struct, frozen=True):
     """The lower (`side` 1) or the upper (-1) hull of the points: its corners, and the slopes between them."""
 
     side: float

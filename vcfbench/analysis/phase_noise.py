@@ -12,11 +12,12 @@ The factors are such that the Allan variances are 3 Q^2/tau^2, N^2/tau, (2 ln 2/
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,8 +36,7 @@ _FINEST = 64
 """Averages of the phase over more points than that are computed as if over so many, spread evenly."""
 
 
-@dataclass(frozen=True, slots=True)
-class PhaseNoise:
+class PhaseNoise(Struct, frozen=True):
     """A mixture of the four laws: coefficients Q, N, B, K in the record's unit, with time in samples."""
 
     quantisation: float = 0.0
@@ -110,8 +110,7 @@ def _each_law(lag: Floats, count: int) -> Floats:
     return np.stack([_summed(law, lag, count) for law in _LAWS])
 
 
-@dataclass(frozen=True, slots=True)
-class CorrelatedSquares:
+class CorrelatedSquares(Struct, frozen=True):
     """Two means of squared differences of one phase, as random variables."""
 
     mean_first: float
@@ -142,8 +141,7 @@ def correlated_squares(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Sums:
+class _Sums(Struct, frozen=True):
     """What the covariances of the differences come to for each law with the coefficient 1, over all lags."""
 
     first: Floats

@@ -6,10 +6,10 @@ Notation: `rate_deg_s` is the applied rate, `output_v` the mean output at each r
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
@@ -25,8 +25,7 @@ _LARGEST = 1e100
 """Nothing physical comes near; squares and products of what is smaller neither overflow nor vanish."""
 
 
-@dataclass(frozen=True, slots=True)
-class LineFit:
+class LineFit(Struct, frozen=True):
     """An ordinary least-squares line ``output = scale_factor * rate + bias`` and its standard uncertainties.
 
     The uncertainties come from the scatter `s_v` about the line, so they hold lack of fit as well as noise.
@@ -76,8 +75,7 @@ class LineFit:
         return self.scale_factor * np.asarray(rate_deg_s, dtype=np.float64) + self.bias
 
 
-@dataclass(frozen=True, slots=True)
-class Polynomial:
+class Polynomial(Struct, frozen=True):
     """A least-squares polynomial of the output in the rate."""
 
     coefficients: tuple[float, ...]

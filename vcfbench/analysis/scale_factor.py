@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from msgspec import Struct, to_builtins
+from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Quantity, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
@@ -40,8 +41,7 @@ BIAS_UNIT = "V"
 Floats: TypeAlias = "NDArray[np.float64]"
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleFactorResult:
+class ScaleFactorResult(Struct, frozen=True):
     """One column, characterised; `type_a` is None when the noise of the points is not known."""
 
     rate_deg_s: Floats
@@ -100,7 +100,7 @@ class ScaleFactorResult:
 
     def as_json(self) -> dict[str, Any]:
         """Return the column as plain values ready for JSON; full precision, the unit beside or in the name."""
-        values = asdict(self.column())
+        values = to_builtins(self.column(), enc_hook=float)
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     def _cubic(self, polynomial: Polynomial) -> CubicFit:
@@ -162,8 +162,7 @@ def scale_factor_error_percent(reference: float, other: float, decimals: int | N
     return 100.0 * (second / first - 1.0) if first else None
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(Struct, frozen=True):
     """Two calibrations of one gyroscope, the second against the first."""
 
     scale_factor_error_percent: float

@@ -6,10 +6,10 @@ and the even part (y(+w) + y(-w)) / 2, which holds exactly those.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.regression import checked_points
 
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Pair", "sign_pairs"]
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
+class Pair(Struct, frozen=True):
     """What the points at +`rate_deg_s` and -`rate_deg_s` say together."""
 
     rate_deg_s: float

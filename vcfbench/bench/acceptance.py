@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+
+from msgspec import Struct
 
 from vcfbench.analysis.conformity import conformity
 from vcfbench.record.plain import plain
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Acceptance", "HasAcceptanceU95", "HasAcceptanceValues", "Verdict", "judged"]
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(Struct, frozen=True):
     """One limit and its result; `value` is None where the result could not be computed, which does not pass.
 
     `measured` is False where the procedure does not measure this at all, as K_Vc in a turntable run.
@@ -48,8 +48,7 @@ class Verdict:
         return told if self.u95 is None else {**told, "u95": self.u95}
 
 
-@dataclass(frozen=True, slots=True)
-class Acceptance:
+class Acceptance(Struct, frozen=True):
     """The verdict on a run: it passes when nothing fails and something was judged."""
 
     limits: tuple[Verdict, ...]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import warnings
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct, field
 
 from vcfbench.bench.file import described
 from vcfbench.bench.holding import Holding, Watch
@@ -208,8 +210,7 @@ def open_bench(
     return opened_bench
 
 
-@dataclass(frozen=True, slots=True)
-class _Opened:
+class _Opened(Struct, frozen=True):
     """What was opened, by role."""
 
     instruments: dict[str, Any] = field(default_factory=dict)

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
-from dataclasses import replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.clock import Deadline, WallClock, within
 from vcfbench.errors import NotSafe

@@ -6,7 +6,6 @@ key has its range in its type, and what it means in the `description` beside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -78,8 +77,7 @@ class Match(Enum):
     ABSOLUTE = "absolute"
 
 
-@dataclass(frozen=True, slots=True)
-class RailSettings:
+class RailSettings(Struct, frozen=True):
     """One rail of the PCB: its name, the supply output that feeds it, level (V) and current limit (A)."""
 
     rail: str
@@ -88,8 +86,7 @@ class RailSettings:
     current_limit_a: float
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
+class Limit(Struct, frozen=True):
     """A result, by its key in the bench file's ``[acceptance]``, passes from `low` to `high`, both included.
 
     `guarded`: it must keep its expanded uncertainty away from both.

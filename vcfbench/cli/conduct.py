@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
+from msgspec import Struct, structs
 
 from vcfbench.cli.answer import given, print_json, print_report
 from vcfbench.errors import BenchError
@@ -34,8 +34,7 @@ _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
 
 
-@dataclass(frozen=True, slots=True)  # no struct: the list of commands is shown without msgspec
-class RunOptions:
+class RunOptions(Struct, frozen=True):
     """What the command line asked for."""
 
     bench: Path | None
@@ -117,8 +116,6 @@ def _conducted(
     asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
     """Return the run, also one that an error ended."""
-    from msgspec import structs  # noqa: PLC0415
-
     from vcfbench.cli.person import at_the_terminal  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
@@ -127,7 +124,7 @@ def _conducted(
         display=lambda beginning: _progress(options, beginning, page),
         observers=() if page is None else (page,),
         person=at_the_terminal(signals, yes=options.yes),
-        options=asdict(options),
+        options=structs.asdict(options),
         warn=lambda words: _warn(words, page),
     )
     try:

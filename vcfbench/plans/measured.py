@@ -7,10 +7,11 @@ from there when they are asked for. So it is the same for a run that has just en
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+from msgspec import Struct
 
 from vcfbench.plans.decode import Recorded, result_of, step_of
 from vcfbench.plans.step import Step, StepResult
@@ -27,8 +28,7 @@ _Mark = TypeVar("_Mark", bound=Step)
 _Lines = Callable[[], Iterable[Mapping[str, Any]]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowReadings:
+class WindowReadings(Struct, frozen=True, eq=False):
     """The raw readings of one window: bench times at which they were asked for (s), and voltages (V), both (n,).
 
     `number` is that of the step in the run, from 1; `step` the step that took them.
@@ -40,8 +40,7 @@ class WindowReadings:
     voltage_v: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
+class Readings(Struct, frozen=True, eq=False):
     """All raw readings of a run, window after window."""
 
     windows: tuple[WindowReadings, ...]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.plans.steps import Note, Outcome, Plan, Settle
@@ -12,7 +13,6 @@ from vcfbench.procedures.column.report import line_words, outputs_figure, residu
 from vcfbench.procedures.column.results import (
     acceptance_u95,
     acceptance_values,
-    field_values,
     fitted_column,
     is_swept,
     u_output_v,
@@ -108,8 +108,7 @@ def _announced(settings: SweepSettings) -> Routine[None]:
                 yield Note(no_whole_turn(settings, rate_deg_s))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TurntableResult(CalibrationColumn):
+class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
     """What a calibration on the rate table came to: its one column."""
 
     uncertainty: Statement | None = None
@@ -124,8 +123,7 @@ class TurntableResult(CalibrationColumn):
         return acceptance_u95(self.uncertainty)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweptTurntableResult(TurntableResult):
+class SweptTurntableResult(TurntableResult, frozen=True, kw_only=True):
     """The same, of a run that did not visit the rates as the paper does."""
 
     sweep: SweepFound
@@ -136,12 +134,12 @@ def turntable_results(
 ) -> TurntableResult:
     """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
     if settings is None:
-        return TurntableResult(**field_values(fitted_column(points, u_output_v(points, meter_resolution_v)).column()))
+        return TurntableResult(**asdict(fitted_column(points, u_output_v(points, meter_resolution_v)).column()))
     from vcfbench.procedures.budget.turntable import turntable_statement  # noqa: PLC0415  # numpy comes with it
     from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
 
     sweep = sweep_of(settings, points, 1)
-    values = field_values(fitted_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
+    values = asdict(fitted_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
     values["uncertainty"] = turntable_statement(settings, points)
     if not is_swept(settings):
         return TurntableResult(**values)

@@ -9,9 +9,11 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
 from datetime import date  # noqa: TC003 - msgspec reads it
 from typing import Any, Final, Literal
+
+from msgspec import Struct, field
+from msgspec.structs import asdict, force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Identity  # noqa: TC001 - msgspec reads it
@@ -25,8 +27,7 @@ _MOST_TAGS: Final = 100
 _KEY: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunMetadata:
+class RunMetadata(Struct, frozen=True, kw_only=True):
     """Device, operator, conditions, notes and tags of a run.
 
     `dut` is the serial number of the device under test. `operator` is who ran it, `note` any words, `tags` words by
@@ -57,17 +58,16 @@ class RunMetadata:
         _number("humidity_percent", self.humidity_percent, 0.0, 100.0)
         if self.ambient_from not in {None, "chamber"}:
             raise ConfigError(f"ambient_from: expected 'chamber', came {_short(self.ambient_from)}")
-        object.__setattr__(self, "tags", ReadOnly(_tags(self.tags)))
+        force_setattr(self, "tags", ReadOnly(_tags(self.tags)))
 
     def as_json(self) -> dict[str, Any]:
         """Return what is set, by name; what is not set is left out."""
-        told = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "tags"}
+        told = {name: value for name, value in asdict(self).items() if name != "tags"}
         given = {name: value for name, value in told.items() if value is not None}
         return {**given, **({"tags": dict(self.tags)} if self.tags else {})}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Equipment:
+class Equipment(Struct, frozen=True, kw_only=True):
     """One instrument of a run, with the dates of its calibration from the bench file.
 
     `identity` is what it answered, None if it was not asked. `serial_number` is the one it answered, else that of the
@@ -88,7 +88,7 @@ class Equipment:
 
     def as_json(self) -> dict[str, Any]:
         """Return all of it but `identity`, which records hold by role; dates as texts, ``2027-01-15``."""
-        told = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "identity"}
+        told = {name: value for name, value in asdict(self).items() if name != "identity"}
         return {name: str(each) if name in _DATES and each is not None else each for name, each in told.items()}
 
 
@@ -103,7 +103,7 @@ def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
     """
     if isinstance(values, RunMetadata):
         return values
-    known = [each.name for each in fields(RunMetadata)]
+    known = RunMetadata.__struct_fields__
     for key in values or ():
         if key not in known:
             close = difflib.get_close_matches(str(key), known, n=1)
@@ -124,8 +124,7 @@ def metadata_from(header: Mapping[str, Any]) -> RunMetadata:
         return RunMetadata(dut=settings.get("dut") if isinstance(settings, Mapping) else None)
     if not isinstance(told, Mapping):
         raise ConfigError(f"metadata: expected an object, came a {type(told).__name__}")
-    known = {each.name for each in fields(RunMetadata)}
-    return RunMetadata(**{key: value for key, value in told.items() if key in known})
+    return RunMetadata(**{key: value for key, value in told.items() if key in RunMetadata.__struct_fields__})
 
 
 def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:

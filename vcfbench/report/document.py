@@ -7,8 +7,10 @@ the labels of its axes; what cannot be shown (ragged rows, unequal series) is re
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from msgspec import Struct
+from msgspec.structs import force_setattr
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -34,8 +36,7 @@ Value: TypeAlias = "float | str | None"
 DEEPEST_HEADING = 6
 
 
-@dataclass(frozen=True, slots=True)
-class Heading:
+class Heading(Struct, frozen=True):
     """A heading; `level` 1 is the highest, 6 the lowest."""
 
     text: str
@@ -47,24 +48,21 @@ class Heading:
             raise ValueError(f"heading {self.text!r}: expected a level from 1 to {DEEPEST_HEADING}, came {self.level}")
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(Struct, frozen=True):
     """Words, in lines that stay as they are; `verbatim` where also their characters must: what a person wrote."""
 
     text: str
     verbatim: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Notice:
+class Notice(Struct, frozen=True):
     """Words that nobody must overlook, such as that a bench was simulated; `kind` says how they are meant."""
 
     text: str
     kind: Literal["warning", "pass", "marginal", "fail"] = "warning"
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(Struct, frozen=True):
     """A value of a table that is printed otherwise than its column says; `format` and `unit` are its own."""
 
     value: Value
@@ -72,8 +70,7 @@ class Cell:
     unit: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Struct, frozen=True):
     """A column of a table: name and unit for its head, `format` of its numbers (``".5f"``), and its side.
 
     Texts are printed as they are, None as ``-``. `verbatim` says that none of their characters may be set otherwise on
@@ -94,8 +91,7 @@ class Column:
         return f"{self.name} / ({self.unit})" if "/" in self.unit else f"{self.name} / {self.unit}"
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
+class Table(Struct, frozen=True):
     """Columns and rows of values; `title` is shown above them, empty for none.
 
     Args:
@@ -116,8 +112,8 @@ class Table:
         """Keep tuples, and refuse what cannot be shown."""
         columns = tuple(self.columns)
         rows = tuple(tuple(map(_as_value, row)) for row in self.rows)
-        object.__setattr__(self, "columns", columns)
-        object.__setattr__(self, "rows", rows)
+        force_setattr(self, "columns", columns)
+        force_setattr(self, "rows", rows)
         if not columns or not all(isinstance(each, Column) for each in columns):
             raise ValueError(f"a table has at least one Column, and nothing else for columns, came {columns!r}")
         for number, row in enumerate(rows, start=1):
@@ -166,8 +162,7 @@ def _printed(value: Any, column: Column) -> str:
     return f"{figure} {cell.unit}" if cell.unit else figure
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
+class Axis(Struct, frozen=True):
     """An axis of a figure: what is drawn along it, its unit, and its scale."""
 
     label: str
@@ -180,8 +175,7 @@ class Axis:
         return Column(self.label, self.unit).head
 
 
-@dataclass(frozen=True, slots=True)
-class Series:
+class Series(Struct, frozen=True):
     """What is drawn in a figure: as many `y` as `x`, as points, a line through them, or bars.
 
     Args:
@@ -210,7 +204,7 @@ class Series:
         for name in ("x", "y", "u_y", "low", "high"):
             values = getattr(self, name)
             if values is not None:
-                object.__setattr__(self, name, self._checked(name, values))
+                force_setattr(self, name, self._checked(name, values))
         if self.kind not in ("points", "line", "bars"):
             raise ValueError(f"series {self.label!r}: expected points, line or bars, came {self.kind!r}")
         if (self.low is None) != (self.high is None):
@@ -234,8 +228,7 @@ class Series:
         return numbers
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
+class Figure(Struct, frozen=True):
     """A figure: title, axes, what is drawn, and words below it. Who renders it chooses size, colours and marks.
 
     Raises:
@@ -250,7 +243,7 @@ class Figure:
 
     def __post_init__(self) -> None:
         """Keep a tuple, and refuse what cannot be drawn."""
-        object.__setattr__(self, "series", tuple(self.series))
+        force_setattr(self, "series", tuple(self.series))
         if not self.series:
             raise ValueError(f"figure {self.title!r} has no series")
         for axis, name, drawn in ((self.x, "x", "x"), (self.y, "y", "heights")):
@@ -261,15 +254,14 @@ class Figure:
 Part: TypeAlias = "Heading | Table | Figure | Text | Notice"
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
+class Report(Struct, frozen=True):
     """What a run came to, part after part."""
 
     parts: Sequence[Part] = ()
 
     def __post_init__(self) -> None:
         """Keep a tuple, and refuse what is no part."""
-        object.__setattr__(self, "parts", tuple(self.parts))
+        force_setattr(self, "parts", tuple(self.parts))
         for part in self.parts:
             if not isinstance(part, Heading | Table | Figure | Text | Notice):
                 raise ValueError(  # noqa: TRY004  # a value in it is wrong

@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
 from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import dotted, shown
@@ -155,8 +155,7 @@ class Prepared(Struct, frozen=True):
         return executor.execute(self.plan())
 
 
-@dataclass(frozen=True, slots=True)
-class DryRun:
+class DryRun(Struct, frozen=True):
     """A plan that was walked without a bench: each step with its number, its time and what it does."""
 
     procedure: str

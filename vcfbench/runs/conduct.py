@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext, suppress
-from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 
-from msgspec import Struct, field
+from msgspec import Struct, field, to_builtins
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
@@ -443,7 +442,7 @@ class _Record(Struct):
             "points": len(done.points),
             "bench_seconds": done.bench_seconds,
             "physical_minimum_s": done.physical_minimum_s,
-            "safe": [asdict(safe) for safe in self.safe_reports],
+            "safe": [to_builtins(safe) for safe in self.safe_reports],
             **({} if display_lost is None else {"display_lost": display_lost}),
             **({"observers_lost": lost} if lost else {}),
         }

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from msgspec import Struct
+
 from vcfbench.errors import ConfigError
 from vcfbench.record.damage import own_readings
 from vcfbench.record.metadata import RunMetadata
@@ -24,8 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point, Status
 
 
-@dataclass(frozen=True, slots=True)
-class RawReading:
+class RawReading(Struct, frozen=True):
     """One reading of the multimeter as it is in the record.
 
     `number` is that of the step that was performed, from 1; `step` is the procedure's step (1 to 4), as in a point.

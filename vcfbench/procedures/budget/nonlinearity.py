@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,7 +111,9 @@ def with_nonlinearity(
     correlation = every.correlation[np.ix_(kept, kept)].tolist()
     for row, old in zip(correlation, stated.correlation, strict=False):
         row[: len(old)] = old
-    return replace(stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), not_in_u=tuple(said))
+    return structs.replace(
+        stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), not_in_u=tuple(said)
+    )
 
 
 _LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
@@ -170,7 +171,7 @@ class WorstResidual(Struct, frozen=True):
         u, u95 = self.by_trials.u, self.by_trials.u95
         at = ", ".join(f"{rate:+.4g}" for rate in self.rates_deg_s)
         of = f"{value.of}, at one of {at} deg/s; u by trials, contributions of the one found"
-        return replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
+        return structs.replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
 
     def by_errors_ppm(self, value: StatedValue) -> float:
         """Return what errors alone would make of no non-linearity, ppm (95 %)."""

@@ -7,8 +7,9 @@ what V_Vc does, and with it K_Vc; one of the demodulator's changes both columns 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.analysis.budget import Source
 
@@ -22,8 +23,7 @@ __all__ = ["CARRIER_PHASE", "DEMODULATOR_PHASE", "PhaseErrors", "phases_not_know
 CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
 
 
-@dataclass(frozen=True, slots=True)
-class PhaseErrors:
+class PhaseErrors(Struct, frozen=True):
     """How far both phases may be from those that values are stated for, and what a degree of each does."""
 
     sources: tuple[Source, ...]

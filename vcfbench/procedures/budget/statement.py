@@ -8,7 +8,6 @@ the rest is a model for :mod:`~vcfbench.analysis.budget`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
@@ -31,8 +30,7 @@ _NEARLY_NORMAL = 0.05
 """Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
 
 
-@dataclass(frozen=True, slots=True)
-class StatedContribution:
+class StatedContribution(Struct, frozen=True):
     """What one source adds to one value."""
 
     source: str
@@ -48,8 +46,7 @@ class StatedContribution:
     """Of the variance."""
 
 
-@dataclass(frozen=True, slots=True)
-class StatedValue:
+class StatedValue(Struct, frozen=True):
     """A value with its combined standard uncertainty and what that is made of; `of` says which value it is."""
 
     name: str
@@ -65,8 +62,7 @@ class StatedValue:
     contributions: tuple[StatedContribution, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
+class Statement(Struct, frozen=True):
     """All values with an uncertainty, their correlations, and what the uncertainties do not hold."""
 
     values: tuple[StatedValue, ...]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 from vcfbench.procedures.sweep.schedule import SweepSettings
 from vcfbench.record.schema import pooled_std_v
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = [
     "acceptance_u95",
     "acceptance_values",
-    "field_values",
     "fitted_column",
     "is_swept",
     "noise_std_v",
@@ -60,11 +58,6 @@ def acceptance_u95(statement: Statement | None) -> dict[str, float]:
     stated = () if statement is None else statement.values
     named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
     return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
-
-
-def field_values(value: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass by their names, for a class that has more."""
-    return {each.name: getattr(value, each.name) for each in fields(value)}
 
 
 def is_swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.bench.settings import ProcedureSettings
@@ -43,8 +44,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VirtualCoriolisResult:
+class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.
 
     V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
@@ -93,16 +93,14 @@ class VirtualCoriolisResult:
         return acceptance_u95(self.uncertainty)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweptVirtualCoriolisResult(VirtualCoriolisResult):
+class SweptVirtualCoriolisResult(VirtualCoriolisResult, frozen=True, kw_only=True):
     """The same, of a run that did not visit the rates as the paper does."""
 
     turntable_sweep: SweepFound
     virtual_sweep: SweepFound
 
 
-@dataclass(frozen=True, slots=True)
-class NullPair:
+class NullPair(Struct, frozen=True):
     """A rate of the table, and the V_Vc with the same zero-subtracted output."""
 
     rate_deg_s: float
@@ -113,8 +111,7 @@ class NullPair:
     """What was left between the two outputs, V; it is interpolated."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NullVirtualCoriolisResult(SweptVirtualCoriolisResult):
+class NullVirtualCoriolisResult(SweptVirtualCoriolisResult, frozen=True, kw_only=True):
     """The same, with K_Vc from null comparisons at rates of both signs."""
 
     k_vc_by: KvcBy
