@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -17,7 +18,7 @@ import vcfbench
 from tests import warm
 from vcfbench.bench.writing import bench_text
 from vcfbench.clock import utc_now
-from vcfbench.errors import ConfigError, MeasurementError, PlanError
+from vcfbench.errors import Aborted, ConfigError, MeasurementError, PlanError
 from vcfbench.record.journal import read_journal
 from vcfbench.runs.asked import Asked, Checked
 from vcfbench.runs.resumed import broken_off
@@ -264,6 +265,52 @@ def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> Non
     resumed = vcfbench.resume(directory)
     assert [resumed.device_entry] == [entry.path for entry in vcfbench.load_device("G-1", devices).entries]
     assert resumed.results.k_vc.value == pytest.approx(run.results.k_vc.value, rel=1e-3)
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_two_signals_amid_a_line_leave_a_record_that_is_resumed(
+    when: str, whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A line is on the disk and counted, or neither: else the step would stand there twice."""
+    write = os.write
+
+    def stopped(descriptor: int, data: bytes) -> int:
+        last = b'"point":' in data and b'"rate_deg_s":0.0' in data
+        if last and when == "before":
+            twice()
+        written = write(descriptor, data)
+        if last and when == "after":
+            twice()
+        return written
+
+    with monkeypatch.context() as hurried:
+        hurried.setattr(os, "write", stopped)
+        with pytest.raises(Aborted) as failed:
+            vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path)
+    broken = failed.value.run
+    record = read_journal(broken.directory / "journal.jsonl")
+    assert (record.damage, record.status, len(record.points)) == (None, "aborted", 2)
+    assert record.points == broken.points
+    resumed = vcfbench.resume(broken)
+    assert [point.rate_deg_s for point in resumed.points] == [point.rate_deg_s for point in whole.points]
+
+
+def twice() -> None:
+    signal.raise_signal(signal.SIGTERM)
+    signal.raise_signal(signal.SIGTERM)
+
+
+def test_two_signals_while_a_package_is_loaded_are_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is said of what could not be loaded then: exit code 4."""
+
+    def stopped(_: object) -> type:
+        twice()
+        raise AssertionError
+
+    monkeypatch.setattr("vcfbench.bench.simulated.twin_of", stopped)
+    with pytest.raises(Aborted, match=r"^stopped by SIGTERM"):
+        vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")

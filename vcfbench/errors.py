@@ -135,6 +135,19 @@ class Aborted(BenchError):
 
     exit_code = 4
 
+    @classmethod
+    def behind(cls, error: BaseException) -> Aborted | None:
+        """Return the stop that `error` came of, None where it did not, or something is not safe.
+
+        Code that a signal hits may take it for a mistake of its own.
+        """
+        each: BaseException | None = error
+        seen = set[int]()  # an error can be raised from one that it led to
+        while each is not None and not isinstance(each, cls | NotSafe) and id(each) not in seen:
+            seen.add(id(each))
+            each = each.__cause__ or each.__context__
+        return each if isinstance(each, cls) else None
+
 
 class NotSafe(BenchError):
     """Something could not be made safe; the message names it.

@@ -9,7 +9,7 @@ import pytest
 
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.clock import WallClock
-from vcfbench.errors import Aborted
+from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 
 
 def test_it_wakes_who_waits_and_says_who_wanted_it() -> None:
@@ -51,3 +51,60 @@ def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it() -> None:
     with StopSignals() as signals, pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
         signals.attend(lambda: command(signals))
     assert went_on == []
+
+
+def test_what_is_undivided_is_done_before_the_second_signal_stops_the_bench() -> None:
+    done: list[str] = []
+
+    def write(signals: StopSignals) -> None:
+        with signals.undivided():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            done.append("all of it")
+
+    with StopSignals() as signals, pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
+        write(signals)
+    assert done == ["all of it"]
+
+
+def test_the_first_signal_waits_for_a_safe_point_there_too() -> None:
+    with StopSignals() as signals:
+        with signals.undivided():
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Aborted):
+            signals.safe_point()
+
+
+def test_an_error_in_it_is_not_lost() -> None:
+    def write(signals: StopSignals) -> None:
+        with signals.undivided():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            raise BenchError("the disk is full")
+
+    with StopSignals() as signals:
+        with pytest.raises(BenchError, match="the disk is full"):
+            write(signals)
+        with pytest.raises(Aborted):
+            signals.safe_point()
+
+
+def test_while_the_bench_is_made_safe_it_holds_nothing_up() -> None:
+    with StopSignals() as signals:
+        signals.unwind()
+        with signals.undivided():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_a_stop_that_came_out_as_something_else_is_found() -> None:
+    stop, unsafe = Aborted("stopped by SIGTERM"), NotSafe("NOT SAFE: table")
+    late = ConfigError("the simulated 34401A cannot be loaded")
+    late.__cause__ = stop
+    assert Aborted.behind(late) is stop
+    assert Aborted.behind(stop) is stop
+    unsafe.__context__ = stop
+    assert Aborted.behind(unsafe) is None
+    round_about, other = BenchError("a"), BenchError("b")
+    round_about.__cause__, other.__context__ = other, round_about
+    assert Aborted.behind(round_about) is None

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -9,9 +9,6 @@ from vcfbench.analysis.csv_table import parse_table
 from vcfbench.errors import BenchError
 from vcfbench.record.export import POINT_COLUMNS, points_csv, write_result, write_text
 from vcfbench.record.schema import Point
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def points(step: int) -> list[Point]:
@@ -39,3 +36,17 @@ def test_result_is_the_same_bytes_for_the_same_values(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(BenchError, match="the journal beside it is whole"):
         write_text(tmp_path, "x")
+
+
+def test_a_disk_that_is_full_leaves_no_half_of_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first lines alone would be read as a table of fewer points."""
+    written = Path.write_bytes
+
+    def half(path: Path, data: bytes) -> int:
+        written(path, data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(BenchError, match=r"points\.csv cannot be written: No space left on device"):
+        write_text(tmp_path / "points.csv", "step,rate_deg_s\n1,10.0\n1,0.0\n")
+    assert not list(tmp_path.iterdir())

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.record import journal as journal_module
 from vcfbench.record.journal import Journal, SimulatedJournal, read_journal
+from vcfbench.record.outline import outline_of
 from vcfbench.record.schema import Point, Status
 
 if TYPE_CHECKING:
@@ -173,6 +174,38 @@ def test_a_full_disk_is_an_error_of_the_bench(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(BenchError, match="cannot be written: No space left on device"):
         journal.step({"n": 1})
     journal.close()
+
+
+@pytest.mark.parametrize("trouble", ["write", "half a line", "sync"])
+def test_a_line_that_failed_leaves_nothing_behind(
+    trouble: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full for a moment: the next line must not be joined to what it took of this one."""
+    path, write = tmp_path / "j", os.write
+    journal = Journal(path)
+    journal.header({"procedure": "turntable", "bench": {"name": "paper"}})
+
+    def fail(*_: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    def half(descriptor: int, data: bytes) -> int:
+        return write(descriptor, data[: len(data) // 2])
+
+    with monkeypatch.context() as full:
+        if trouble == "sync":
+            full.setattr("vcfbench.record.journal._sync", fail)
+        else:
+            full.setattr(os, "write", half if trouble == "half a line" else fail)
+        with pytest.raises(BenchError, match="cannot be written"):
+            journal.step({"n": 1, "t_s": 0.0, "end_s": 1.0, "point": POINT.as_json()})
+    journal.error({"n": 1, "t_s": 1.0, "error": "it cannot be written"})
+    journal.footer({"status": "aborted", "points": 0})
+    journal.close()
+    record = read_journal(path)
+    assert (record.damage, record.status, len(record.errors)) == (None, Status.ABORTED, 1)
+    outline = outline_of(path)
+    assert outline is not None  # its sum holds
+    assert outline.marks is None
 
 
 CHILD = """

@@ -17,7 +17,7 @@ from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.bench.station import station
-from vcfbench.errors import BenchError
+from vcfbench.errors import Aborted, BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -228,6 +228,8 @@ def _open_all(
         try:
             instrument, opened.identities[role.name] = open_role(role.name, description, stand)
         except BenchError as error:
+            if (stop := Aborted.behind(error)) is not None:
+                raise stop from None
             failures.append(error)
             continue
         safety.register(safe_action(role, instrument, description))

@@ -33,6 +33,9 @@ _WATCHED = (
     "SIGBREAK",
 )  # a closed terminal stops the bench as well; the last is Windows'
 
+_AT_ONCE = 2
+"""The signal that waits for no safe point."""
+
 
 class Interrupted(BaseException):
     """Raised by the keyboard into what a person waits for, and no longer wants; nothing else ends.
@@ -57,6 +60,7 @@ class StopSignals:
         self._closing = False
         self._leaving = False
         self._breakable = False
+        self._held = False
         self._previous: dict[signal.Signals, object] = {}
 
     def __enter__(self) -> Self:
@@ -121,6 +125,18 @@ class StopSignals:
         finally:
             self._breakable = False
 
+    @contextmanager
+    def undivided(self) -> Iterator[None]:
+        """Do all of what is done meanwhile, or nothing: a signal that comes in it stops the bench after it."""
+        before, self._held = self._held, True
+        try:
+            yield
+        finally:
+            self._held = before
+        if self._count >= _AT_ONCE and not (self._held or self._delivered or self._unwinding):
+            self._delivered = True
+            raise self._aborted()
+
     def unwind(self) -> None:
         """Say that the bench is being made safe: from now on signals only count."""
         self._unwinding = True
@@ -139,7 +155,7 @@ class StopSignals:
             if self._count >= 3 and not self._closing and not self._leaving:
                 self._leaving = True  # once: a fourth one shall not keep anything from being told to stop
                 raise LeaveNow
-        elif not self._delivered and (self._at_safe_point or self._count >= 2):
+        elif not (self._delivered or self._held) and (self._at_safe_point or self._count >= _AT_ONCE):
             self._delivered = True  # once is enough: a second one could hit the very start of the unwinding
             raise self._aborted()
 

@@ -7,7 +7,7 @@ the bench's safety stack makes all safe once more, and proves it.
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -20,6 +20,7 @@ from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from contextlib import AbstractContextManager
 
     from vcfbench.plans.replay import TakenOver
     from vcfbench.plans.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
@@ -125,7 +126,10 @@ class Execution(Struct, frozen=True):
 
 
 class Executor:
-    """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now."""
+    """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now.
+
+    What is done in `undivided` no signal breaks off: a line of the journal and what is counted of it.
+    """
 
     def __init__(
         self,
@@ -134,12 +138,15 @@ class Executor:
         observers: Sequence[Observer] = (),
         operator: Operator = nobody,
         began_s: float | None = None,
+        *,
+        undivided: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self.bench = bench
         self.journal = journal
         self.observers = list(observers)
         self.operator = operator
-        self._context = Context(bench, self._heard, operator=operator)
+        self._undivided = undivided
+        self._context = Context(bench, self._heard, operator=operator, undivided=undivided)
         self._started_s = bench.clock.now() if began_s is None else began_s
         self._number = self._written = 0
         self._points: list[Point] = []
@@ -168,10 +175,11 @@ class Executor:
                 self.journal.readings(chunk)
             for readings_v in each.readings_v():
                 each.step.recall(readings_v, self._context)
-            self.journal.step(each.line)
-            self._number = self._written = self._number + 1
-            self._physical_s += each.step.physical_s
-            self._count(each.step, each.result, each.line.get("asked_again", ()))
+            with self._undivided():
+                self.journal.step(each.line)
+                self._number = self._written = self._number + 1
+                self._physical_s += each.step.physical_s
+                self._count(each.step, each.result, each.line.get("asked_again", ()))
 
     def restore(self, steps: Routine[None]) -> None:
         """Perform what brings the bench to where it was when the run was broken off; none of it is a step of the run.
@@ -267,9 +275,10 @@ class Executor:
         point = result.recorded_point
         if point is not None:
             line["point"] = point.as_json()
-        self._count(step, result, self._context.asked_again)
-        self.journal.step(line)
-        self._written = self._number
+        with self._undivided():
+            self.journal.step(line)
+            self._written = self._number
+            self._count(step, result, self._context.asked_again)
 
     def _done(self, step: Step, result: StepResult, start_s: float) -> dict[str, Any]:
         return {
@@ -302,6 +311,7 @@ class Executor:
     def _failed(self, step: Step, problem: BaseException) -> BenchError:
         """Put the step into the error and both into the journal."""
         error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
+        error = Aborted.behind(error) or error
         if step.effect in {Effect.MEASURES, Effect.CHECKS}:
             error = supply_behind(error, self._context)
         if error.step is None:

@@ -8,7 +8,7 @@ A step of one's own is a subclass in one's own file; nothing else has to know of
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
@@ -145,7 +145,8 @@ class Context(Struct):
     written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
     has written. `operator` is who does what only hands can do. `asked_again` says what was answered, in the step under
     way, that could not be believed, so that it was asked once more. `noise` is the scatter that the run has seen so
-    far. `outputs` are those of the supply that feed the rails, once they were read back.
+    far. `outputs` are those of the supply that feed the rails, once they were read back. What is done in `undivided` no
+    signal breaks off.
     """
 
     bench: OpenBench
@@ -157,6 +158,7 @@ class Context(Struct):
     keep: Callable[[Sequence[Reading]], None] = _nowhere
     chunks: int = 0
     operator: Operator = nobody
+    undivided: Callable[[], AbstractContextManager[None]] = nullcontext
 
     def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
         """Forget what the step before left; `keep` writes down each chunk of readings of the step that begins."""
@@ -182,9 +184,10 @@ class Context(Struct):
 
     def _close(self) -> tuple[Reading, ...]:
         closed = tuple(self.readings)
-        self.keep(closed)
-        self.chunks += 1
-        self.readings.clear()
+        with self.undivided():
+            self.keep(closed)
+            self.chunks += 1
+            self.readings.clear()
         return closed
 
     def believable(self, ask: Callable[[], _T], doubt: Callable[[_T], str] = lambda _: "") -> _T:

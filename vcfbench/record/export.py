@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -45,14 +46,18 @@ def write_result(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a derived file, newlines as they are.
+    """Write a derived file, newlines as they are: all of it or nothing, for half a table looks like a short one.
 
     Raises:
         BenchError: the file cannot be written; the journal is not concerned.
     """
+    draft = path.with_name(f".{path.name}.part")
     try:
-        path.write_bytes(text.encode())
+        draft.write_bytes(text.encode())
+        draft.replace(path)
     except OSError as error:
+        with suppress(OSError):
+            draft.unlink()
         raise BenchError(
             f"{path} cannot be written: {error.strerror}", hint="the journal beside it is whole"
         ) from error

@@ -59,11 +59,11 @@ class Journal:
         BenchError: a line could not be written whole (disk full, file system gone).
     """
 
-    __slots__ = ("_descriptor", "_sum", "path")
+    __slots__ = ("_descriptor", "_size", "_sum", "path")
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._sum = 0
+        self._sum = self._size = 0
         self._descriptor = os.open(path, _FLAGS, 0o644)
         with suppress(OSError):  # a file system without locks; nobody is kept from anything by it
             try_lock(self._descriptor)
@@ -105,16 +105,28 @@ class Journal:
         _sync(self._descriptor)
 
     def _append(self, line: Mapping[str, Any]) -> None:
-        """Write one line with one system call, so that no other can come between, and see it to the disk."""
+        """Write one line with one system call, so that no other can come between, and see it to the disk.
+
+        One that the disk does not take whole is taken back: what is written later shall not be joined to its rest.
+        """
         data = msgspec.json.encode(line) + b"\n"
-        self._sum = crc32(data, self._sum)
         try:
             written = os.write(self._descriptor, data)
-            self._see_to_disk()
+            if written == len(data):
+                self._see_to_disk()
         except OSError as error:
+            self._take_back()
             raise BenchError(f"the record {self.path} cannot be written: {error.strerror}") from error
         if written != len(data):
+            self._take_back()
             raise BenchError(f"the record {self.path} cannot be written: the disk took {written} of {len(data)} bytes")
+        self._sum = crc32(data, self._sum)
+        self._size += len(data)
+
+    def _take_back(self) -> None:
+        """Take away what is there of a line that failed."""
+        with suppress(OSError):  # what is left of it is found when the record is read
+            os.ftruncate(self._descriptor, self._size)
 
 
 class SimulatedJournal(Journal):

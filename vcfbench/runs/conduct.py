@@ -120,7 +120,7 @@ def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) 
     try:
         _perform(course, signals)
     except BenchError as error:
-        course.take_error(error)
+        course.take_error(_as_bench_error(error))
     done = course.as_run()
     if course.error is not None:
         course.error.run = done
@@ -219,7 +219,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             now_s = prepared.now_s()
             opened = open_bench(prepared.description, seed=seed, speed=speed, signals=signals, needs=needs, now_s=now_s)
             bench = watching.enter_context(opened)
-            record.perform(bench, watchers)
+            record.perform(bench, watchers, signals)
     except BaseException as error:
         course.take_error(_as_bench_error(error))
         if not isinstance(error, BenchError | KeyboardInterrupt):
@@ -267,7 +267,7 @@ def _as_bench_error(error: BaseException) -> BenchError:
     """Return what `error` means for the record."""
     match error:
         case BenchError():
-            return error
+            return Aborted.behind(error) or error
         case KeyboardInterrupt():
             return Aborted("stopped by the operator")
     return BenchError(f"the program has a mistake: {type(error).__name__}: {error}")
@@ -297,7 +297,7 @@ class _Record(Struct):
             raise ConfigError("runs: expected a directory for the record: without one only simulated benches are run")
         return self.course.directory
 
-    def perform(self, bench: Bench, watchers: Sequence[Observer]) -> None:
+    def perform(self, bench: Bench, watchers: Sequence[Observer], signals: StopSignals) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it."""
         from vcfbench.plans.executor import Executor  # noqa: PLC0415
 
@@ -308,8 +308,10 @@ class _Record(Struct):
         prepared.require_bench(bench)
         course.checked.metadata = with_ambient(course.checked.metadata, bench)
         began_s = bench.clock.now() if prepared.began_s is None else prepared.began_s
-        journal = self._open_journal(bench.identities, began_s, bench.clock.now() - began_s)
-        executor = Executor(bench, journal, watchers, operator_of(course.asked, bench), began_s)
+        with signals.undivided():
+            journal = self._open_journal(bench.identities, began_s, bench.clock.now() - began_s)
+        operator = operator_of(course.asked, bench)
+        executor = Executor(bench, journal, watchers, operator, began_s, undivided=signals.undivided)
         try:
             with blamed_on(prepared.procedure):
                 execution = prepared.perform(executor)
