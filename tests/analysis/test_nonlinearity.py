@@ -81,6 +81,17 @@ def test_what_the_points_do_not_allow_is_none(rate: list[float], undefined: set[
     assert {name for name, value in values.items() if value is None} == undefined
 
 
+def test_a_level_that_stands_for_a_little_less_than_10_deg_s_counts_as_reading() -> None:
+    """A V_Vc of four digits stands for 9.9996 or 10.0003 deg/s by chance; the largest share is often that of 10."""
+    rate = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
+    output = [0.01 * each + (1e-3 if abs(each) == 10.0 else 0.0) for each in rate]
+    exact = ppm(rate, output)["reading"]
+    below = ppm([9.9996e-1 * each for each in rate], output)["reading"]
+    assert exact is not None
+    assert below == pytest.approx(exact, rel=1e-3)
+    assert exact > 5e3
+
+
 def test_a_slope_that_rounds_to_nothing_has_no_rounded_value() -> None:
     values = ppm([-1.0, 0.0, 1.0], [1e-6, 0.0, -1.1e-6])
     assert values["max_span_rounded"] is None

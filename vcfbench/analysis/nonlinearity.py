@@ -24,6 +24,9 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 READING_FLOOR_DEG_S = 10.0
 """The least rate that counts for `reading`, deg/s."""
+_OFF = 0.1
+"""Part by which it may be missed: a V_Vc of so many digits, or as it was measured, stands for 9.9996 deg/s or 10.0003.
+"""
 
 PAPER_DECIMALS = 5
 """The paper prints its slopes and intercepts with five decimals, and takes its residuals from them."""
@@ -140,7 +143,7 @@ def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
 
 
 def _largest_of_reading(rate: Floats, residuals: Floats) -> float | None:
-    counted = np.abs(rate) >= READING_FLOOR_DEG_S
+    counted = np.abs(rate) >= (1.0 - _OFF) * READING_FLOOR_DEG_S
     return float((np.abs(residuals[counted]) / np.abs(rate[counted])).max()) if counted.any() else None
 
 
