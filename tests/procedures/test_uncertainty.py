@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+import vcfbench
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import Match, ProcedureSettings, Sources, Station
+from vcfbench.bench.simulated import physical_parameters
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.sweep.windows import window_times
@@ -19,6 +21,7 @@ from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point
+from vcfbench.sim.gyro.warm_output import warm_output
 
 if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import Statement
@@ -143,12 +146,15 @@ def test_temperature_and_warm_up_go_into_scale_factor_and_bias_but_not_into_what
     known = Sources(temperature_k=1.0, scale_factor_ppm_k=104.0, bias_deg_h_k=36.0, warm_up_k=0.3, warm_up_time_s=300.0)
     stated, left_k = four(known), 0.3 * math.exp(-settings(known).start_up_s / 300.0)
     away_k = math.hypot(1.0, left_k) / math.sqrt(3.0)
-    for column in ("turntable", "virtual"):
+    apart = abs(BIAS / K) * 104e-6  # between the zeros, deg/s a kelvin: it grows where the bias falls
+    driven_deg_s = math.hypot(0.01 - apart, 0.01 * left_k) / math.sqrt(3.0)
+    for column, bias_deg_s in (("turntable", 0.01 * away_k), ("virtual", driven_deg_s)):
         assert stated.value(f"{column}.scale_factor").u == pytest.approx(abs(K) * 104e-6 * away_k)
-        assert stated.value(f"{column}.bias").u == pytest.approx(abs(K) * 0.01 * away_k, rel=1e-6)
-        assert stated.value(f"{column}.bias_deg_s").u == pytest.approx(0.01 * away_k, rel=1e-6)
-    for same in ("k_vc", "scale_factor_error_percent", "bias_difference_v"):
+        assert stated.value(f"{column}.bias").u == pytest.approx(abs(K) * bias_deg_s, rel=1e-6)
+        assert stated.value(f"{column}.bias_deg_s").u == pytest.approx(bias_deg_s, rel=1e-6)
+    for same in ("k_vc", "scale_factor_error_percent"):
         assert stated.value(same).u == pytest.approx(0.0, abs=1e-12)
+    assert stated.value("bias_difference_v").u == pytest.approx(abs(BIAS) * 104e-6 / math.sqrt(3.0), rel=1e-3)
     assert not any("temperature" in each or "warm-up" in each for each in stated.not_in_u)
     warmed = make_settings(warm_up_s=1800.0, station=Station(meter_resolution_v=1e-5, sources=known))
     (warm_up,) = [
@@ -199,9 +205,46 @@ def test_phases_go_into_the_values_as_the_cosines_of_their_angles_scatter() -> N
 def test_phases_that_both_columns_share_are_not_in_their_comparison() -> None:
     stated = four(PHASES)
     assert stated.value("scale_factor_error_percent").u == pytest.approx(0.0, abs=1e-12)
-    assert stated.value("bias_difference_v").u == pytest.approx(0.0, abs=1e-12)
     slope, bias = stated.value("turntable.scale_factor"), stated.value("turntable.bias")
     assert [each.source for each in (*slope.contributions, *bias.contributions)] == ["demodulator phase"] * 2
+
+
+def test_phases_change_what_sets_the_zeros_of_the_columns_apart() -> None:
+    """The modulator's offset, 51.7 mV at the output, goes with the carrier's angle: closed form of the gyroscope."""
+    lab = vcfbench.load_bench("lab")
+    parameters, limit_deg = physical_parameters(lab), 0.5
+
+    def difference_v(carrier_deg: float, demodulator_deg: float) -> float:
+        virtual, sense = parameters.virtual_path, parameters.sense_path
+        carrier = virtual.carrier_phase_rad + math.radians(carrier_deg)
+        demodulator = sense.demodulator_phase_rad + math.radians(demodulator_deg)
+        moved = structs.replace(
+            parameters,
+            virtual_path=structs.replace(virtual, carrier_phase_rad=carrier),
+            sense_path=structs.replace(sense, demodulator_phase_rad=demodulator),
+        )
+        output = warm_output(moved, 0.0)
+        return output(0.0, 0.0) - output(0.0, None)
+
+    known = Sources(
+        carrier_phase_deg=limit_deg,
+        demodulator_phase_deg=limit_deg,
+        k_vc_ppm_carrier_deg=-1107.0,
+        k_vc_ppm_demodulator_deg=90.0,
+        scale_factor_ppm_demodulator_deg=1022.0,
+        bias_deg_s_demodulator_deg=-0.3134,
+    )
+    stated = four(known)
+    scale = abs(BIAS / difference_v(0.0, 0.0))  # that of the computed points is 42 mV
+    half = [
+        0.5 * scale * abs(difference_v(*off) - difference_v(*(-each for each in off)))
+        for off in ((limit_deg, 0.0), (0.0, limit_deg))
+    ]
+    parts = {each.source: each.u * math.sqrt(3.0) for each in stated.value("bias_difference_v").contributions}
+    assert parts["carrier phase"] == pytest.approx(half[0], rel=0.08)  # what the cosine bends counts in full
+    assert parts["demodulator phase"] == pytest.approx(half[1], rel=0.08)
+    of_virtual = {each.source: each.u * math.sqrt(3.0) for each in stated.value("virtual.bias").contributions}
+    assert of_virtual["carrier phase"] == pytest.approx(half[0], rel=0.08)
 
 
 def test_what_is_not_known_of_phases_is_said() -> None:

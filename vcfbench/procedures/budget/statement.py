@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
-from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
+from vcfbench.procedures.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors, phases_not_known
 from vcfbench.procedures.sweep.schedule import earth_left_deg_s
 
 if TYPE_CHECKING:
@@ -165,9 +165,29 @@ class Circumstances(Struct, frozen=True):
                 found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
             elif kind == "bias_deg_s":
                 found[name] = (value - drifted) / mounted
+        if self.moves_driven_zero and _DIFFERENCE in values:
+            moved = values[_DIFFERENCE] * (self._output_per_volt(q) - 1.0)
+            found[_DIFFERENCE] = values[_DIFFERENCE] + moved
+            found["virtual.bias"] = found["virtual.bias"] + moved
+            found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
         return found
 
+    @property
+    def moves_driven_zero(self) -> bool:
+        """Whether anything is known that changes what a volt of V_Vc does; the rest of the warm-up is too small."""
+        moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
+        return any(source.name in moving for source in self.sources)
 
+    def _output_per_volt(self, q: Mapping[str, Any]) -> Any:
+        """Return by what the output of a volt at the modulator is multiplied: that of its offset too.
+
+        The offset is what sets the zeros of both columns apart, so their difference goes with it.
+        """
+        warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
+        return self.phases.k_vc(q) * self.phases.scale_factor(q) / warmer
+
+
+_DIFFERENCE = "bias_difference_v"
 _TEMPERATURE, _WARM_UP, _MISALIGNMENT = "temperature", "warm-up", "misalignment"
 
 
