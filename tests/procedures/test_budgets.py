@@ -11,7 +11,7 @@ from vcfbench.report.text import table_text
 def test_a_value_has_the_digits_of_its_uncertainty() -> None:
     found = measurand(-0.012552127123, "V/(deg/s)", [Part("readings", 2.04e-7)])
     assert said_of("scale factor", found) == (
-        "scale factor: -0.01255213 V/(deg/s), u 2e-07, 16 ppm, U95 4e-07 (k = 1.96)"
+        "scale factor: -0.01255213 V/(deg/s), u 2.0e-07, 16 ppm, U95 4.0e-07 (k = 1.96)"
     )
     assert "741.5 ppm, u 7.5, U95 15" in said_of("non-linearity", measurand(741.47741, "ppm", [Part("readings", 7.5)]))
     assert said_of("exact", measurand(1.5, "V", [])).startswith("exact: 1.5 V, u 0,")

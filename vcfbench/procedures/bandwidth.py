@@ -282,7 +282,7 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
         *(Column("value", format=".7g"), Column("u", format=".2g"), Column("U95", format=".2g")),
         *(Column("unit", align="left"), Column("u is made of", align="left")),
     )
-    rows = [(name, each.value, each.u, each.expanded_u, each.unit, _made_of(each)) for name, each in named.items()]
+    rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in named.items()]
     static = found.static_gain_v_per_v
     measured = Series(
         "measured",

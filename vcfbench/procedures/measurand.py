@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING
 
 from vcfbench.analysis.budget import Source, evaluate
 from vcfbench.record.devices import Measured, Share
+from vcfbench.report.digits import digits_of_u, digits_of_value, stated_cells
 from vcfbench.report.document import Column, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from vcfbench.report.document import Cell
 
 __all__ = ["Measurand", "Part", "measurand"]
 
@@ -48,6 +51,10 @@ class Measurand:
     parts: tuple[Part, ...]
     """The largest first."""
 
+    def printed(self) -> tuple[Cell, Cell, Cell]:
+        """Return value, u and U95 as they are printed: two digits of either, the value to the last one of u."""
+        return stated_cells(self.value, self.u, self.expanded_u)
+
     def kept(self) -> Measured:
         """Return it as it is kept of a device."""
         shares = tuple(Share(source=part.source, u=part.u, of=part.of, dof=part.dof) for part in self.parts)
@@ -75,15 +82,9 @@ def said_of(name: str, found: Measurand) -> str:
     ratio = found.value and found.unit not in {"V", "deg/s", "ppm"}
     relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if ratio else ""
     factor = f"k = {found.coverage_factor:.2f}"
-    value = _to_the_digits_of_u(found)
-    return f"{name}: {value} {found.unit}, u {found.u:.2g}{relative}, U95 {found.expanded_u:.2g} ({factor})"
-
-
-def _to_the_digits_of_u(found: Measurand) -> str:
-    """Return the value with the digits that its uncertainty, of two digits, has."""
-    if not found.u:
-        return f"{found.value:.8g}"
-    return f"{found.value:.{max(0, 1 - math.floor(math.log10(abs(found.u))))}f}"
+    value = format(found.value, digits_of_value(found.value, found.u))
+    u, u95 = (format(each, digits_of_u(each)) for each in (found.u, found.expanded_u))
+    return f"{name}: {value} {found.unit}, u {u}{relative}, U95 {u95} ({factor})"
 
 
 def budget_table(name: str, found: Measurand) -> Table:

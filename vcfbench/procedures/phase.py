@@ -505,7 +505,7 @@ def _table(title: str, quantities: dict[str, Measurand]) -> Table:
         *(Column("value", format=".7g"), Column("u", format=".2g"), Column("U95", format=".2g")),
         *(Column("unit", align="left"), Column("u is made of", align="left")),
     )
-    rows = [(name, each.value, each.u, each.expanded_u, each.unit, _made_of(each)) for name, each in quantities.items()]
+    rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in quantities.items()]
     return Table(columns, rows, title)
 
 

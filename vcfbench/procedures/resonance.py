@@ -356,7 +356,7 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
         *(Column("value", format=".8g"), Column("u", format=".2g"), Column("U95", format=".2g")),
         *(Column("unit", align="left"), Column("E_n", format=".2f")),
     )
-    rows = [(name, way, each.value, each.u, each.expanded_u, each.unit, e_n) for name, way, each, e_n in named if each]
+    rows = [(name, way, *each.printed(), each.unit, e_n) for name, way, each, e_n in named if each]
     missing = [f"{name} by {way}: not seen" for name, way, each, _ in named if each is None]
     said = [*missing, *([found.why_no_drive] if found.why_no_drive else []), NOT_HELD]
     return Report([Table(columns, rows), Text("\n".join(said))])

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.record.plain import field_names
+from vcfbench.report.digits import stated_cells
 from vcfbench.report.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
@@ -103,6 +104,14 @@ def _words(name: str) -> str:
     return name.replace("k_vc", "K_Vc").replace(".", ": ").replace("_", " ").replace(" q", " Q").replace("K Vc", "K_Vc")
 
 
+def _figures(row: SheetRow) -> tuple[Any, Any, Any]:
+    """Return value, U95 and u as they are printed."""
+    if row.u is None or row.u95 is None:
+        return row.value, row.u95, row.u
+    value, u, u95 = stated_cells(row.value, row.u, row.u95)
+    return value, u95, u
+
+
 def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:
     """Return the report of a data sheet."""
     columns = (
@@ -110,7 +119,7 @@ def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str
         *(Column("u", format=".2g"), Column("unit", align="left"), Column("conditions", align="left")),
         Column("procedure", align="left"),
     )
-    table = [(each.quantity, each.value, each.u95, each.u, each.unit, each.conditions, each.procedure) for each in rows]
+    table = [(each.quantity, *_figures(each), each.unit, each.conditions, each.procedure) for each in rows]
     said = [
         f"all: {common}, one session",
         "U95 holds the true value with 95 %; what it holds and what not, each procedure says in its own report",

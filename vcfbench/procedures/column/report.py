@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vcfbench.report.digits import stated_cells
 from vcfbench.report.document import Axis, Column, Figure, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -62,7 +63,10 @@ def statement_tables(statement: Statement | None) -> list[Table | Text]:
         *(Column("value", align="left"), Column("", "", ".7g"), Column("U95", "", ".2g"), Column("u", "", ".2g")),
         *(Column("k", "", ".2f"), Column("unit", align="left"), Column("of what", align="left")),
     )
-    rows = [(v.name, v.value, v.u95, v.u, v.coverage_factor, v.unit, v.of) for v in statement.values]
+    rows = []
+    for v in statement.values:
+        value, u, u95 = stated_cells(v.value, v.u, v.u95)
+        rows.append((v.name, value, u95, u, v.coverage_factor, v.unit, v.of))
     shares = (
         *(Column("value", align="left"), Column("contribution", align="left"), Column("u", "", ".2g")),
         *(Column("unit", align="left"), Column("share", "%", ".1f")),
@@ -92,8 +96,8 @@ def line_words(name: str, column: CalibrationColumn) -> str:
         [
             f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}",
             (
-                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u {1e3 * scale_factor.u:.1g}; "
-                f"bias {1e3 * bias.value:.3f} mV, u {1e3 * bias.u:.1g}"
+                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {1e3 * scale_factor.u:.1g}; "
+                f"bias {1e3 * bias.value:.3f} mV, u of the fit {1e3 * bias.u:.1g}"
             ),
             (
                 f"  non-linearity {_ppm(ppm.max_span)} ppm of the span (max_span), "

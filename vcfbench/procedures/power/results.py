@@ -379,9 +379,7 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
         *(Column("value", format=".6g"), Column("u", format=".2g"), Column("U95", format=".2g")),
         *(Column("unit", align="left"), Column("u is made of", align="left")),
     )
-    rows = [
-        (name, each.value, each.u, each.expanded_u, each.unit, _made_of(each)) for name, each in results.quantities()
-    ]
+    rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in results.quantities()]
     halves = Table(
         (
             *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("", align="left")),

@@ -20,7 +20,7 @@ from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.known.scale_factor import scale_factor_used
 from vcfbench.procedures.measurand import Measurand, Part, measurand
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -473,10 +473,10 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
     return Report([Table(columns, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures])
 
 
-def _row(name: str, found: Measurand | _NotSeen) -> tuple[float | str | None, ...]:
+def _row(name: str, found: Measurand | _NotSeen) -> tuple[Cell | float | str | None, ...]:
     if isinstance(found, _NotSeen):
         return (f"{name}, not seen, below (95 %)", found.upper_95, None, None, found.unit, "")
-    return (name, found.value, found.u, found.expanded_u, found.unit, _made_of(found))
+    return (name, *found.printed(), found.unit, _made_of(found))
 
 
 def _lack_of_fit(results: TemperatureResult) -> str:

@@ -90,7 +90,7 @@ def _comparison(results: VirtualCoriolisResult) -> str:
     k_vc, rounded = results.k_vc, results.comparison.scale_factor_error_percent_rounded
     as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
     k_vc_line = (
-        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u {k_vc.u:.2g}; "
+        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u of noise and resolution {k_vc.u:.2g}; "
         f"V_Vc at {results.match_rate_deg_s:g} deg/s {results.v_vc10_v:.6g} V (match: {results.match.value})"
     )
     u_line = (
