@@ -117,7 +117,8 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     standard deviations lie within (None: any error within is as likely). `generator_gain`, `generator_offset_v` are
     those of V_Vc on each of its ranges, the same at all levels of a range, with a converter of `generator_bits`.
     `v_vc_gain`, `v_vc_offset_v` and `v_vc_sigmas` are those of the second meter, which measures V_Vc. The ages are
-    times since calibration, `..._from` says where they are from.
+    times since calibration, `..._from` says where they are from. `bias_instability_dof` are the degrees of freedom of
+    its square; None: as many as one likes.
     The rest is that of ``[uncertainty]``.
     """
 
@@ -137,6 +138,8 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     v_vc_meter_age_from: str = "assumed"
     table_rate: float | None = None
     bias_instability_deg_h: float | None = None
+    bias_instability_dof: float | None = None
+    bias_instability_from: str = "uncertainty.bias_instability_deg_h"
     horizon_h: float = 24.0
     temperature_k: float | None = None
     scale_factor_ppm_k: float | None = None

@@ -1,4 +1,4 @@
-"""``vcfbench device``: what is known of a gyroscope, by its serial number: certificates and self-calibrations."""
+"""``vcfbench device``: what is known of a gyroscope, by its serial number: certificates, self-calibrations, noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["device"]
 
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
-    *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "verdict"),
+    *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "verdict", "bias_instability_deg_h", "u_bias_instability"),
 )
 
 
@@ -42,7 +42,7 @@ def device(
         ),
     ] = None,
 ) -> None:
-    """Show the certificates and self-calibrations of a gyroscope, oldest first."""
+    """Show the certificates, self-calibrations and static records of a gyroscope, oldest first."""
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 
     if json and csv:
@@ -65,13 +65,14 @@ def device(
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
     """Draw the scale factor of each entry against the first that has one, ppm, over days."""
-    from vcfbench.record.devices import SelfCalibration  # noqa: PLC0415
+    from vcfbench.record.devices import SelfCalibration, StaticNoise  # noqa: PLC0415
     from vcfbench.report.document import Axis, Figure, Series  # noqa: PLC0415
     from vcfbench.report.plot import save_figure  # noqa: PLC0415
 
     found = [
         (record.done if isinstance(record, SelfCalibration) else record.issued, record.scale_factor_v_per_deg_s)
         for record in (entry.record for entry in entries)
+        if not isinstance(record, StaticNoise)
     ]
     known = [(done, scale) for done, scale in found if scale is not None and scale.value]
     if not known:
@@ -94,9 +95,14 @@ def _list(serials: tuple[str, ...], devices: Path, *, json: bool) -> None:
 
 def _row(entry: Entry) -> dict[str, Any]:
     """Return an entry by the names of the columns; None where it has no such value."""
-    from vcfbench.record.devices import SelfCalibration  # noqa: PLC0415
+    from vcfbench.record.devices import SelfCalibration, StaticNoise  # noqa: PLC0415
 
     record = entry.record
+    if isinstance(record, StaticNoise):
+        found = record.bias_instability_deg_h
+        told = {"kind": "static-noise", "done": record.done.isoformat(timespec="seconds")}
+        noise = {"bias_instability_deg_h": found.value, "u_bias_instability": found.u}
+        return {**dict.fromkeys(_COLUMNS), "entry": entry.name, **told, **noise}
     scale, bias = record.scale_factor_v_per_deg_s, record.bias_v
     row: dict[str, Any] = {**dict.fromkeys(_COLUMNS), "entry": entry.name, "kind": "certificate"}
     if scale is not None:
@@ -138,6 +144,7 @@ def _print_table(serial: str, rows: list[dict[str, Any]]) -> None:
         *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
         *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
         *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f"), Column("verdict")),
+        *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
     )
     typer.echo(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {serial}")))
     drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import BenchError
-from vcfbench.record.devices import Certificate, DeviceStore
+from vcfbench.record.devices import Certificate, DeviceStore, StaticNoise
 from vcfbench.record.directory import RunDirectory
 from vcfbench.record.journal import being_written, read_header
 from vcfbench.runs.summary import summary_of
@@ -115,6 +115,9 @@ def _entry(entry: Entry) -> dict[str, Any]:
     record = entry.record
     if isinstance(record, Certificate):
         kind, done, result = "certificate", record.issued, f"K_Vc {record.k_vc.coefficients[1]:.6g} (deg/s)/V"
+    elif isinstance(record, StaticNoise):
+        found = record.bias_instability_deg_h
+        kind, done, result = "static-noise", record.done, f"B {found.value:.3g} deg/h, u {found.u:.2g}"
     else:
         kind, done, factor = "self-calibration", record.done, record.scale_factor_v_per_deg_s
         drift = "" if record.drift_ppm is None else f", drift {record.drift_ppm.value:+.0f} ppm"

@@ -1,4 +1,4 @@
-"""What is known of each gyroscope, by its serial number: certificates and self-calibrations, never changed, only added.
+"""What is known of each gyroscope by its serial number: certificates, self-calibrations, noise; only added to.
 
 A directory a device (``devices/G-0042``), a JSON file an entry (``0001.json``), numbered in the order in
 which they were made. An entry appears whole or not at all, and no entry replaces another.
@@ -37,6 +37,7 @@ __all__ = [
     "Measured",
     "SelfCalibration",
     "Share",
+    "StaticNoise",
     "load_device",
     "read_entry",
     "require_serial",
@@ -232,7 +233,32 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
     """What else is to be said."""
 
 
-DeviceRecord = Certificate | SelfCalibration
+class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="static-noise"):
+    """What a static record found of the noise, for the budgets of later runs."""
+
+    serial: str
+    """Serial number of the device."""
+    done: Instant
+    """When it was measured."""
+    valid_until: Instant | None = None
+    """After that it is out of date; None is no end."""
+    procedure: Text
+    """Name of the procedure."""
+    bias_instability_deg_h: Measured
+    """Coefficient B of the flicker."""
+    duration_s: Annotated[float, Meta(gt=0.0)]
+    """Length of the record."""
+    conditions: Conditions
+    """Under what it was measured."""
+    remarks: tuple[Text, ...] = ()
+    """What else is to be said."""
+
+    def valid_at(self, instant: datetime) -> bool:
+        """Tell whether it is valid at `instant`, which has a time zone."""
+        return self.done <= instant and (self.valid_until is None or instant <= self.valid_until)
+
+
+DeviceRecord = Certificate | SelfCalibration | StaticNoise
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,6 +343,10 @@ class DeviceStore:
             )
         return found[-1]
 
+    def static_noise(self, serial: str) -> Entry | None:
+        """Return the last static record of a device; None where it has none."""
+        return next((each for each in reversed(self.entries(serial)) if isinstance(each.record, StaticNoise)), None)
+
     def history(self, serial: str) -> tuple[Entry, ...]:
         """Return the self-calibrations of a device, oldest first."""
         return tuple(each for each in self.entries(serial) if isinstance(each.record, SelfCalibration))
@@ -354,7 +384,7 @@ class DeviceStore:
 
 
 def load_device(serial: str, devices: Path | str = "devices") -> Device:
-    """Return what is known of a gyroscope: its certificates and self-calibrations.
+    """Return what is known of a gyroscope: its certificates, self-calibrations and static records.
 
     Args:
         serial: its serial number.
@@ -368,7 +398,8 @@ def load_device(serial: str, devices: Path | str = "devices") -> Device:
 
 
 def _kind(record: DeviceRecord) -> str:
-    return "certificate" if isinstance(record, Certificate) else "self-calibration"
+    kinds = {Certificate: "certificate", SelfCalibration: "self-calibration", StaticNoise: "static noise"}
+    return kinds[type(record)]
 
 
 def require_serial(serial: str) -> None:

@@ -13,7 +13,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
-from vcfbench.record.devices import Certificate, KvcCurve, Measured, SelfCalibration, read_entry
+from vcfbench.record.devices import Certificate, KvcCurve, Measured, SelfCalibration, StaticNoise, read_entry
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -163,7 +163,7 @@ def _given(settings: KnownDeviceSettings, given: str, reference: Reference | Non
     except ValueError:
         record = read_entry(Path(given))
         if not isinstance(record, Certificate):
-            raise ConfigError(f"{shown(given)}: expected a certificate, it is a self-calibration") from None
+            raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
         _require_valid(record, shown(given), settings, now)
         source = f"certificate of {record.serial}, {shown(given)}"
         return KnownDevice(k_vc=record.k_vc, source=source, certificate=None, unseen=record.unseen, reference=reference)
@@ -192,6 +192,8 @@ def _reference(entries: tuple[Entry, ...]) -> Reference | None:
     """Return the last entry that has a scale factor."""
     for entry in reversed(entries):
         record = entry.record
+        if isinstance(record, StaticNoise):
+            continue
         measured = record.scale_factor_v_per_deg_s
         if measured is None:
             continue

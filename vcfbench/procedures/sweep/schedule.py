@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.procedures.flicker import KnownFlickerSettings
 from vcfbench.procedures.sweep.agreement import SWEEP_DRIFT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from vcfbench.bench.settings import ProcedureSettings
 
 __all__ = [
     "ABBA_SIGNS",
@@ -98,7 +100,7 @@ class Earth(Enum):
     RATE = "rate"
 
 
-class SweepSettings(ProcedureSettings, frozen=True, kw_only=True):
+class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     """What procedures are told that visit rates: the defaults are the paper's."""
 
     order: Annotated[

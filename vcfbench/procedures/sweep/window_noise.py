@@ -46,7 +46,7 @@ class Flicker(Struct, frozen=True):
 
     deg_h: float
     dof: float
-    """Effective degrees of freedom of its square; infinite for what is told."""
+    """Effective degrees of freedom of its square; infinite for what is told without an uncertainty."""
     said: str
 
 
@@ -85,7 +85,8 @@ class WindowNoise(Struct, frozen=True):
         lags = times[:, None] - times
         lagged = PhaseNoise(flicker=abs(scale_factor) / 3600.0).covariance(lags.ravel()).reshape(lags.shape)
         unit = replace(white, length_s=end - begin, lagged=lagged)
-        flicker = None if told is None else Flicker(told, math.inf, "uncertainty.bias_instability_deg_h")
+        told_dof = math.inf if known.bias_instability_dof is None else known.bias_instability_dof
+        flicker = None if told is None else Flicker(told, told_dof, known.bias_instability_from)
         if successive.size:
             flicker = unit.own_flicker(successive, np.array([point.output_v for point in points]), flicker)
         if flicker is None or not flicker.deg_h:

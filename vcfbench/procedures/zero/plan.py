@@ -7,7 +7,9 @@ So there are three modes: the record as it stands, the same corrected for its de
 
 from __future__ import annotations
 
+from datetime import timedelta
 from enum import Enum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
 
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
+    from vcfbench.procedures.procedure import Made
+    from vcfbench.record.devices import Kept
 
 __all__ = ["ZERO", "Mode", "ZeroSettings", "zero"]
 
@@ -86,6 +90,25 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
     burst_readings: Annotated[
         int, Meta(ge=10, le=50_000, description="readings without gaps that the meter's memory holds")
     ] = 500
+
+    dut: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=200)] | None,
+        Meta(description="serial number of the gyroscope, as --dut: its flicker is kept under it"),
+    ] = None
+    devices: Annotated[
+        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
+    ] = "devices"
+    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the flicker that is kept, days")] = 365.0
+
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the key of the device."""
+        return {"dut": dut}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device under whose serial number the flicker is kept."""
+        return self.dut
 
     @property
     def start_up_s(self) -> float:
@@ -190,6 +213,41 @@ def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
     return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value)
 
 
+def _entry(settings: ZeroSettings, results: ZeroResult, made: Made) -> Kept | None:
+    """Return what is kept of the device that was named; None where the record shows no flicker.
+
+    The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
+    """
+    flicker = results.flicker
+    if settings.dut is None or flicker is None:
+        return None
+    from vcfbench.record.devices import Conditions, Kept, Measured, StaticNoise  # noqa: PLC0415  # few name a device
+
+    value, u = flicker
+    scale_factor = results.scale_factor_v_per_deg_s
+    record = StaticNoise(
+        serial=settings.dut,
+        done=made.finished,
+        valid_until=made.finished + timedelta(days=settings.validity_days),
+        procedure="zero",
+        bias_instability_deg_h=Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
+        duration_s=settings.duration_s,
+        conditions=Conditions(
+            bench=made.bench,
+            run=made.run,
+            simulated=made.simulated,
+            positive_rail_v=settings.positive_rail_v,
+            negative_rail_v=settings.negative_rail_v,
+            instruments=dict(made.instruments),
+        ),
+        remarks=(
+            f"mode {results.mode}",
+            f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}",
+        ),
+    )
+    return Kept(record, Path(settings.devices))
+
+
 def _report(settings: ZeroSettings, _measured: Measured, results: ZeroResult) -> Any:
     return zero_report(results, bandwidth_told=settings.passed_hz is not None)
 
@@ -206,6 +264,7 @@ ZERO = Procedure(
     plan=zero,
     results=_results,
     report=_report,
+    entry=_entry,
     needs={"power": PowersRails, "multimeter": ReadsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
 )

@@ -14,6 +14,7 @@ from vcfbench.analysis.bias_stability import BiasStability, bias_stability
 from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.analysis.type_a import TypeAUncertainty, u_of_combination, u_of_mean
+from vcfbench.report.digits import stated_cells
 from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -142,6 +143,14 @@ class ZeroResult:
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits."""
         return {"bias_v": self.bias_v, "bias_deg_s": self.bias_deg_s}
+
+    @property
+    def flicker(self) -> tuple[float, float] | None:
+        """The coefficient B with its standard uncertainty, deg/h; None where none was found."""
+        found = next((each for each in self.noise if each.name == "bias instability"), None)
+        if found is None or not found.value or not found.u:
+            return None
+        return found.value, found.u
 
     def coefficient(self, name: str) -> NoiseCoefficient:
         """Return the coefficient of that name, ``"angle random walk"``; KeyError where it was not found."""
@@ -387,8 +396,8 @@ def zero_report(results: ZeroResult, *, bandwidth_told: bool) -> Report:
 
 def _for_budgets(results: ZeroResult) -> list[str]:
     """Say what budgets may know of the flicker, as the key of the bench file; nothing where none was found."""
-    found = next((each for each in results.noise if each.name == "bias instability" and each.u), None)
-    return [] if found is None else [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found.value:.3g}"]
+    found = results.flicker
+    return [] if found is None else [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found[0]:.3g}"]
 
 
 _WHAT_U_HOLDS = """\
@@ -457,8 +466,8 @@ def _bias_table(results: ZeroResult) -> Table:
 
 
 def _cells(found: Estimate) -> tuple[Any, ...]:
-    u_95: float | str = "not found" if found.u_95 is None else found.u_95
-    return (found.value, found.u, found.dof, u_95, found.unit)
+    value, u, u_95 = stated_cells(found.value, found.u, found.u_95 or found.u)
+    return (value, u, found.dof, "not found" if found.u_95 is None else u_95, found.unit)
 
 
 def _stability_table(found: Stability) -> Table:
