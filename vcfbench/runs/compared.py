@@ -109,7 +109,8 @@ def compare_runs(*runs: Run) -> RunComparison:
         raise ConfigError(f"there is nothing to compare, the runs share neither results nor points: {has}")
     headers = [run.header for run in runs]
     settings = [dict(_flat(each.get("settings", {}))) for each in headers]
-    alike = [key for key in settings[0] if all(key in each for each in settings) and not key.startswith("station.")]
+    told = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
+    alike = [key for key in told if all(key in each for each in settings)]
     return RunComparison(
         runs,
         results,
