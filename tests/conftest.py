@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import pytest
 from serial.urlhandler import protocol_socket
 
+from tests.ports import PLENTY_S
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -87,6 +89,13 @@ def _sockets_close_at_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(protocol_socket, "time", SimpleNamespace(sleep=lambda _seconds: None))
         yield
+
+
+@pytest.fixture
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Grant blind words more than tenths of a second, where what they do is asked and not how fast this machine is."""
+    for module in ("session", "rate_table.line"):
+        monkeypatch.setattr(f"vcfbench.drivers.{module}._BLIND_S", PLENTY_S)
 
 
 def pytest_configure(config: pytest.Config) -> None:

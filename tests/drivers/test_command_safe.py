@@ -31,12 +31,6 @@ SUPPLY, GENERATOR = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "Agilent Technologie
 DRIVING = pytest.mark.parametrize(("driver", "identity"), [(E3631A, SUPPLY), (Agilent33220A, GENERATOR)])
 
 
-@pytest.fixture
-def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Grant the blind words more than their tenths of a second: what they do is asked, not how fast this machine is."""
-    monkeypatch.setattr("vcfbench.drivers.session._BLIND_S", PLENTY_S)
-
-
 def session_on(wire: ScriptedWire, clock: VirtualClock) -> Session:
     return Session(wire, name="power", resource="SCRIPT", clock=clock, timeout_s=1.0)
 

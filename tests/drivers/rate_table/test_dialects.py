@@ -302,6 +302,7 @@ def test_atl_without_the_prompt_after_jog(prompting: bool) -> None:  # noqa: FBT
 # The words that stop a table, sent blind
 
 
+@pytest.mark.usefixtures("unhurried")
 @pytest.mark.parametrize("name", DIALECTS)
 def test_a_table_that_hears_but_is_not_heard_is_stopped_and_not_called_safe(name: str) -> None:
     bench = Bench(name)
@@ -317,6 +318,7 @@ def test_a_table_that_hears_but_is_not_heard_is_stopped_and_not_called_safe(name
     assert report.unproved.last_read in {"50 deg/s", "-50 deg/s"} or float(report.unproved.last_read.split()[0]) < 51.0
 
 
+@pytest.mark.usefixtures("unhurried")
 @pytest.mark.parametrize("name", DIALECTS)
 def test_the_words_come_through_behind_any_part_of_a_command(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is left of a torn message must not swallow them."""
