@@ -40,10 +40,10 @@ print(cpu, wall, peak / 1024.0, *(repr(float(each)) for each in found))
 
 def measured(name: str, samples: int) -> list[float]:
     """Return processor seconds, wall seconds, megabytes beyond the record, and the deviations."""
-    told = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", CHILD, name, str(samples)], stdout=subprocess.PIPE, text=True, check=True
     )
-    return [float(each) for each in told.stdout.split()]
+    return [float(each) for each in done.stdout.split()]
 
 
 def figures(rounds: int = 3) -> list[Figure]:

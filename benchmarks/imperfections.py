@@ -285,10 +285,10 @@ def of_the_drive_and_split(base: float) -> Iterator[Case]:
     yield Case("drive amplitude, +1 %", "K_Vc", 1e6 * (1.0 / 1.01 - 1.0), 10.0, "ppm", k_vc_ppm, larger)
     both = {**larger, "sense_path": {"reference_amplitude_v": 2.02}}
     yield Case("drive and carrier, +1 %", "K_Vc", 0.0, 5.0, "ppm", k_vc_ppm, both)
-    told = {"drive_loop": {"amplitude_supply_coefficient_per_v": 200e-6}, "supply": {"nominal_v": 9.0}}
+    changes = {"drive_loop": {"amplitude_supply_coefficient_per_v": 200e-6}, "supply": {"nominal_v": 9.0}}
     change = 1e6 * ((1.0 + 200e-6) ** 2 - 1.0)  # the drive itself, and the demodulator's reference, which follows it
-    yield Case("amplitude by 200 ppm/V, 1 V more", "scale factor", change, 1.0, "ppm", slope_ppm, told)
-    yield Case("amplitude by 200 ppm/V, 1 V more", "K_Vc", 0.0, 1.0, "ppm", k_vc_ppm, told)
+    yield Case("amplitude by 200 ppm/V, 1 V more", "scale factor", change, 1.0, "ppm", slope_ppm, changes)
+    yield Case("amplitude by 200 ppm/V, 1 V more", "K_Vc", 0.0, 1.0, "ppm", k_vc_ppm, changes)
     near = turned("sense_anti_phase", frequency_hz=3464.1 - 0.05)
     change = 1e6 * (gain(*modes(anti_frequency=-0.05 / 3464.1)) / base - 1.0)
     yield Case("split, +0.05 Hz", "scale factor", change, 5.0, "ppm", slope_ppm, near)

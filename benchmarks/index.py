@@ -43,10 +43,10 @@ def records(folder: Path, count: int) -> Path:
     between, last = rest[: rest.rindex(b"\n", 0, -1) + 1], json.loads(rest[rest.rindex(b"\n", 0, -1) :])
     for number in range(count):
         began = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(minutes=7 * number)
-        told = {"dut": f"G-{number % 200:04d}", "operator": "A. Person", "tags": {"batch": str(number % 17)}}
+        metadata = {"dut": f"G-{number % 200:04d}", "operator": "A. Person", "tags": {"batch": str(number % 17)}}
         directory = folder / "runs" / f"{began:%Y%m%dT%H%M%SZ}-turntable-{number:06x}"
         directory.mkdir(parents=True)
-        changed = {**header, "run": directory.name, "utc": began.isoformat(), "metadata": told}
+        changed = {**header, "run": directory.name, "utc": began.isoformat(), "metadata": metadata}
         data = json.dumps(changed).encode() + b"\n" + between
         footer = json.dumps({**last, "crc32": crc32(data)}).encode() + b"\n"
         (directory / "journal.jsonl").write_bytes(data + footer)

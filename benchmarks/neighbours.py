@@ -87,7 +87,7 @@ def figures(seconds: float = 6.0) -> list[Figure]:
             stack.enter_context(connected(port_of(served, role))) for role in ("multimeter", "oscilloscope")
         )
         questions = [(meter, b"*IDN?\n"), (meter, b"SYST:ERR?\n")]
-        said += told("nobody else", waits(questions, seconds / 2))
+        said += figures_of("nobody else", waits(questions, seconds / 2))
         scope.sendall(b"*IDN?\n")
         scope.recv(4096)
         for name, (wire, form) in WIRES.items():
@@ -97,11 +97,11 @@ def figures(seconds: float = 6.0) -> list[Figure]:
                 assert process.stdout is not None  # noqa: S101
                 records = process.stdout.read().count("taken")
             said.append(report(Figure(f"neighbours: {name}, records taken", records, "1", gross=1, at_least=True)))
-            said += told(name, found)
+            said += figures_of(name, found)
     return said
 
 
-def told(name: str, found: np.ndarray) -> list[Figure]:
+def figures_of(name: str, found: np.ndarray) -> list[Figure]:
     p99, longest = 1e3 * float(np.quantile(found, 0.99)), 1e3 * float(found.max())
     return [
         report(Figure(f"neighbours: {name}, p99 of an answer", p99, "ms", bar=5.0)),

@@ -29,7 +29,7 @@ from tests.procedures.test_k_vc import LAB, truth, warm
 from vcfbench.bench.simulated import physical_parameters
 
 
-def told(seed: int, seconds: float) -> dict[str, list[float]]:
+def with_known_k_vc(seed: int, seconds: float) -> dict[str, list[float]]:
     """Return the z of one run with a K_Vc that is exact, and its chi-square a degree of freedom."""
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
     bench = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=errors))
@@ -79,7 +79,7 @@ def main() -> None:
     asked = parser.parse_args()
     found: dict[str, list[float]] = {}
     for seed in range(asked.first, asked.first + asked.seeds):
-        one = (aged if asked.aged else told)(seed, asked.seconds)
+        one = (aged if asked.aged else with_known_k_vc)(seed, asked.seconds)
         for name, values in one.items():
             found.setdefault(name, []).extend(values)
         line = {name: round(values[0], 2) for name, values in one.items() if len(values) == 1}

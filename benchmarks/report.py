@@ -34,8 +34,8 @@ def lengthened(record: Path, copy: Path, readings: int) -> None:
                         for place in range(first, first + CHUNK)
                     ]
                     end_s = taken[-1]["t_s"]
-                    told = {**chunk, "step": line["step"], "chunk": number, "readings": taken, "end_s": end_s}
-                    file.write(json.dumps(told) + "\n")
+                    entry = {**chunk, "step": line["step"], "chunk": number, "readings": taken, "end_s": end_s}
+                    file.write(json.dumps(entry) + "\n")
                 line["result"]["readings"] = []
                 line["chunks"], later_s = readings // CHUNK, end_s + 1.0 - line["end_s"]
                 taken_v = [old[place % len(old)]["voltage_v"] for place in range(readings)]

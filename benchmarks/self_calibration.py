@@ -85,11 +85,11 @@ def case(seed: int, errors: str, *, paper_rates: bool) -> dict[str, Any]:
     before, k_vc = truth(warm(physical_parameters(fresh)))
     after, _ = truth(warm(physical_parameters(old)))
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as where:
-        told: dict[str, Any] = {"dut": "G", "devices": f"{where}/devices", "warm_up_s": 1800.0}
+        settings: dict[str, Any] = {"dut": "G", "devices": f"{where}/devices", "warm_up_s": 1800.0}
         runs: dict[str, Any] = {"runs": where}
-        on_table = vcfbench.run("kvc", fresh, seed=3 * seed, settings=told, **runs).results
-        first = vcfbench.run("self-calibration", fresh, seed=3 * seed + 1, settings=told, **runs).results
-        second = vcfbench.run("self-calibration", old, seed=3 * seed + 2, settings=told, **runs).results
+        on_table = vcfbench.run("kvc", fresh, seed=3 * seed, settings=settings, **runs).results
+        first = vcfbench.run("self-calibration", fresh, seed=3 * seed + 1, settings=settings, **runs).results
+        second = vcfbench.run("self-calibration", old, seed=3 * seed + 2, settings=settings, **runs).results
         line: dict[str, Any] = {
             "seed": seed,
             "k_vc": _z(on_table.k_vc, k_vc),
@@ -100,9 +100,9 @@ def case(seed: int, errors: str, *, paper_rates: bool) -> dict[str, Any]:
             "nonlinearity_ppm": first.nonlinearity.value,
         }
         if paper_rates:
-            told = {**told, "virtual_rates_deg_s": PAPER_RATES}
+            settings = {**settings, "virtual_rates_deg_s": PAPER_RATES}
             line["nonlinearity_17_ppm"] = vcfbench.run(
-                "self-calibration", fresh, seed=3 * seed, settings=told, **runs
+                "self-calibration", fresh, seed=3 * seed, settings=settings, **runs
             ).results.nonlinearity.value
     return line
 

@@ -203,10 +203,10 @@ def figures(rounds: int = 5, seconds: float = 0.4) -> list[Figure]:
         for _ in range(rounds):
             for each in servers:
                 each.measure(seconds)
-        return told(servers)
+        return figures_of(servers)
 
 
-def told(servers: list[Asked]) -> list[Figure]:
+def figures_of(servers: list[Asked]) -> list[Figure]:
     by_name = {each.name: each for each in servers}
     found = []
     for each in servers:

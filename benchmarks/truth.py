@@ -105,11 +105,11 @@ def calibrations(
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         file = Path(directory) / "bench.toml"
         file.write_text(bench_of(seed, v_vc, phase_deg), encoding="utf-8")
-        told: dict[str, Any] = {"bench": file, "seed": seed, "runs": directory}
-        told["settings"] = {"warm_up_s": WARM_UP_S, **settings}
-        table = vcfbench.run("turntable", **told)
-        told["settings"]["k_vc_by"] = k_vc_by
-        four = vcfbench.run("virtual-coriolis", **told)
+        arguments: dict[str, Any] = {"bench": file, "seed": seed, "runs": directory}
+        arguments["settings"] = {"warm_up_s": WARM_UP_S, **settings}
+        table = vcfbench.run("turntable", **arguments)
+        arguments["settings"]["k_vc_by"] = k_vc_by
+        four = vcfbench.run("virtual-coriolis", **arguments)
     for run in (table, four):
         if run.results is None:
             raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
@@ -199,13 +199,13 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--lines", type=Path, help="file that keeps a line a seed")
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
-    told = parser.parse_args()
-    if told.summary:
-        lines = lines_of(told.summary)
+    asked = parser.parse_args()
+    if asked.summary:
+        lines = lines_of(asked.summary)
     else:
-        how = {"v_vc": told.v_vc, "order": told.order, "zeros": told.zero, "k_vc_by": told.kvc}
-        how["phase_deg"] = told.phase
-        lines = continued(told.lines, range(told.start, told.start + told.count), how, told.processes)
+        how = {"v_vc": asked.v_vc, "order": asked.order, "zeros": asked.zero, "k_vc_by": asked.kvc}
+        how["phase_deg"] = asked.phase
+        lines = continued(asked.lines, range(asked.start, asked.start + asked.count), how, asked.processes)
     print("\n".join(summary(sorted(lines, key=lambda line: line["seed"]))))
     return 0
 

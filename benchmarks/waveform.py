@@ -125,10 +125,10 @@ def figures(rounds: int = 9) -> list[Figure]:
             size = len(values(scope))
         with cases(size, wires) as found:
             rows = [[seconds(case.read) for case in found] for _ in range(rounds + 1)][1:]
-            return told(size, first_s, found, rows)
+            return figures_of(size, first_s, found, rows)
 
 
-def told(size: int, first_s: float, found: list[Case], rows: list[list[float]]) -> list[Figure]:
+def figures_of(size: int, first_s: float, found: list[Case], rows: list[list[float]]) -> list[Figure]:
     """Report medians of the times, and of the ratios within each round."""
     said = [
         report(Figure("waveform: points", size, "1", bar=POINTS, gross=POINTS, at_least=True)),

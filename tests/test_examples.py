@@ -18,7 +18,7 @@ from tests.testing.test_plugin import run
 from vcfbench.bench.file import load_bench
 from vcfbench.sim.faults import read_faults
 from vcfbench.studies.asked import read_study
-from vcfbench.studies.one_run import Work, perform
+from vcfbench.studies.one_run import PlannedRun, perform
 
 ROOT = Path(__file__).parents[1]
 LAB = ROOT / "examples" / "lab-tests"
@@ -42,16 +42,16 @@ def test_the_labs_tests_pass_away_from_here(tmp_path: Path, monkeypatch: pytest.
 
 def installed(project: Path, folder: Path) -> Path:
     """Put a project where an installation would put it, with the entry points of its ``pyproject.toml``."""
-    told = tomllib.loads((project / "pyproject.toml").read_text("utf-8"))["project"]
-    name = told["name"].replace("-", "_")
-    about = folder / f"{name}-{told['version']}.dist-info"
+    parsed = tomllib.loads((project / "pyproject.toml").read_text("utf-8"))["project"]
+    name = parsed["name"].replace("-", "_")
+    about = folder / f"{name}-{parsed['version']}.dist-info"
     about.mkdir(parents=True)
     (about / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {told['name']}\nVersion: {told['version']}\n", "utf-8"
+        f"Metadata-Version: 2.1\nName: {parsed['name']}\nVersion: {parsed['version']}\n", "utf-8"
     )
     groups = (
         f"[{group}]\n" + "".join(f"{model} = {where}\n" for model, where in entries.items())
-        for group, entries in told["entry-points"].items()
+        for group, entries in parsed["entry-points"].items()
     )
     (about / "entry_points.txt").write_text("\n".join(groups), "utf-8")
     shutil.copytree(project / "acme", folder / "acme", ignore=shutil.ignore_patterns("__pycache__"))
@@ -109,6 +109,6 @@ def test_the_studies_can_be_done(name: str) -> None:
     """Every case of them is checked, and the last one run for one seed."""
     study = read_study(STUDIES / f"{name}.toml")
     cases = list(study.check())
-    row = perform(Work(study.of(cases[-1].number), study.seeds[0]))
+    row = perform(PlannedRun(study.of(cases[-1].number), study.seeds[0]))
     assert row.status == "complete", row.message
     assert any(name.endswith(".z") for name in row.metrics)

@@ -56,13 +56,13 @@ def read_back(path: Path, name: str) -> dict[str, Any]:
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_reading_comes_back_in_full_precision(kind: str, run: Run, tmp_path: Path) -> None:
     done = export_run(run, tmp_path / f"out.{kind}", raw=True)
-    told = run.readings
-    assert (done.format, done.table, done.rows) == (kind, "readings", len(told))
+    readings = run.readings
+    assert (done.format, done.table, done.rows) == (kind, "readings", len(readings))
     found = read_back(done.file, "readings")
     assert set(found) == set(done.columns)
     last_digit = 1e-15 if kind == "xlsx" else 0.0  # a spreadsheet has 16 digits
     for name in ("number", "step", "t_s", "voltage_v", "table_rate_deg_s"):
-        expected = [getattr(each, name) for each in told]
+        expected = [getattr(each, name) for each in readings]
         np.testing.assert_allclose(found[name], expected, rtol=last_digit, atol=0.0, err_msg=name)
 
 
@@ -174,10 +174,10 @@ def test_nothing_measured_is_a_table_without_rows(tmp_path: Path) -> None:
 
 def test_a_long_table_says_how_far_it_is(tmp_path: Path) -> None:
     column = ExportColumn("n", "", "counts", np.arange(25_000))
-    told: list[tuple[int, int]] = []
-    table = ExportTable("readings", (column,), {}, progress=lambda rows, of: told.append((rows, of)))
+    received: list[tuple[int, int]] = []
+    table = ExportTable("readings", (column,), {}, progress=lambda rows, of: received.append((rows, of)))
     export_formats.WRITERS["csv"](table, tmp_path / "x.csv")
-    assert told == [(10_000, 25_000), (20_000, 25_000), (25_000, 25_000)]
+    assert received == [(10_000, 25_000), (20_000, 25_000), (25_000, 25_000)]
 
 
 def test_a_damaged_record_is_not_exported(tmp_path: Path) -> None:
@@ -192,9 +192,9 @@ def test_a_damaged_record_is_not_exported(tmp_path: Path) -> None:
 
 def test_more_rows_than_a_sheet_has_are_refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(export_formats, "_XLSX_ROWS", 9)
-    with pytest.raises(ConfigError, match=r"\d+ rows do not fit on a sheet") as told:
+    with pytest.raises(ConfigError, match=r"\d+ rows do not fit on a sheet") as refused:
         export_run(run, tmp_path / "out.xlsx", raw=True)
-    assert "--format parquet, hdf5 or csv" in str(told.value.hint)
+    assert "--format parquet, hdf5 or csv" in str(refused.value.hint)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -203,9 +203,9 @@ def test_a_format_without_its_extra_says_which_to_install(
     kind: str, module: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ConfigError, match=f"needs {module}") as told:
+    with pytest.raises(ConfigError, match=f"needs {module}") as refused:
         export_run(run, tmp_path / f"out.{kind}")
-    assert told.value.hint == "pip install 'vcfbench[export]'"
+    assert refused.value.hint == "pip install 'vcfbench[export]'"
 
 
 @pytest.mark.parametrize(
@@ -227,6 +227,6 @@ def test_the_command_says_what_it_wrote(run: Run, tmp_path: Path) -> None:
     runs = str(run.directory.parent)
     done = warm.run(["vcfbench", "runs", "export", "last", "--runs", runs, "--raw", "--format", "csv"], tmp_path)
     assert done.stdout == f"{run.name}-readings.csv: {len(run.readings)} readings, 7 columns\n"
-    told = warm.run(["vcfbench", "runs", "export", "last", "--runs", runs, "-o", "p.h5", "--json"], tmp_path)
-    answer = json.loads(told.stdout)
+    finished = warm.run(["vcfbench", "runs", "export", "last", "--runs", runs, "-o", "p.h5", "--json"], tmp_path)
+    answer = json.loads(finished.stdout)
     assert (answer["file"], answer["format"], answer["rows"]) == ("p.h5", "hdf5", len(run.points))

@@ -24,10 +24,10 @@ def test_a_module_within_a_package_is_that_module() -> None:
 
 
 def test_what_is_not_installed_is_said_with_the_extra_to_install() -> None:
-    with pytest.raises(ConfigError, match="a page needs no_such_library, which is not installed") as told:
+    with pytest.raises(ConfigError, match="a page needs no_such_library, which is not installed") as refused:
         need("no_such_library.inside", "page", "a page")
-    assert told.value.hint == "pip install 'vcfbench[page]'"
-    assert told.value.exit_code == 2
+    assert refused.value.hint == "pip install 'vcfbench[page]'"
+    assert refused.value.exit_code == 2
 
 
 def test_what_is_installed_but_broken_is_not_called_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

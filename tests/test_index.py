@@ -142,7 +142,7 @@ def test_stations_share_one_index(runs: Path, made: Path, tmp_path: Path, url: s
 
 
 def test_programs_that_write_at_the_same_time_take_turns(runs: Path, url: str) -> None:
-    told = vcfbench.run_summaries(runs)
+    summaries = vcfbench.run_summaries(runs)
 
     def write(_: int) -> bool:
         index = RunIndex(runs, url)
@@ -150,7 +150,7 @@ def test_programs_that_write_at_the_same_time_take_turns(runs: Path, url: str) -
             index.refresh(rebuild=again % 2 == 0)
         found = index.select(selection_of())
         index.close()
-        return found == told
+        return found == summaries
 
     with ThreadPoolExecutor(3) as programs:
         assert list(programs.map(write, range(3))) == [True] * 3
@@ -216,10 +216,10 @@ def of_another_version(path: Path) -> None:
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("spoil", [no_database, empty, spoilt, cut, foreign, of_another_version])
 def test_an_index_beside_the_records_that_is_none_is_made_again(spoil: Callable[[Path], None], runs: Path) -> None:
-    told = vcfbench.run_summaries(runs)
+    summaries = vcfbench.run_summaries(runs)
     spoil(beside(runs))
-    assert vcfbench.run_summaries(runs) == told
-    assert vcfbench.run_summaries(runs, dut="G-2") == told[1:2]
+    assert vcfbench.run_summaries(runs) == summaries
+    assert vcfbench.run_summaries(runs, dut="G-2") == summaries[1:2]
     index = RunIndex(runs)
     assert index.refresh().read == 0  # it is whole again
     index.close()
@@ -246,9 +246,9 @@ def test_without_the_extra_the_records_are_read(runs: Path, monkeypatch: pytest.
     change(runs / NAMES[0], metadata={"dut": "G-5"})
     monkeypatch.setitem(sys.modules, "sqlalchemy", None)
     assert [each.dut for each in vcfbench.run_summaries(runs)] == ["G-5", "G-2", "G-3"]
-    with pytest.raises(ConfigError, match="an index of runs needs sqlalchemy") as told:
+    with pytest.raises(ConfigError, match="an index of runs needs sqlalchemy") as refused:
         RunIndex(runs)
-    assert told.value.hint == "pip install 'vcfbench[index]'"
+    assert refused.value.hint == "pip install 'vcfbench[index]'"
 
 
 @pytest.mark.parametrize(
@@ -261,9 +261,9 @@ def test_without_the_extra_the_records_are_read(runs: Path, monkeypatch: pytest.
     ],
 )
 def test_an_index_that_cannot_be_reached_is_said_without_its_password(wrong: str, words: str, runs: Path) -> None:
-    with pytest.raises(ConfigError, match=words) as told:
+    with pytest.raises(ConfigError, match=words) as refused:
         vcfbench.run_summaries(runs, index=wrong)
-    assert "secret" not in str(told.value)
+    assert "secret" not in str(refused.value)
 
 
 def test_everywhere_needs_an_index_that_is_shared(runs: Path) -> None:

@@ -162,9 +162,9 @@ def test_the_device_of_the_settings_is_that_of_the_run(
 def test_the_command_takes_all_of_it_and_warns(place: Path) -> None:
     command = ["vcfbench", "run", "turntable", "--bench", str(bench_file(place)), "--runs", "commanded", "--quiet"]
     quick = ["--set", "rates_deg_s=10,0,-10", "--set", "samples=3", "--set", "settle_s=0.5"]
-    told = ["--dut", "G-7", "--operator", "B. Person", "--note", "n", "--tag", "batch=7", "--tag", "wafer=W3"]
+    options = ["--dut", "G-7", "--operator", "B. Person", "--note", "n", "--tag", "batch=7", "--tag", "wafer=W3"]
     room = ["--ambient-temperature-c", "22.5", "--humidity-percent", "40"]
-    done = warm.run([*command, *quick, *told, *room, "--json"], place)
+    done = warm.run([*command, *quick, *options, *room, "--json"], place)
     said = {"dut": "G-7", "operator": "B. Person", "note": "n", "tags": {"batch": "7", "wafer": "W3"}}
     answer = json.loads(done.stdout)
     assert answer["metadata"] == {**said, "ambient_temperature_c": 22.5, "humidity_percent": 40.0}
@@ -173,7 +173,7 @@ def test_the_command_takes_all_of_it_and_warns(place: Path) -> None:
     assert "device G-7, operator B. Person, 22.5 degC, 40 % relative humidity, batch=7, wafer=W3\n" in shown
     assert "\nnote: n\n" in shown
     assert "\noverdue: multimeter (34401A" in shown
-    dry = warm.run(["vcfbench", "run", "turntable", *told, *room, "--dry-run", "--json"], place)
+    dry = warm.run(["vcfbench", "run", "turntable", *options, *room, "--dry-run", "--json"], place)
     assert json.loads(dry.stdout)["dry_run"] is True
 
 
@@ -196,8 +196,8 @@ def test_bench_check_shows_the_calibrations(tmp_path: Path) -> None:
     shown = warm.run(["vcfbench", "bench", "check", "--bench", "station.toml"], tmp_path).stdout
     assert "OVERDUE since 2020-01-15" in shown
     assert f"due {due}" in shown
-    told = json.loads(warm.run(["vcfbench", "bench", "check", "--bench", "station.toml", "--json"], tmp_path).stdout)
-    meter = told["instruments"]["multimeter"]
+    answer = json.loads(warm.run(["vcfbench", "bench", "check", "--bench", "station.toml", "--json"], tmp_path).stdout)
+    meter = answer["instruments"]["multimeter"]
     assert (meter["calibrated"], meter["certificate"], meter["overdue"]) == ("2019-01-15", "K-7", True)
 
 

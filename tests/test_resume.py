@@ -79,13 +79,17 @@ def test_the_new_record_is_whole_by_itself_and_says_what_was_taken_over(
     assert said.endswith("the simulated world began anew")
     assert f"resumed: {said}" in " ".join(vcfbench.text_of(loaded.report()).split())
     assert run.as_json()["resumed"] == [said]
-    told = run.header["resumed_from"]
-    assert (told["run"], told["points"], told["status"]) == (directory.name, points, "incomplete")
+    resumed_from = run.header["resumed_from"]
+    assert (resumed_from["run"], resumed_from["points"], resumed_from["status"]) == (
+        directory.name,
+        points,
+        "incomplete",
+    )
     record = read_journal(run.directory / "journal.jsonl") if run.directory else None
     assert record is not None
     assert record.damage is None
     marks = [line.get("taken_over") for line in record.steps]
-    assert marks == [directory.name] * told["steps"] + [None] * (len(marks) - told["steps"])
+    assert marks == [directory.name] * resumed_from["steps"] + [None] * (len(marks) - resumed_from["steps"])
     assert len({line["n"] for line in record.steps}) == len(record.steps)
 
 
@@ -119,13 +123,13 @@ def test_a_break_on_a_real_bench_is_as_long_as_it_was(whole: Run, tmp_path: Path
 
 def test_a_run_without_points_says_how_many_records_were_taken() -> None:
     instants = {"ended_utc": "2026-08-21T14:25:30.1+00:00", "resumed_utc": "2026-08-22T08:00:00.2+00:00"}
-    told = {"run": "a", "measurements": 12, "points": 0, **instants}
-    (said,) = breaks({"resumed_from": told}, 0)
+    settings = {"run": "a", "measurements": 12, "points": 0, **instants}
+    (said,) = breaks({"resumed_from": settings}, 0)
     before, after = said.split("; ")
     assert before == "12 records were taken before the break of 2026-08-21 14:25:30 UTC, in a"
     assert after == "the bench was started up again at 2026-08-22 08:00:00 UTC"
     assert breaks({}, 3) == ()
-    served = {"resumed_from": told, "simulated": True, "bench": {"served": {"control": "127.0.0.1:5000"}}}
+    served = {"resumed_from": settings, "simulated": True, "bench": {"served": {"control": "127.0.0.1:5000"}}}
     assert breaks(served, 0) == (said,)
 
 
@@ -258,8 +262,14 @@ def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path:
 
 def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> None:
     devices = tmp_path / "devices"
-    told = {"cycles": 1, "samples": 4, "match_rates_deg_s": [50.0, 100.0, 200.0], "dut": "G-1", "devices": str(devices)}
-    run = vcfbench.run("kvc", "lab", settings=told, runs=tmp_path)
+    settings = {
+        "cycles": 1,
+        "samples": 4,
+        "match_rates_deg_s": [50.0, 100.0, 200.0],
+        "dut": "G-1",
+        "devices": str(devices),
+    }
+    run = vcfbench.run("kvc", "lab", settings=settings, runs=tmp_path)
     directory = cut(run, tmp_path, 20, "20260821T142530Z-kvc-0a1b2c")
     shutil.rmtree(devices)
     resumed = vcfbench.resume(directory)
@@ -323,9 +333,9 @@ def test_a_killed_run_is_resumed_by_the_command(tmp_path: Path) -> None:
         next(line for line in child.stderr if "average" in line)
         child.kill()
         child.stderr.read()
-    told = warm.run(["vcfbench", "resume", "last", "--json", "--quiet"], tmp_path)
-    assert told.returncode == 0, told.stderr
-    answer = json.loads(told.stdout)
+    done = warm.run(["vcfbench", "resume", "last", "--json", "--quiet"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
     assert [point["rate_deg_s"] for point in answer["points"]] == [10.0, 0.0, -10.0]
     listed = json.loads(warm.run(["vcfbench", "runs", "list", "--json"], tmp_path).stdout)["runs"]
     assert [each["status"] for each in listed] == ["incomplete", "complete"]

@@ -53,11 +53,11 @@ def bytes_of(directory: Path) -> list[bytes]:
 @pytest.mark.parametrize("procedure", ["turntable", "virtual-coriolis"])
 def test_points_and_results_are_those_of_the_command(procedure: str, tmp_path: Path) -> None:
     run = vcfbench.run(procedure, seed=3, runs=tmp_path / "python")
-    told = warm.run(["vcfbench", "run", procedure, "--seed", "3", "--quiet", "--json"], tmp_path)
-    assert told.returncode == 0, told.stderr
+    done = warm.run(["vcfbench", "run", procedure, "--seed", "3", "--quiet", "--json"], tmp_path)
+    assert done.returncode == 0, done.stderr
     (commands,) = (tmp_path / "runs").iterdir()
     assert bytes_of(record_of(run)) == bytes_of(commands)
-    assert {**run.as_json(), "run": ""} == {**json.loads(told.stdout), "run": ""}
+    assert {**run.as_json(), "run": ""} == {**json.loads(done.stdout), "run": ""}
 
 
 def test_settings_are_those_of_the_bench_file(quick: Run, tmp_path: Path) -> None:
@@ -284,11 +284,11 @@ class Breaks:
     """An observer with a mistake."""
 
     def __init__(self) -> None:
-        self.told = 0
+        self.events = 0
 
     def handle(self, event: object) -> None:
         del event
-        self.told += 1
+        self.events += 1
         raise ZeroDivisionError("a mistake")
 
 
@@ -306,7 +306,7 @@ def test_an_observer_that_fails_is_left_out_and_the_run_goes_on(quick: Run, tmp_
     breaks, hears = Breaks(), Hears()
     run = vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path, observers=[breaks, hears])
     assert run.points == quick.points
-    assert breaks.told == 1
+    assert breaks.events == 1
     assert run.observers_lost == ("1 (Breaks): ZeroDivisionError: a mistake",)
     assert vcfbench.load_run(record_of(run)).observers_lost == run.observers_lost
     assert sum(isinstance(event, vcfbench.ReadingTaken) for event in hears.events) == len(run.readings)
@@ -339,8 +339,8 @@ def test_settings_are_checked_like_those_of_a_bench_file(
 def test_settings_from_numpy_are_numbers(quick: Run) -> None:
     import numpy as np  # noqa: PLC0415  # this test alone needs it
 
-    told = {**QUICK, "rates_deg_s": np.array(QUICK["rates_deg_s"]), "samples": np.int64(3)}
-    assert vcfbench.dry_run("turntable", settings=told) == vcfbench.dry_run("turntable", settings=QUICK)
+    settings = {**QUICK, "rates_deg_s": np.array(QUICK["rates_deg_s"]), "samples": np.int64(3)}
+    assert vcfbench.dry_run("turntable", settings=settings) == vcfbench.dry_run("turntable", settings=QUICK)
     assert quick.results
 
 

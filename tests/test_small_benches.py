@@ -82,9 +82,9 @@ NEEDS: dict[str, type] = {"power": PowersRails, "rate_source": SetsVoltage, "mul
 
 
 def procedure(**changes: Any) -> vcfbench.Procedure[Any, Any]:
-    told = {"plan": plan, "needs": NEEDS, "uses": {}, **changes}
+    fields = {"plan": plan, "needs": NEEDS, "uses": {}, **changes}
     return vcfbench.Procedure(
-        name="levels", title="Set V_Vc, read the output.", settings=ProcedureSettings, results=results, **told
+        name="levels", title="Set V_Vc, read the output.", settings=ProcedureSettings, results=results, **fields
     )
 
 
@@ -261,7 +261,7 @@ def test_a_file_of_ones_own_is_run_stopped_and_left_safe_at_the_command(tmp_path
 # --- what is refused, and when ---
 
 
-def told_at_the_command(*arguments: str) -> str:
+def stderr_of(*arguments: str) -> str:
     result = CliRunner().invoke(app, ["run", *arguments])
     assert result.exit_code == 2, result.output
     assert result.stderr.count("\n") == 1
@@ -275,7 +275,7 @@ def test_a_calibration_without_its_table_is_refused_in_a_sentence(
 ) -> None:
     bench = tmp_path / "small.toml"
     bench.write_text(bench_text(SMALL), encoding="utf-8")
-    said = told_at_the_command(name, "--bench", str(bench), "--quiet", "--runs", str(tmp_path / "runs"), *more)
+    said = stderr_of(name, "--bench", str(bench), "--quiet", "--runs", str(tmp_path / "runs"), *more)
     assert said == (
         f"vcfbench: {name} needs rate_table, which bench small has not; its bench file needs a table [rate_table]"
     )

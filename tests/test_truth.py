@@ -41,8 +41,8 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
     truth = study()
     bench = tmp_path / "bench.toml"
     bench.write_text(truth.bench_of(0).split("[simulation.errors]", 1)[0] + QUIET, encoding="utf-8")
-    told = {"warm_up_s": truth.WARM_UP_S}
-    run = vcfbench.run("virtual-coriolis", bench, seed=1, settings=told, runs=tmp_path)
+    settings = {"warm_up_s": truth.WARM_UP_S}
+    run = vcfbench.run("virtual-coriolis", bench, seed=1, settings=settings, runs=tmp_path)
     rates = [point.rate_deg_s for point in run.points if point.step == 3]
     levels = [point.v_vc_v for point in run.points if point.step == 4]
     output = true_output(load_bench(bench))

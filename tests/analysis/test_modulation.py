@@ -52,9 +52,9 @@ def test_the_noise_about_the_sine_is_the_scatter_of_its_amplitude() -> None:
     found = [demodulated(sine + 1e-3 * random.standard_normal(COUNT), APERTURE_S, FREQUENCY_HZ, 5) for _ in range(150)]
     whole, parts = [each.phasors[0].real for each in found], [x for each in found for x in each.in_phase]
     for values, readings in ((whole, COUNT), (parts, COUNT // 5)):
-        told = math.sqrt(np.mean([each.variance(1, readings) for each in found]))
-        assert told == pytest.approx(1e-3 * math.sqrt(2.0 / readings), rel=0.05)
-        assert np.std(values) == pytest.approx(told, rel=4.0 / math.sqrt(2.0 * len(values)))
+        expected = math.sqrt(np.mean([each.variance(1, readings) for each in found]))
+        assert expected == pytest.approx(1e-3 * math.sqrt(2.0 / readings), rel=0.05)
+        assert np.std(values) == pytest.approx(expected, rel=4.0 / math.sqrt(2.0 * len(values)))
     assert np.std([each.phasors[2].real for each in found]) == pytest.approx(
         math.sqrt(np.mean([each.variance(3, COUNT) for each in found])), rel=0.25
     )

@@ -10,7 +10,7 @@ from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.station import Station
+    from vcfbench.bench.station import UnopenedBench
     from vcfbench.clock import Deadline
     from vcfbench.interfaces import Instrument
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class FakeInstrument:
     """Has a switch that make_safe turns off; `behaviour` says how it misbehaves: fails, hangs, refuses, lies, dumb.
 
-    One that is dumb hears, as does one that hangs; `told` counts how often it was told without being asked.
+    One that is dumb hears, as does one that hangs; `commands` counts how often it was told without being asked.
     """
 
     def __init__(self, name: str, log: list[str], behaviour: str = "obeys") -> None:
@@ -28,7 +28,7 @@ class FakeInstrument:
         self.behaviour = behaviour
         self.energised = True
         self.rate = 0.0
-        self.told = 0
+        self.commands = 0
         self.released = threading.Event()
 
     def identify(self) -> Identity:
@@ -38,7 +38,7 @@ class FakeInstrument:
         self.log.append(f"{self.name} errors")
 
     def command_safe(self) -> UnprovedCommand:
-        self.told += 1
+        self.commands += 1
         if self.behaviour in {"obeys", "dumb", "hangs"}:
             self.energised = False
         return UnprovedCommand("to switch off", self.behaviour != "fails", "on", 3.0)
@@ -90,7 +90,7 @@ class FakeRack:
         self.log: list[str] = []
         self.instruments: dict[str, FakeInstrument] = {}
 
-    def open_role(self, role: str, description: BenchDescription, stand: Station) -> tuple[Instrument, Identity]:
+    def open_role(self, role: str, description: BenchDescription, stand: UnopenedBench) -> tuple[Instrument, Identity]:
         del stand
         behaviour = self.behaviours.get(role, "obeys")
         if behaviour == "missing":

@@ -126,7 +126,7 @@ def test_one_marginal_limit_makes_a_run_marginal_and_not_passed() -> None:
     acceptance = judged(limits, Stated(), POINTS)
     assert acceptance is not None
     assert not acceptance.passed
-    told = acceptance.as_json()
-    assert [told["verdict"], *(each["verdict"] for each in told["limits"])] == ["marginal", "marginal", "pass"]
-    assert [each.get("u95") for each in told["limits"]] == [0.002, None]
+    written = acceptance.as_json()
+    assert [written["verdict"], *(each["verdict"] for each in written["limits"])] == ["marginal", "marginal", "pass"]
+    assert [each.get("u95") for each in written["limits"]] == [0.002, None]
     assert verdicts(Stated(), limits[0], Limit("nonlinearity_ppm", 0.0, 1.0))[0] == "fail"

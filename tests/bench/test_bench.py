@@ -268,5 +268,5 @@ def test_signals_during_the_making_safe_only_count_and_the_third_says_what_is_no
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=10)
     assert process.returncode == 5
-    told = "power at FAKE::power: told to switch off, not proved; last read back: on 3 s ago"
-    assert output.startswith(f"NotSafe NOT SAFE: {told}; a third signal ended the making safe")
+    unsafe = "power at FAKE::power: told to switch off, not proved; last read back: on 3 s ago"
+    assert output.startswith(f"NotSafe NOT SAFE: {unsafe}; a third signal ended the making safe")

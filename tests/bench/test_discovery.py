@@ -12,7 +12,7 @@ import pytest
 
 from vcfbench.bench import discovery
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.discovery import Discovery, Found, SerialPort, discover, recognise, stanza
+from vcfbench.bench.discovery import DiscoveredInstrument, Discovery, SerialPort, discover, recognise, stanza
 from vcfbench.bench.file import embedded_text, parse_bench, template
 from vcfbench.errors import BenchError
 from vcfbench.testing import serve_simulated
@@ -52,7 +52,7 @@ def server(reply: bytes) -> Iterator[int]:
         listener.shutdown(socket.SHUT_RDWR)
 
 
-def tried(name: str, timeout_s: float = 1.0) -> Found:
+def tried(name: str, timeout_s: float = 1.0) -> DiscoveredInstrument:
     (found,) = discover("@vcfbench", [name], timeout_s=timeout_s).tried
     return found
 
@@ -126,9 +126,9 @@ def test_a_library_that_does_not_exist_is_an_error() -> None:
 def test_nothing_is_sent_to_serial_ports_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 
-    def ask(name: str, *_: object) -> Found:
+    def ask(name: str, *_: object) -> DiscoveredInstrument:
         asked.append(name)
-        return Found(name, answer=SUPPLY, model="E3631A")
+        return DiscoveredInstrument(name, answer=SUPPLY, model="E3631A")
 
     names = ["GPIB0::5::INSTR", "ASRL/dev/ttyS0::INSTR", "PRLGX-ASRL::/dev/ttyS0::INTFC", "GPIB0::INTFC"]
     monkeypatch.setattr(discovery, "_listed", lambda _library: names)
@@ -154,8 +154,8 @@ def everything() -> Discovery:
         "GPIB0::7::INSTR": "ACME,KETTLE,0,1",
         "socket://table:9878": TABLE,
     }
-    found = tuple(Found(name, answer, recognise(answer)) for name, answer in resources.items())
-    return Discovery("/opt/libvisa.so", (*found, Found("GPIB0::9::INSTR", problem="no answer")), (), ())
+    found = tuple(DiscoveredInstrument(name, answer, recognise(answer)) for name, answer in resources.items())
+    return Discovery("/opt/libvisa.so", (*found, DiscoveredInstrument("GPIB0::9::INSTR", problem="no answer")), (), ())
 
 
 def test_the_stanza_is_a_piece_of_a_bench_file() -> None:
@@ -175,7 +175,9 @@ def test_the_stanza_is_a_piece_of_a_bench_file() -> None:
 
 def test_a_second_multimeter_is_that_of_v_vc() -> None:
     names = ("GPIB0::22::INSTR", "GPIB0::23::INSTR", "GPIB0::24::INSTR")
-    piece = stanza(Discovery("@py", tuple(Found(name, METER, recognise(METER)) for name in names), (), ()))
+    piece = stanza(
+        Discovery("@py", tuple(DiscoveredInstrument(name, METER, recognise(METER)) for name in names), (), ())
+    )
     bench = parse_bench(f'name = "found"\n{piece}\n[site]\nlatitude_deg = 0.0\n', "found")
     assert bench.multimeter is not None
     assert bench.multimeter.resource == names[0]
@@ -187,25 +189,31 @@ def test_a_second_multimeter_is_that_of_v_vc() -> None:
 @pytest.mark.parametrize(
     ("found", "lines"),
     [
-        (Found("/dev/ttyUSB0", METER, "34401A", baud_rate=9600), ['resource = "ASRL/dev/ttyUSB0::INSTR"']),
         (
-            Found("COM3", METER, "34401A", baud_rate=19_200),
+            DiscoveredInstrument("/dev/ttyUSB0", METER, "34401A", baud_rate=9600),
+            ['resource = "ASRL/dev/ttyUSB0::INSTR"'],
+        ),
+        (
+            DiscoveredInstrument("COM3", METER, "34401A", baud_rate=19_200),
             ['resource = "ASRL3::INSTR"', "serial.baud_rate = 19200"],
         ),
-        (Found("socket://10.0.0.5:5025", METER, "34401A"), ['resource = "TCPIP0::10.0.0.5::5025::SOCKET"']),
-        (Found("TCPIP0::10.0.0.5::9878::SOCKET", TABLE, "acl"), ['resource = "socket://10.0.0.5:9878"']),
         (
-            Found("/dev/ttyS0", TABLE, "acl", baud_rate=115_200),
+            DiscoveredInstrument("socket://10.0.0.5:5025", METER, "34401A"),
+            ['resource = "TCPIP0::10.0.0.5::5025::SOCKET"'],
+        ),
+        (DiscoveredInstrument("TCPIP0::10.0.0.5::9878::SOCKET", TABLE, "acl"), ['resource = "socket://10.0.0.5:9878"']),
+        (
+            DiscoveredInstrument("/dev/ttyS0", TABLE, "acl", baud_rate=115_200),
             ['resource = "/dev/ttyS0"', "baud_rate = 115200"],
         ),
-        (Found("COM4", "ESP301 Version 3.0.1", "esp", baud_rate=19_200), ['resource = "COM4"']),
+        (DiscoveredInstrument("COM4", "ESP301 Version 3.0.1", "esp", baud_rate=19_200), ['resource = "COM4"']),
     ],
 )
-def test_the_stanza_names_what_the_driver_opens(found: Found, lines: list[str]) -> None:
+def test_the_stanza_names_what_the_driver_opens(found: DiscoveredInstrument, lines: list[str]) -> None:
     """Instruments are opened by VISA, tables by pyserial, however they were asked."""
-    told = stanza(Discovery("@py", (), (), (found,))).splitlines()
-    assert told[2 : 2 + len(lines)] == lines
-    assert sum("baud_rate" in line for line in told) == len(lines) - 1
+    printed = stanza(Discovery("@py", (), (), (found,))).splitlines()
+    assert printed[2 : 2 + len(lines)] == lines
+    assert sum("baud_rate" in line for line in printed) == len(lines) - 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
@@ -223,8 +231,8 @@ def test_what_discover_prints_is_pasted_and_runs(
     with serve_simulated("ideal") as served:
         resources = [served.resource(role, wire) for role, wire in zip(roles, wires, strict=True)]
         tries = [name.removeprefix("ASRL").removesuffix("::INSTR") if "pts" in name else name for name in resources]
-        told = stanza(discover("@py", tries))
+        printed = stanza(discover("@py", tries))
         rest = re.sub(r"(?ms)^\[(power|rate_source|multimeter|oscilloscope|rate_table)\].*?(?=^\[)", "", template())
-        checked = check_bench(parse_bench(f"{rest}\n{told}", "pasted"))
+        checked = check_bench(parse_bench(f"{rest}\n{printed}", "pasted"))
     assert checked.failure() is None, checked
     assert {each.role for each in checked.instruments} == set(roles)

@@ -478,7 +478,7 @@ def bounds(node: object, path: str = "") -> dict[str, tuple[float, float]]:
 def test_the_documented_bounds_are_those_of_the_types() -> None:
     text = (Path(__file__).parents[2] / "docs" / "bench-file.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `") and " to " in line]
-    told = {
+    documented = {
         key.strip("`"): tuple(map(float, limits.split(" to "))) for keys, limits, *_ in rows for key in keys.split(", ")
     }
     others = ("rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter", "chamber")
@@ -487,7 +487,7 @@ def test_the_documented_bounds_are_those_of_the_types() -> None:
         if path.replace(".virtual-coriolis", "") not in types:
             types[path] = limits
     known = {path: limits for path, limits in types.items() if not path.startswith(others)}
-    assert told == known
+    assert documented == known
 
 
 @pytest.mark.parametrize("value", ["1e308", "1e31"])

@@ -83,8 +83,8 @@ def test_what_drives_something_has_its_limits(role: str, key: str) -> None:
     bench = bench_with(role)
     if role == "chamber":
         part = ChamberRole(model="ATS-545", resource="GPIB0::18::INSTR")
-        told = Limits(min_temperature_c=0.0, max_temperature_c=60.0, max_ramp_k_min=60.0)
-        bench = structs.replace(bench, chamber=part, limits=told)
+        limits = Limits(min_temperature_c=0.0, max_temperature_c=60.0, max_ramp_k_min=60.0)
+        bench = structs.replace(bench, chamber=part, limits=limits)
     bench = structs.replace(bench, limits=structs.replace(bench.limits, **{key: None}))
     with pytest.raises(
         ConfigError, match=rf"lab: limits\.{key}: expected a limit for the {role} of this bench, came n"

@@ -71,9 +71,9 @@ def test_v_vc_stands_for_as_much_as_was_told(tmp_path: Path) -> None:
 
 def test_the_bandwidth_is_that_of_modes_and_filter_together(tmp_path: Path) -> None:
     sheet, bench = written(tmp_path, SHEET)
-    told = parse_bench(bench.read_text("utf-8"), "own").procedure_table["bandwidth"]
-    assert told["split_guess_hz"] == 30.0
-    filtered = (1.0 + (12.0 / told["low_pass_hz"]) ** 8) ** -0.5
+    settings = parse_bench(bench.read_text("utf-8"), "own").procedure_table["bandwidth"]
+    assert settings["split_guess_hz"] == 30.0
+    filtered = (1.0 + (12.0 / settings["low_pass_hz"]) ** 8) ** -0.5
     modes = rate_response(own_gyro(sheet, imperfections=False, latitude_deg=0.0), 12.0)
     assert filtered * modes == pytest.approx(0.5**0.5, rel=1e-4)
 

@@ -175,27 +175,27 @@ def test_not_safe_names_an_instrument_once_though_its_error_names_it_too() -> No
 
 
 def test_all_are_told_in_order_before_anything_is_proved(log: list[str]) -> None:
-    told: list[str] = []
+    commanded: list[str] = []
 
     class Listening(FakeInstrument):
         def command_safe(self) -> UnprovedCommand:
-            told.append(self.name)
+            commanded.append(self.name)
             return super().command_safe()
 
         def make_safe(self, deadline: Deadline) -> SafeReport:
-            assert len(told) == 3
+            assert len(commanded) == 3
             return super().make_safe(deadline)
 
     crowd = {stage: Listening(stage.name, log) for stage in (Stage.POWER, Stage.STIMULUS, Stage.MOTION)}
     reports = stack_of(*(action(instrument, stage) for stage, instrument in crowd.items())).make_safe()
-    assert told == ["MOTION", "STIMULUS", "POWER"]
+    assert commanded == ["MOTION", "STIMULUS", "POWER"]
     assert all(report.safe and report.unproved is None for report in reports)
 
 
 def test_one_that_hears_but_does_not_answer_is_off_and_named_with_what_is_known(log: list[str]) -> None:
     dumb = FakeInstrument("power", log, "dumb")
     (report,) = stack_of(action(dumb)).make_safe()
-    assert (report.safe, dumb.energised, dumb.told) == (False, False, 2)
+    assert (report.safe, dumb.energised, dumb.commands) == (False, False, 2)
     words = "power at FAKE::power: told to switch off, not proved; last read back: on 3 s ago; LinkLost: "
     assert words in str(not_safe([report]))
 
@@ -245,9 +245,9 @@ def test_one_whose_connection_comes_back_is_told_then(log: list[str]) -> None:
     class Away(FakeInstrument):
         def command_safe(self) -> UnprovedCommand:
             super().command_safe()
-            if self.told == 3:
+            if self.commands == 3:
                 back.set()
-            return UnprovedCommand("to switch off", sent=self.told >= 3)
+            return UnprovedCommand("to switch off", sent=self.commands >= 3)
 
     stack = stack_of(action(Away("power", log)))
     stack.command_safe()

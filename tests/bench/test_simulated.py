@@ -101,10 +101,10 @@ def test_a_file_that_is_no_simulated_bench_is_no_library(tmp_path: Path) -> None
 
 
 def test_errors_are_none_drawn_or_told() -> None:
-    told = PAPER.replace(
+    text = PAPER.replace(
         "[simulation.errors.rate_source]", '[simulation.errors]\npower = "none"\n[simulation.errors.rate_source]'
     )
-    description = parse_bench(told.replace("dac_bits = 14", "dac_bits = 12"), "paper")
+    description = parse_bench(text.replace("dac_bits = 14", "dac_bits = 12"), "paper")
     drawn, other = instrument_errors(description, 1), instrument_errors(description, 2)
     assert drawn["power"] == type(drawn["power"]).none()
     assert drawn["rate_source"] == other["rate_source"]

@@ -98,9 +98,9 @@ def test_the_table_takes_the_time_of_its_characters_on_a_port(resource: str, cha
         assert bench.rate_table is not None
         before_s = bench.clock.now()
         bench.rate_table.identify()
-        told = len("Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a")
+        answered = len("Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a")
         taken_s = bench.clock.now() - before_s
-    assert taken_s == pytest.approx(0.002 + (6 + 8 + told) * character_s)
+    assert taken_s == pytest.approx(0.002 + (6 + 8 + answered) * character_s)
 
 
 def test_the_table_is_turned_over_its_line() -> None:
@@ -114,9 +114,9 @@ def test_the_table_is_turned_over_its_line() -> None:
 
 
 def test_a_table_does_not_answer_at_the_wrong_speed() -> None:
-    told = ON_A_PORT.replace('dialect = "acl"', 'dialect = "acl"\nbaud_rate = 19200')
+    text = ON_A_PORT.replace('dialect = "acl"', 'dialect = "acl"\nbaud_rate = 19200')
     with (
         pytest.raises(OutOfSync, match=r"nothing that came was an answer.*baud_rate"),
-        open_bench(parse_bench(told, "serial")),
+        open_bench(parse_bench(text, "serial")),
     ):
         pass

@@ -74,8 +74,8 @@ def test_a_run_within_its_guard_band_is_marginal_with_1(tmp_path: Path) -> None:
     guarded = run(tmp_path, f'{limits}guard_band = "U95"\n')
     assert guarded.exit_code == 1
     assert "\nMARGINAL\n" in guarded.stdout
-    told = shown(tmp_path)["acceptance"]
-    assert (told["verdict"], told["limits"][0]["u95"]) == ("marginal", bias["u95"])
+    acceptance = shown(tmp_path)["acceptance"]
+    assert (acceptance["verdict"], acceptance["limits"][0]["u95"]) == ("marginal", bias["u95"])
 
 
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:

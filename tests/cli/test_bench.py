@@ -93,10 +93,10 @@ def test_check_shows_what_the_station_is_and_what_can_run_there(tmp_path: Path) 
     assert "OVERDUE since 2020-01-01" in done.stdout
     assert "limits: none\nacceptance: bias_v -0.1 to 0.1\ncan run: nothing\n" in done.stdout
     assert "cannot run: zero needs power, which bench small has not\n" in done.stdout
-    told = json.loads(vcfbench("bench", "check", "--json").stdout)
-    assert told["limits"]["max_rate_deg_s"] == 300
-    assert told["procedures"]["turntable"] is None
-    assert told["procedures"]["vibration"] == "vibration needs vibration_source, which bench paper has not"
+    answer = json.loads(vcfbench("bench", "check", "--json").stdout)
+    assert answer["limits"]["max_rate_deg_s"] == 300
+    assert answer["procedures"]["turntable"] is None
+    assert answer["procedures"]["vibration"] == "vibration needs vibration_source, which bench paper has not"
 
 
 def test_check_goes_on_past_what_fails(rack: Callable[..., FakeRack], bench_file: str) -> None:
@@ -106,8 +106,8 @@ def test_check_goes_on_past_what_fails(rack: Callable[..., FakeRack], bench_file
     assert done.stderr == "vcfbench: not ready: rate_source, rate_table\n"
     answer = json.loads(done.stdout)
     assert not answer["ok"]
-    told = {role: each["ok"] for role, each in answer["instruments"].items()}
-    assert told == {
+    opened = {role: each["ok"] for role, each in answer["instruments"].items()}
+    assert opened == {
         "power": True,
         "rate_source": False,
         "multimeter": True,
@@ -123,8 +123,8 @@ def test_check_says_what_it_could_not_make_safe(rack: Callable[..., FakeRack], b
     rack(power="lies")
     done = vcfbench("bench", "check", "--bench", bench_file)
     assert done.exit_code == 5
-    told = "told to switch off, not proved; last read back: on 3 s ago"
-    assert f"NOT SAFE: power at FAKE::power: {told}; reported safe, but its outputs are on" in done.stderr
+    state = "told to switch off, not proved; last read back: on 3 s ago"
+    assert f"NOT SAFE: power at FAKE::power: {state}; reported safe, but its outputs are on" in done.stderr
 
 
 @pytest.mark.parametrize("simulated", [True, False])

@@ -50,7 +50,7 @@ def test_proposals_alone_make_a_bench(tmp_path: Path) -> None:
 
 
 def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
-    told = {
+    answers = {
         "name": "cell-2",
         "laboratory.name": "Gyroscope Laboratory",
         "multimeter.calibrated": "2026-02-28",
@@ -64,7 +64,7 @@ def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
         "expected.bias_v": "-0.1 0.1",
         "uncertainty.temperature_k": "1.5",
     }
-    done = new("cell.toml", "--yes", *(word for key, value in told.items() for word in ("--set", f"{key}={value}")))
+    done = new("cell.toml", "--yes", *(word for key, value in answers.items() for word in ("--set", f"{key}={value}")))
     assert done.exit_code == 0, done.stderr
     bench = load_bench(tmp_path / "cell.toml")
     assert (bench.name, bench.laboratory.name, bench.site.latitude_deg) == ("cell-2", "Gyroscope Laboratory", 48.1)
@@ -112,8 +112,8 @@ def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
 
 
 def test_what_is_off_today_is_named_all_the_same(tmp_path: Path) -> None:
-    told = {"rate_table.resource": "off COM3", "rate_table.dialect": "zaber", "rate_table.steps_per_deg": "1777.8"}
-    done = new("--yes", *(word for key, value in told.items() for word in ("--set", f"{key}={value}")))
+    answers = {"rate_table.resource": "off COM3", "rate_table.dialect": "zaber", "rate_table.steps_per_deg": "1777.8"}
+    done = new("--yes", *(word for key, value in answers.items() for word in ("--set", f"{key}={value}")))
     assert done.exit_code == 0, done.stderr
     table = load_bench(tmp_path / "station.toml").rate_table
     assert table is not None

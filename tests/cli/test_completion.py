@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 def offered(line: str) -> list[str]:
     """Return what bash is offered at the end of `line`."""
-    told = {
+    environment = {
         "_VCFBENCH_COMPLETE": "complete_bash",
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(line.split(" ")) - 1),
     }
-    done = CliRunner().invoke(app, [], prog_name="vcfbench", env=told)
+    done = CliRunner().invoke(app, [], prog_name="vcfbench", env=environment)
     assert done.exit_code == 0, done.output
     return done.stdout.split()
 
@@ -66,8 +66,8 @@ def test_devices_by_serial_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     [("bash", "complete_bash"), ("zsh", "#compdef vcfbench"), ("fish", "complete --command vcfbench")],
 )
 def test_the_script_for_a_shell_is_shown(shell: str, words: str) -> None:
-    told = {"_VCFBENCH_COMPLETE": f"source_{shell}"}
-    assert words in CliRunner().invoke(app, [], prog_name="vcfbench", env=told).stdout
+    environment = {"_VCFBENCH_COMPLETE": f"source_{shell}"}
+    assert words in CliRunner().invoke(app, [], prog_name="vcfbench", env=environment).stdout
 
 
 @pytest.mark.parametrize(

@@ -76,9 +76,9 @@ def test_the_history_as_csv_and_json(store: DeviceStore) -> None:
     assert [row["kind"] for row in rows] == ["certificate", "self-calibration"]
     assert float(rows[1]["scale_factor_v_per_deg_s"]) == -0.01250125
     assert (rows[0]["drift_ppm"], rows[1]["drift_ppm"]) == ("", "100.0")
-    told = json.loads(call("G-1", "--devices", str(store.root), "--json").stdout)
-    assert [each["entry"] for each in told["entries"]] == ["0001", "0002"]
-    assert told["entries"][1]["e_n"] == 2.5
+    answer = json.loads(call("G-1", "--devices", str(store.root), "--json").stdout)
+    assert [each["entry"] for each in answer["entries"]] == ["0001", "0002"]
+    assert answer["entries"][1]["e_n"] == 2.5
 
 
 @pytest.mark.parametrize("serial", [["G-1"], []])

@@ -43,7 +43,7 @@ def started(folder: Path, *words: str, said_on: str = "stderr") -> Iterator[tupl
                 process.kill()
 
 
-def told(address: str, path: str) -> str:
+def fetched(address: str, path: str) -> str:
     root = address.split("/run/", maxsplit=1)[0].rstrip("/")
     with urllib.request.urlopen(f"{root}{path}", timeout=20) as answer:  # noqa: S310  # our own
         return str(answer.read(4000), "utf-8")
@@ -63,9 +63,9 @@ def stop(address: str, token: str) -> int:
 
 def test_a_run_that_is_stopped_from_its_page_ends_like_one_that_the_keyboard_stops(tmp_path: Path) -> None:
     with started(tmp_path, "run", "virtual-coriolis", "--speed", "20", "--page", "--quiet") as (process, address):
-        assert "<title>vcfbench</title>" in told(address, "/run/live")
-        assert '"live":true' in told(address, "/station")
-        while json.loads(told(address, "/run/live/readings?most=2"))["count"] == 0:
+        assert "<title>vcfbench</title>" in fetched(address, "/run/live")
+        assert '"live":true' in fetched(address, "/station")
+        while json.loads(fetched(address, "/run/live/readings?most=2"))["count"] == 0:
             assert process.poll() is None
         assert stop(address, "wrong") == 403
         assert process.poll() is None
@@ -125,7 +125,7 @@ def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path: Path) -> 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to another process")
 def test_the_page_of_a_station_ends_with_ctrl_c(tmp_path: Path) -> None:
     with started(tmp_path, "page", "--port", "0", said_on="stdout") as (process, address):
-        assert told(address, "/station") == '{"runs":[],"older":0,"devices":[],"live":false}'
+        assert fetched(address, "/station") == '{"runs":[],"older":0,"devices":[],"live":false}'
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=30) == ("", "")
         assert process.returncode == 0

@@ -56,17 +56,17 @@ def test_a_profile_beside_the_bench_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("profile", "words"),
     [
         (None, "lab.toml: expected a profile of a rate table, there is no such file"),
         ("title = 1", "lab.toml: title: expected a text, came 1"),
     ],
 )
-def test_a_profile_that_cannot_be_used_ends_with_exit_code_2(told: str | None, words: str, tmp_path: Path) -> None:
+def test_a_profile_that_cannot_be_used_ends_with_exit_code_2(profile: str | None, words: str, tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text(bench_file("lab.toml"), encoding="utf-8")
-    if told is not None:
-        (tmp_path / "lab.toml").write_text(told, encoding="utf-8")
+    if profile is not None:
+        (tmp_path / "lab.toml").write_text(profile, encoding="utf-8")
     result = CliRunner().invoke(app, ["run", "turntable", "--bench", str(file), "--runs", str(tmp_path)])
     assert result.exit_code == 2
     assert words in " ".join(result.output.split())

@@ -101,6 +101,6 @@ def test_an_instrument_that_hears_but_is_not_heard_is_at_rest_and_off(bench: Ben
     done = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--runs", str(tmp_path), "--bench", str(bench.path)])
     assert done.exit_code == 5, done.output
     named = getattr(load_bench(bench.path), role).resource
-    told = "told to stop" if role == "rate_table" else "told to switch off"
-    assert f"NOT SAFE: {role} at {named}: {told}, not proved; last read back: " in done.stderr
+    commanded = "told to stop" if role == "rate_table" else "told to switch off"
+    assert f"NOT SAFE: {role} at {named}: {commanded}, not proved; last read back: " in done.stderr
     assert bench.comes_to_rest()

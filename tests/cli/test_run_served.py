@@ -127,11 +127,11 @@ def test_turntable_with_every_table_gives_the_same_bytes(short: Path, tmp_path: 
     speak(short, dialect)
     alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
     with serving(short, "--seed", "7") as served:
-        told = load_bench(served).served
-        assert told is not None
+        served_at = load_bench(served).served
+        assert served_at is not None
         over_wires = [answer(tmp_path, "turntable", "--bench", str(served))]
         if hasattr(os, "openpty"):
-            with Control(told.address()[1]) as control:
+            with Control(served_at.address()[1]) as control:
                 control.request("reset")
                 on_terminals(served, control.request("status")["instruments"])
             over_wires.append(answer(tmp_path, "turntable", "--bench", str(served)))
@@ -170,11 +170,11 @@ def test_all_four_steps_over_real_wires_give_the_same_bytes(
 
 def test_after_a_reset_the_bench_gives_the_same_bytes_again(short: Path, tmp_path: Path) -> None:
     with serving(short) as served:
-        told = load_bench(served).served
-        assert told is not None
+        served_at = load_bench(served).served
+        assert served_at is not None
         first = answer(tmp_path, "turntable", "--bench", str(served))
         second = answer(tmp_path, "turntable", "--bench", str(served))
-        with Control(told.address()[1]) as control:
+        with Control(served_at.address()[1]) as control:
             control.request("reset")
         third = answer(tmp_path, "turntable", "--bench", str(served))
     assert json.dumps(first) == json.dumps(third)
@@ -199,9 +199,9 @@ def test_without_its_key_a_served_bench_is_a_real_bench_on_a_wall_clock(short: P
 
 def test_who_leads_the_time_has_the_bench(short: Path) -> None:
     with serving(short) as served:
-        told = load_bench(served).served
-        assert told is not None
-        with Control(told.address()[1]) as other:
+        served_at = load_bench(served).served
+        assert served_at is not None
+        with Control(served_at.address()[1]) as other:
             other.request("lead")
             refused = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--bench", str(served)])
     assert refused.exit_code == 3
@@ -232,8 +232,8 @@ def test_seed_and_speed_are_the_servers(short: Path, arguments: list[str], words
 def test_a_run_that_is_stopped_makes_the_served_bench_safe(short: Path, tmp_path: Path) -> None:
     """Broken off amid a request, the clock still tells the right time, or making safe would miss its deadlines."""
     with serving(short, "--speed", "1") as served:
-        told = load_bench(served).served
-        assert told is not None
+        served_at = load_bench(served).served
+        assert served_at is not None
         command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--json", "--bench", str(served)]
         with subprocess.Popen(  # noqa: S603 - our own command
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
@@ -243,7 +243,7 @@ def test_a_run_that_is_stopped_makes_the_served_bench_safe(short: Path, tmp_path
             process.send_signal(signal.SIGINT)
             process.stderr.read()
             assert process.wait(30) == 4
-        with Control(told.address()[1]) as control:
+        with Control(served_at.address()[1]) as control:
             assert control.request("get", name="applied_rate_deg_s") == pytest.approx(0.0, abs=0.1)
             assert control.request("get", name="rail.positive.voltage_v") == pytest.approx(0.0, abs=0.5)
 

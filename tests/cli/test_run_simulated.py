@@ -58,9 +58,9 @@ def footer(runs: Path, run: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("name", "bench"), [("turntable", "ideal"), ("virtual-coriolis", "paper")])
 def test_bench_time_is_within_five_per_cent_of_the_physical_minimum(name: str, bench: str, ran: Ran) -> None:
-    told = ran(name, "--bench", bench)
-    end = footer(ran.runs, told["run"])
-    assert end["physical_minimum_s"] <= told["bench_seconds"] <= 1.05 * end["physical_minimum_s"]
+    answer = ran(name, "--bench", bench)
+    end = footer(ran.runs, answer["run"])
+    assert end["physical_minimum_s"] <= answer["bench_seconds"] <= 1.05 * end["physical_minimum_s"]
     assert all(report["safe"] for report in end["safe"])
     assert len(end["safe"]) >= 4
 
@@ -85,8 +85,8 @@ def test_same_seed_same_results_and_another_seed_others(ran: Ran, tmp_path: Path
 
 def test_points_are_read_back_by_analyze(ran: Ran) -> None:
     virtual = ran("virtual-coriolis", "--bench", "paper")
-    told = CliRunner().invoke(app, ["analyze", str(ran.runs / virtual["run"] / "points.csv"), "--json"])
-    series = json.loads(told.stdout)["series"]
+    done = CliRunner().invoke(app, ["analyze", str(ran.runs / virtual["run"] / "points.csv"), "--json"])
+    series = json.loads(done.stdout)["series"]
     for column in ("turntable", "virtual"):
         assert series[column]["scale_factor"]["value"] == virtual["results"][column]["scale_factor"]["value"]
 
@@ -143,12 +143,12 @@ def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
     monkeypatch.setattr(SimulatedBench, "build", keep)
     monkeypatch.setattr(World, "reach", reach_misfortune)
     result = CliRunner().invoke(app, ["run", "turntable", "--json", "--quiet", "--runs", str(tmp_path)])
-    told = json.loads(result.stdout)
+    answer = json.loads(result.stdout)
     assert result.exit_code == 3
     assert result.stderr.startswith(f"vcfbench: {words}")
     assert ", step 34 (average 10 readings" in result.stderr
-    assert (told["status"], len(told["points"]), told["results"]) == ("aborted", 4, {})
-    end = footer(tmp_path, told["run"])
+    assert (answer["status"], len(answer["points"]), answer["results"]) == ("aborted", 4, {})
+    end = footer(tmp_path, answer["run"])
     assert len(end["safe"]) == 5
     assert all(report["safe"] for report in end["safe"])
 
@@ -164,12 +164,12 @@ def test_an_interrupted_run_keeps_its_points_and_leaves_safely(tmp_path: Path) -
                 break
         os.kill(child.pid, signal.SIGINT)
         out, _ = child.communicate()
-    told = json.loads(out)
+    answer = json.loads(out)
     assert child.returncode == 4
-    assert told["status"] == "aborted"
-    assert len(told["points"]) >= 1
-    assert told["results"] == {}
-    end = footer(tmp_path, told["run"])
+    assert answer["status"] == "aborted"
+    assert len(answer["points"]) >= 1
+    assert answer["results"] == {}
+    end = footer(tmp_path, answer["run"])
     assert end["status"] == "aborted"
     assert all(report["safe"] for report in end["safe"])
 
@@ -189,20 +189,20 @@ def test_impatience_costs_neither_record_nor_answer(tmp_path: Path) -> None:
                 child.wait(0.005)
                 break
         out, errors = child.communicate()
-    told = json.loads(out)
+    answer = json.loads(out)
     assert child.returncode in {4, 5}, errors
-    assert footer(tmp_path, told["run"])["status"] == told["status"] == "aborted"
+    assert footer(tmp_path, answer["run"])["status"] == answer["status"] == "aborted"
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
 def test_a_killed_run_keeps_every_point_that_was_told(tmp_path: Path) -> None:
     command = [sys.executable, "-c", MAIN, "run", "turntable", "--speed", "100", "--runs", str(tmp_path)]
-    told = 0
+    printed = 0
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
         assert child.stderr is not None
         for line in child.stderr:
-            told += "average" in line
-            if told == 3:
+            printed += "average" in line
+            if printed == 3:
                 child.kill()
                 break
         child.stderr.read()

@@ -63,8 +63,8 @@ def test_a_list_of_whole_records_reads_no_readings_and_computes_nothing(
 
     monkeypatch.setattr("vcfbench.record.directory.read_journal", read)
     listed = json.loads(call("runs", "list", "--json").stdout)["runs"]
-    told = [(line["status"], line["bench"], line["points"], line["verdict"]) for line in listed]
-    assert told == [("complete", "paper", 17, "fail"), ("complete", "paper", 17, None)]
+    rows = [(line["status"], line["bench"], line["points"], line["verdict"]) for line in listed]
+    assert rows == [("complete", "paper", 17, "fail"), ("complete", "paper", 17, None)]
     assert station.opened
 
 

@@ -71,18 +71,18 @@ def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path:
         lab.fault(deaf, "silent")
     code, out, err = call(path, "--json")
     answer: dict[str, Any] = json.loads(out)
-    told = answer["instruments"]
+    instruments = answer["instruments"]
     assert what_is_on(lab) == []
-    assert list(told) == ["rate_table", "rate_source", "power"]
-    assert told["rate_table"]["found"].startswith("turning at ")
-    assert told["rate_source"]["found"] == "on, level 0.5 V"
-    assert {role for role, each in told.items() if not each["safe"]} == ({deaf} if deaf else set())
+    assert list(instruments) == ["rate_table", "rate_source", "power"]
+    assert instruments["rate_table"]["found"].startswith("turning at ")
+    assert instruments["rate_source"]["found"] == "on, level 0.5 V"
+    assert {role for role, each in instruments.items() if not each["safe"]} == ({deaf} if deaf else set())
     assert (code, answer["safe"]) == ((0, True) if deaf is None else (5, False))
     if deaf is None:
-        assert re.fullmatch(r"on, P6V \S+ V, P25V (10|9\.99) V, N25V -(10|9\.99) V", told["power"]["found"])
+        assert re.fullmatch(r"on, P6V \S+ V, P25V (10|9\.99) V, N25V -(10|9\.99) V", instruments["power"]["found"])
         assert err == ""
     else:
-        assert told["power"]["found"] is None
+        assert instruments["power"]["found"] is None
         assert "NOT SAFE: power at " in err
 
 

@@ -140,7 +140,7 @@ from vcfbench.cli import ending, main
 @main.app.command("wait")
 def wait(context: typer.Context):
     if {answered}:
-        context.find_object(ending.EarlyAndLate).answered()
+        context.find_object(ending.SignalsWithoutBench).answered()
     os.kill(os.getpid(), signal.SIGHUP)
 main.main()
 """
@@ -166,10 +166,10 @@ def test_a_mistake_of_ours_is_code_three_with_its_traceback() -> None:
 @pytest.fixture
 def elsewhere(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What goes to the terminal and to the system's log."""
-    told: list[str] = []
+    logged: list[str] = []
     monkeypatch.setattr(ending, "_to_terminal", lambda _: False)
-    monkeypatch.setattr(ending, "_to_system_log", told.append)
-    return told
+    monkeypatch.setattr(ending, "_to_system_log", logged.append)
+    return logged
 
 
 @posix
@@ -224,12 +224,12 @@ def test_an_answer_that_cannot_be_written_is_an_error_unless_nobody_is_there() -
 
 class Broken(NoProgress):
     def __init__(self, error: Exception) -> None:
-        self.told = 0
+        self.events = 0
         self._error = error
 
     def handle(self, event: object) -> None:
         del event
-        self.told += 1
+        self.events += 1
         raise self._error
 
 
@@ -239,7 +239,7 @@ def test_a_display_that_fails_is_told_no_more_and_harms_nobody() -> None:
     with Shielded(lambda: broken) as shielded:
         shielded.handle(event)
         shielded.handle(event)
-    assert broken.told == 1
+    assert broken.events == 1
     assert shielded.lost == "ValueError: I/O operation on closed file"
 
 

@@ -50,9 +50,9 @@ def test_a_dry_run_lists_cases_and_writes_nothing(folder: Path) -> None:
 def test_json_is_all_there_is_on_stdout_and_progress_goes_to_stderr(folder: Path) -> None:
     done = study(folder, "-o", "x.csv", "--workers", "1", "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert [case["values"] for case in told["cases"]] == [{"readings": 3}, {"readings": 4}]
-    assert told == json.loads((folder / "x.summary.json").read_text("utf-8"))
+    answer = json.loads(done.stdout)
+    assert [case["values"] for case in answer["cases"]] == [{"readings": 3}, {"readings": 4}]
+    assert answer == json.loads((folder / "x.summary.json").read_text("utf-8"))
     assert done.stderr.splitlines()[0] == "4 runs"
     assert done.stderr.splitlines()[-1].startswith("4 of 4 runs, 0 s left")
     traced = study(folder, "-o", "x.csv", "--trace", "x.tsv")

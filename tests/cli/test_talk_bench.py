@@ -112,5 +112,7 @@ def test_a_person_at_a_terminal_completes_words_and_leaves_by_ctrl_c(tmp_path: P
     assert "power.off" in (tmp_path / "vcfbench" / "talk-bench-history").read_text("utf-8")
     sent = [(line.role, line.data) for line in read_trace(trace) if line.mark == ">"]
     turning = next(n for n, (_, data) in enumerate(sent) if b":Demand:Rate 1,20" in data)
-    told = [role for role, data in sent[turning + 1 :] if b":Demand:Rate 1,0" in data or data.endswith(b"OUTP OFF\n")]
-    assert told[:3] == ["rate_table", "rate_source", "power"]
+    commanded = [
+        role for role, data in sent[turning + 1 :] if b":Demand:Rate 1,0" in data or data.endswith(b"OUTP OFF\n")
+    ]
+    assert commanded[:3] == ["rate_table", "rate_source", "power"]

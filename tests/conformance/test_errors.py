@@ -175,13 +175,13 @@ def queued(bench: Bench, message: str) -> list[int]:
 @pytest.mark.parametrize("model", walk.MODELS)
 def test_every_error_at_its_occasion(model: str) -> None:
     words = messages(model)
-    told = [(message, queued(walk.bench(model), message.format(**words)), [number]) for message, number in EVERYWHERE]
-    assert [case for case in told if case[1] != case[2]] == []
+    cases = [(message, queued(walk.bench(model), message.format(**words)), [number]) for message, number in EVERYWHERE]
+    assert [case for case in cases if case[1] != case[2]] == []
 
 
 def test_errors_that_one_model_has() -> None:
-    told = [(model, message, queued(walk.bench(model), message), [number]) for model, message, number in ONE_MODEL]
-    assert [case for case in told if case[2] != case[3]] == []
+    cases = [(model, message, queued(walk.bench(model), message), [number]) for model, message, number in ONE_MODEL]
+    assert [case for case in cases if case[2] != case[3]] == []
 
 
 @pytest.mark.parametrize("model", walk.MODELS)

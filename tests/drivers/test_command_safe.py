@@ -38,8 +38,8 @@ def session_on(wire: ScriptedWire, clock: VirtualClock) -> Session:
 @DRIVING
 def test_it_is_told_to_switch_off_without_being_asked_anything(driver: type[ScpiInstrument], identity: str) -> None:
     with expected_exchange(over_visa(driver), [*opening(identity), OFF_BLIND]) as instrument:
-        told = instrument.command_safe()
-        assert str(told) == "told to switch off, not proved; its state was never read back"
+        outcome = instrument.command_safe()
+        assert str(outcome) == "told to switch off, not proved; its state was never read back"
         assert not instrument.session.dirty
 
 
@@ -50,9 +50,13 @@ def test_what_was_last_read_back_is_told_with_its_age(driver: type[ScpiInstrumen
         asked = getattr(instrument, "outputs_enabled", None) or instrument.output_enabled  # type: ignore[attr-defined]
         assert asked()
         instrument.clock.sleep_until(3.0)
-        told = instrument.command_safe()
-        assert (told.sent, told.last_read, told.age_s) == (True, f"output{'s' if driver is E3631A else ''} on", 3.0)
-        assert str(told).endswith("on 3 s ago")
+        outcome = instrument.command_safe()
+        assert (outcome.sent, outcome.last_read, outcome.age_s) == (
+            True,
+            f"output{'s' if driver is E3631A else ''} on",
+            3.0,
+        )
+        assert str(outcome).endswith("on 3 s ago")
 
 
 def test_the_words_wait_for_no_other_exchange() -> None:
@@ -84,8 +88,8 @@ def test_on_rs232_a_supply_that_fell_back_to_local_is_told_again_once_it_is_remo
 
 def test_one_that_drives_nothing_is_told_nothing() -> None:
     with expected_exchange(over_visa(Hp34401A), opening("HEWLETT-PACKARD,34401A,0,10-5-2")) as meter:
-        told = meter.command_safe()
-    assert (told.words, told.sent) == ("", True)
+        outcome = meter.command_safe()
+    assert (outcome.words, outcome.sent) == ("", True)
 
 
 def test_a_wire_that_raises_whatever_it_likes_is_not_told_and_nothing_is_raised(
@@ -99,9 +103,9 @@ def test_a_wire_that_raises_whatever_it_likes_is_not_told_and_nothing_is_raised(
         raise ZeroDivisionError(data, deadline)
 
     monkeypatch.setattr(wire, "send", broken)
-    told = supply.command_safe()
-    assert not told.sent
-    assert str(told) == "could not be told to switch off; its state was never read back"
+    outcome = supply.command_safe()
+    assert not outcome.sent
+    assert str(outcome) == "could not be told to switch off; its state was never read back"
 
 
 def test_a_wire_that_hangs_costs_some_tenths_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,11 +133,11 @@ def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
     class Dumb(ScriptedWire):
         def __init__(self) -> None:
             super().__init__([], clock=clock)
-            self.told: list[bytes] = []
+            self.sent: list[bytes] = []
 
         def send(self, data: bytes, deadline: Deadline) -> None:
             del deadline
-            self.told.append(data)
+            self.sent.append(data)
 
     dumb = Dumb()
     first = ScriptedWire([*opening(SUPPLY), ("OUTP?", "1"), OFF_BLIND, ("*IDN?", None)], clock=clock)
@@ -144,8 +148,8 @@ def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
     supply.outputs_enabled()
     session._dirty = True
     report = supply.make_safe(Deadline.after(clock, 20.0))
-    assert dumb.told[0] == dumb.told[-1] == OFF_BLIND[0]
-    assert b"*IDN?\n" in dumb.told[1:]
+    assert dumb.sent[0] == dumb.sent[-1] == OFF_BLIND[0]
+    assert b"*IDN?\n" in dumb.sent[1:]
     assert not report.safe
     assert report.unproved is not None
     assert (report.unproved.sent, report.unproved.last_read) == (True, "outputs on")
@@ -284,11 +288,11 @@ def test_a_peer_that_does_not_read_holds_nobody_up() -> None:
         with pytest.raises(TimeoutError):
             filling.sendall(b"x" * 50_000_000)
         begin_s = CLOCK.now()
-        told = supply.command_safe()
+        outcome = supply.command_safe()
         took_s = CLOCK.now() - begin_s
         done.set()
         supply.close()
-    assert not told.sent
+    assert not outcome.sent
     assert took_s < BUSY_S
 
 

@@ -14,7 +14,7 @@ from vcfbench.interfaces import Regulation
 from vcfbench.sim import serial_backend
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
@@ -151,7 +151,7 @@ def test_oscilloscope(plugs: Plugs) -> None:
     plugs.world.set_rail("positive", 10.0)
     plugs.world.set_rail("negative", -10.0)
     sleep(plugs.world.clock, 5.0)
-    device = Dso7104B(plugs.world, {1: "drive", 2: "carrier"}, ScopeErrors.none())
+    device = Dso7104BTwin(plugs.world, {1: "drive", 2: "carrier"}, ScopeErrors.none())
     scope = plugs.open("oscilloscope", "DSO7104B", "USB0::0x0957::0x175D::MY49000001::INSTR", device)
     scope.configure_channel(1, 1.0)
     scope.configure_channel(2, 1.0)
@@ -171,10 +171,10 @@ def test_oscilloscope(plugs: Plugs) -> None:
 
 
 @pytest.mark.parametrize("header", ["none", "u32le2", "u32be2"])
-@pytest.mark.parametrize("told", ["auto", "itself"])
-def test_table(plugs: Plugs, header: Literal["none", "u32le2", "u32be2"], told: str) -> None:
+@pytest.mark.parametrize("configured", ["auto", "itself"])
+def test_table(plugs: Plugs, header: Literal["none", "u32le2", "u32be2"], configured: str) -> None:
     device = AclTable(plugs.world, TableErrors.none(), header)
-    settings = {"reply_header": "auto" if told == "auto" else header}
+    settings = {"reply_header": "auto" if configured == "auto" else header}
     table = plugs.table(device, max_rate_deg_s=300.0, max_acceleration_deg_s2=200.0, **settings)
     table.enable()
     table.set_rate(-50.0, 100.0)

@@ -41,7 +41,7 @@ def cells(words: list[str], workers: int = 4) -> None:
     """Run the cells that `words` name."""
     cases = [case for case in all_cases() if all(word in str(case) for word in words)]
     with tempfile.TemporaryDirectory() as folder:
-        ended = run_cases(cases, Path(folder), workers=workers, told=tell)
+        ended = run_cases(cases, Path(folder), workers=workers, report=tell)
     say(f"{len(ended)} cells, {sum(1 for end in ended if end.wrong)} wrong")
 
 
@@ -61,7 +61,7 @@ def stop(language: str) -> None:
                 sleep(clock, 0.1)
             wire.begin(WireFault("silent", replies=0))
             run.signal(signal.SIGTERM)
-            say(f"exit code {run.wait()}\n{run.stderr}{served.physics()}\n{bytes(wire.told)!r}")
+            say(f"exit code {run.wait()}\n{run.stderr}{served.physics()}\n{bytes(wire.received)!r}")
 
 
 if __name__ == "__main__":

@@ -50,8 +50,8 @@ def bench_text(dialect: str, *, name: str, timeout_s: float = 1.0) -> str:
     for role in ("E3631A", "33220A", "34401A", "DSO7104B"):
         text = text.replace(f'model = "{role}"', f'model = "{role}"\ntimeout_s = {timeout_s}')
     text = text.replace("max_acceleration_deg_s2 = 200", "max_acceleration_deg_s2 = 1000")
-    told = _PROCEDURE.format(rate=RATE_DEG_S[dialect], settle_s=0.4 / SPEED[dialect], tolerance=tolerance)
-    return text.replace("\n[procedure.drive]", told)
+    procedure = _PROCEDURE.format(rate=RATE_DEG_S[dialect], settle_s=0.4 / SPEED[dialect], tolerance=tolerance)
+    return text.replace("\n[procedure.drive]", procedure)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,12 +121,12 @@ def serving(folder: Path, text: str, *, speed: float | str) -> Iterator[Served]:
     """Serve the bench of a bench file's text in another process, every instrument on TCP and a terminal."""
     bench, complaints = folder / "bench.toml", folder / "server.txt"
     bench.write_text(text, encoding="utf-8")
-    process, told = _started(bench, speed, complaints)
+    process, announced = _started(bench, speed, complaints)
     with process:
         try:
-            port = int(told["control"]["port"])
+            port = int(announced["control"]["port"])
             with Control(port) as control:
-                yield Served(text, told["instruments"], control, port)
+                yield Served(text, announced["instruments"], control, port)
         finally:
             process.terminate()
 

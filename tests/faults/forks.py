@@ -61,7 +61,7 @@ class Forked:
     @property
     def running(self) -> bool:
         """Whether it has not ended."""
-        if self.exit_code is None and self.host.has_told():
+        if self.exit_code is None and self.host.has_written():
             self.wait()
         return self.exit_code is None
 
@@ -115,7 +115,7 @@ class ForkHost:
         print(json.dumps({"folder": str(folder), "arguments": arguments}), file=self.process.stdin, flush=True)
         return Forked(folder, self.line(), self)
 
-    def has_told(self) -> bool:
+    def has_written(self) -> bool:
         """Whether the host has something to tell."""
         assert self.process.stdout is not None
         return bool(select.select([self.process.stdout], [], [], 0.0)[0])
@@ -123,9 +123,9 @@ class ForkHost:
     def line(self) -> int:
         """Return the next number that the host tells."""
         assert self.process.stdout is not None
-        told = self.process.stdout.readline()
-        assert told, "the host of the runs has died"
-        return int(told)
+        line = self.process.stdout.readline()
+        assert line, "the host of the runs has died"
+        return int(line)
 
 
 @contextmanager

@@ -318,7 +318,7 @@ def run_cases(
     *,
     workers: int = 4,
     measured: bool = True,
-    told: Callable[[Ended], None] = lambda _: None,
+    report: Callable[[Ended], None] = lambda _: None,
 ) -> list[Ended]:
     """Run `cases`, each language on a bench of its own, `workers` languages at a time.
 
@@ -328,7 +328,7 @@ def run_cases(
 
     def tell(end: Ended) -> None:
         ended.append(end)
-        told(end)
+        report(end)
 
     def work(language: str) -> None:
         own = [case for case in cases if case.language == language]

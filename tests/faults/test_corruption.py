@@ -129,7 +129,7 @@ def test_a_mishap_amid_a_run(mishap: Callable[[Behind], None]) -> None:
 @pytest.mark.parametrize("mishap", MISHAPS)
 def test_a_mishap_after_every_point(mishap: Callable[[Behind], None], procedure: str) -> None:
     words = {number: mistaken(procedure, mishap, number) for number in range(1, POINTS[procedure])}
-    assert not {number: told for number, told in words.items() if told is not None}
+    assert not {number: line for number, line in words.items() if line is not None}
 
 
 @pytest.mark.fault_matrix

@@ -15,9 +15,9 @@ pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
 httpx = pytest.importorskip("httpx", reason="pip install 'vcfbench[dev]'")
 
 from vcfbench.page import app as page_app  # noqa: E402
-from vcfbench.page.app import EventStream, Shown, application  # noqa: E402
+from vcfbench.page.app import EventStream, PageContent, application  # noqa: E402
 from vcfbench.page.parts import end_of, parts_of  # noqa: E402
-from vcfbench.page.station import Station  # noqa: E402
+from vcfbench.page.station import StationDirectories  # noqa: E402
 from vcfbench.record.directory import create_run  # noqa: E402
 from vcfbench.record.journal import Journal  # noqa: E402
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
@@ -33,7 +33,7 @@ HERE = "http://127.0.0.1:8330"
 class Client:
     """Asks the application, one question after the other."""
 
-    def __init__(self, shown: Shown) -> None:
+    def __init__(self, shown: PageContent) -> None:
         self._app = application(shown)
 
     def request(self, method: str, path: str, **options: Any) -> Any:
@@ -57,13 +57,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
 
 
 @pytest.fixture
-def shown(made: tuple[Path, Run]) -> Shown:
+def shown(made: tuple[Path, Run]) -> PageContent:
     folder, _ = made
-    return Shown(Station(folder / "runs", folder / "devices"))
+    return PageContent(StationDirectories(folder / "runs", folder / "devices"))
 
 
 @pytest.fixture
-def client(shown: Shown) -> Client:
+def client(shown: PageContent) -> Client:
     return Client(shown)
 
 
@@ -102,14 +102,14 @@ def test_a_record_that_cannot_be_read_says_why(tmp_path: Path) -> None:
     folder = tmp_path / "20260101T000000Z-turntable-000000"
     folder.mkdir()
     (folder / "journal.jsonl").write_text('{"type":"header","format":99}\n', "utf-8")
-    (row,) = Station(tmp_path, tmp_path).listed()["runs"]
+    (row,) = StationDirectories(tmp_path, tmp_path).listed()["runs"]
     assert (row["run"], row["status"]) == (folder.name, "unreadable")
     assert "format 99" in row["problem"]
 
 
 def test_a_run_that_goes_on_is_listed_as_running(tmp_path: Path) -> None:
     directory = create_run(tmp_path, "turntable")
-    station = Station(tmp_path, tmp_path)
+    station = StationDirectories(tmp_path, tmp_path)
     assert station.listed()["runs"] == []
     journal = Journal(directory.journal)
     journal.header({"run": directory.run, "procedure": "turntable", "bench": {"name": "b"}, "metadata": {"dut": "G7"}})
@@ -158,7 +158,7 @@ def test_the_assets_are_no_way_to_other_files(client: Client) -> None:
 class Going:
     """A run that goes, and how often it was stopped."""
 
-    def __init__(self, shown: Shown) -> None:
+    def __init__(self, shown: PageContent) -> None:
         self.stops = 0
         shown.live, shown.token, shown.stop = View(about={"run": "it"}), "secret", self.stop
 
@@ -166,7 +166,7 @@ class Going:
         self.stops += 1
 
 
-def test_who_knows_the_token_stops_the_run(client: Client, shown: Shown) -> None:
+def test_who_knows_the_token_stops_the_run(client: Client, shown: PageContent) -> None:
     going = Going(shown)
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"}).status_code == 200
     assert going.stops == 1
@@ -184,13 +184,13 @@ def test_who_knows_the_token_stops_the_run(client: Client, shown: Shown) -> None
         {"X-Vcfbench-Token": "secret", "Origin": "null"},
     ],
 )
-def test_nobody_else_does(client: Client, shown: Shown, headers: dict[str, str]) -> None:
+def test_nobody_else_does(client: Client, shown: PageContent, headers: dict[str, str]) -> None:
     going = Going(shown)
     assert client.post("/run/live/stop", headers=headers).status_code == 403
     assert going.stops == 0
 
 
-def test_looking_changes_nothing(client: Client, shown: Shown) -> None:
+def test_looking_changes_nothing(client: Client, shown: PageContent) -> None:
     going = Going(shown)
     for method in ("GET", "HEAD", "PUT", "DELETE", "OPTIONS"):
         answer = client.request(method, "/run/live/stop", headers={"X-Vcfbench-Token": "secret"})
@@ -198,7 +198,7 @@ def test_looking_changes_nothing(client: Client, shown: Shown) -> None:
     assert going.stops == 0
 
 
-def test_a_run_that_is_over_cannot_be_stopped(client: Client, shown: Shown) -> None:
+def test_a_run_that_is_over_cannot_be_stopped(client: Client, shown: PageContent) -> None:
     going = Going(shown)
     assert shown.live is not None
     shown.live.finished({"status": "complete", "parts": []})
@@ -206,12 +206,12 @@ def test_a_run_that_is_over_cannot_be_stopped(client: Client, shown: Shown) -> N
     assert going.stops == 0
 
 
-def test_without_a_token_of_the_run_none_is_right(client: Client, shown: Shown) -> None:
+def test_without_a_token_of_the_run_none_is_right(client: Client, shown: PageContent) -> None:
     assert shown.token == ""
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": ""}).status_code == 403
 
 
-def test_a_browser_that_takes_nothing_is_let_go(shown: Shown, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_that_takes_nothing_is_let_go(shown: PageContent, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page_app, "_ALIVE_S", 0.05)
     Going(shown)
     sent: list[Any] = []
@@ -229,7 +229,7 @@ def test_a_browser_that_takes_nothing_is_let_go(shown: Shown, monkeypatch: pytes
     assert shown.browsers == 0
 
 
-def test_too_many_browsers_are_refused(client: Client, shown: Shown) -> None:
+def test_too_many_browsers_are_refused(client: Client, shown: PageContent) -> None:
     Going(shown)
     shown.browsers = 32
     assert client.get("/run/live/events").status_code == 503

@@ -8,7 +8,7 @@ import pytest
 
 import vcfbench
 from vcfbench.page.following import JournalFollower, RunFollower
-from vcfbench.page.view import Seen, View
+from vcfbench.page.view import BrowserPosition, View
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.record.journal import Journal, being_written
 from vcfbench.runs.asked import Beginning, dry_run
@@ -81,7 +81,7 @@ def test_when_it_is_whole_nobody_writes_it(watched: Watching) -> None:
 
 
 def test_who_comes_late_is_told_everything_then_only_news(watched: Watching) -> None:
-    view, seen = watched.view, Seen()
+    view, seen = watched.view, BrowserPosition()
     first = view.news(seen)
     assert first is not None
     assert len(first["steps"]) == len(view.steps)
@@ -97,7 +97,7 @@ def test_who_comes_late_is_told_everything_then_only_news(watched: Watching) -> 
 
 
 def test_who_comes_before_the_run_begins_is_told_which_it_is_when_it_does() -> None:
-    view, seen = View(), Seen()
+    view, seen = View(), BrowserPosition()
     before = view.news(seen)
     assert before is not None
     assert "about" not in before
@@ -109,7 +109,7 @@ def test_who_comes_before_the_run_begins_is_told_which_it_is_when_it_does() -> N
 
 
 def test_the_line_through_the_points_is_that_of_the_results(watched: Watching) -> None:
-    news = watched.view.news(Seen())
+    news = watched.view.news(BrowserPosition())
     assert news is not None
     (line,) = news["lines"]
     assert line["step"] == 1

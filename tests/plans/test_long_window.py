@@ -235,8 +235,8 @@ print(execution.points[0].n)
 def test_memory_stays_flat_over_ten_hours(tmp_path: Path) -> None:
     """10 h at 10 Hz in a process of its own: the most memory of the first hour is that of all ten."""
     command = [sys.executable, "-c", TEN_HOURS, str(tmp_path / "j")]
-    told = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
-    early, late, count = map(int, told.stdout.split())
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
+    early, late, count = map(int, done.stdout.split())
     assert count == 360_000
     assert late < 1.1 * early  # were the readings kept it would be 36 MB more, two thirds
 
@@ -271,15 +271,15 @@ def test_a_killed_long_window_loses_one_chunk_at_most(tmp_path: Path) -> None:
     path = tmp_path / "j"
     with subprocess.Popen([sys.executable, "-c", CHILD, str(path)], stdout=subprocess.PIPE, text=True) as child:  # noqa: S603
         assert child.stdout is not None
-        told = [int(child.stdout.readline()) for _ in range(1500)]
+        printed = [int(child.stdout.readline()) for _ in range(1500)]
         child.kill()
-        told += [int(line) for line in child.stdout.read().splitlines()]
+        printed += [int(line) for line in child.stdout.read().splitlines()]
     record = read_journal(path)
     assert record.status is Status.INCOMPLETE
     assert record.damage is None
     assert len(record.points) == 1
     kept = 10 + sum(len(chunk["readings"]) for chunk in record.chunks)
-    assert told[-1] - 601 <= kept  # 60 s at 10 Hz, give or take what is rounded
+    assert printed[-1] - 601 <= kept  # 60 s at 10 Hz, give or take what is rounded
     assert kept > 1000
     assert record.unfinished is not None
     assert record.unfinished["step"]["samples"] == 360_000

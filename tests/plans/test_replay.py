@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.settings import Placed
+from vcfbench.bench.settings import PlacedInstrument
 from vcfbench.errors import LinkLost, MeasurementError, PlanError
 from vcfbench.plans.executor import Execution, Executor
 from vcfbench.plans.replay import is_left, rest_of, start_up_again, taken_over
@@ -46,8 +46,8 @@ QUICK: dict[str, Any] = {"rates_deg_s": (100.0, 0.0, -100.0), "samples": 4, "dri
 def settings_of(name: str) -> ProcedureSettings:
     if name != "kvc":
         return make_settings(**QUICK)
-    kind, told = PROCEDURES[name].settings, make_settings(**QUICK)
-    station = replace(told.station, instruments={"v_vc_meter": Placed(model="34401A", where="at FAKE::23")})
+    kind, asked = PROCEDURES[name].settings, make_settings(**QUICK)
+    station = replace(asked.station, instruments={"v_vc_meter": PlacedInstrument(model="34401A", where="at FAKE::23")})
     values = {"cycles": 1, "match_rates_deg_s": (20.0, 100.0), "k_vc_guess_deg_s_per_v": 36.0, "curve_order": 3}
     return kind(**{**QUICK, **values, "station": station})
 
@@ -84,14 +84,14 @@ def record_of(lines: list[dict[str, Any]]) -> JournalRecord:
     return JournalRecord({}, of("step"), of("error"), None, torn=True, chunks=of("readings"), restored=of("restored"))
 
 
-def resumed(plan: Plan, told: ProcedureSettings, lines: list[dict[str, Any]], bench: FakeBench | None = None) -> Ended:
+def resumed(plan: Plan, asked: ProcedureSettings, lines: list[dict[str, Any]], bench: FakeBench | None = None) -> Ended:
     """Take up the run that was broken off after `lines`, on a bench on which all is off."""
     made, journal = bench or FakeBench(), MemoryJournal()
     taken = taken_over(record_of(lines), BEFORE)
     made.clock.sleep_until(taken[-1].line["end_s"] + 1000.0 if taken else 0.0)
     executor = Executor(made, journal, began_s=0.0)
     executor.take_over(taken)
-    executor.restore(start_up_again([each.step for each in taken], told))
+    executor.restore(start_up_again([each.step for each in taken], asked))
     return Ended(executor.execute(rest_of(plan, taken)), from_disk(journal), made)
 
 
@@ -101,14 +101,14 @@ def keys(ended: Ended) -> list[str]:
 
 
 def assert_the_same(name: str, number: int) -> None:
-    told, whole = settings_of(name), unbroken(name)
-    went_on = resumed(PROCEDURES[name].plan(told), told, whole.steps[:number])
+    asked, whole = settings_of(name), unbroken(name)
+    went_on = resumed(PROCEDURES[name].plan(asked), asked, whole.steps[:number])
     assert went_on.execution.status is Status.COMPLETE, went_on.execution.error
     assert keys(went_on) == keys(whole)
     for new, old in zip(went_on.execution.points, whole.execution.points, strict=True):
         assert msgspec.to_builtins(new) == pytest.approx(msgspec.to_builtins(old), abs=1e-11)
     before = sum(line["step_kind"] in {"Acquire", "AcquireWithVvc", "VerifyZero"} for line in whole.steps[:number])
-    assert went_on.bench.multimeter.readings == whole.bench.multimeter.readings - before * told.samples
+    assert went_on.bench.multimeter.readings == whole.bench.multimeter.readings - before * asked.samples
     taken = [line for line in went_on.steps if "taken_over" in line]
     assert [line | {"taken_over": None} for line in taken] == [
         line | {"taken_over": None} for line in whole.steps[: len(taken)]
@@ -131,12 +131,12 @@ def test_wherever_it_is_broken_off(data: st.DataObject) -> None:
 
 
 def test_a_resumed_run_is_resumed_again_and_each_line_names_who_wrote_it() -> None:
-    told, whole = settings_of("turntable"), unbroken("turntable")
-    once = resumed(PROCEDURES["turntable"].plan(told), told, whole.steps[:20])
+    asked, whole = settings_of("turntable"), unbroken("turntable")
+    once = resumed(PROCEDURES["turntable"].plan(asked), asked, whole.steps[:20])
     again = [line for line in once.lines if line["type"] != "step"] + once.steps[:30]
     taken = taken_over(record_of(again), "the second")
     assert [each.line["taken_over"] for each in taken] == [BEFORE] * 20 + ["the second"] * 10
-    twice = resumed(PROCEDURES["turntable"].plan(told), told, again)
+    twice = resumed(PROCEDURES["turntable"].plan(asked), asked, again)
     assert twice.execution.status is Status.COMPLETE
     assert keys(twice) == keys(whole)
 
@@ -146,9 +146,9 @@ def calls_of(ended: Ended) -> list[tuple[str, str]]:
 
 
 def test_rails_are_set_before_they_are_switched_on_and_v_vc_after_its_output() -> None:
-    told, whole = settings_of("virtual-coriolis"), unbroken("virtual-coriolis")
+    asked, whole = settings_of("virtual-coriolis"), unbroken("virtual-coriolis")
     number = max(place for place, line in enumerate(whole.steps, 1) if "point" in line)
-    calls = calls_of(resumed(PROCEDURES["virtual-coriolis"].plan(told), told, whole.steps[:number]))
+    calls = calls_of(resumed(PROCEDURES["virtual-coriolis"].plan(asked), asked, whole.steps[:number]))
     on = calls.index(("power", "on"))
     assert {call for role, call in calls[:on] if role == "power"} == {"configure P25V 10 0.1", "configure N25V -10 0.1"}
     assert ("rate_source", "configure 0") in calls[:on]
@@ -161,25 +161,25 @@ def test_rails_are_set_before_they_are_switched_on_and_v_vc_after_its_output() -
 
 def test_the_table_ramps_from_rest_and_is_waited_for() -> None:
     """The ramp from the rate before may be much shorter than that from rest, and so is what a plan waits for it."""
-    told = make_settings(**QUICK | {"rates_deg_s": (100.0, 99.0, -1.0), "acceleration_deg_s2": 2.0})
+    asked = make_settings(**QUICK | {"rates_deg_s": (100.0, 99.0, -1.0), "acceleration_deg_s2": 2.0})
     plan = PROCEDURES["turntable"].plan
     bench, journal = FakeBench(), MemoryJournal()
-    Executor(bench, journal).execute(plan(told))
+    Executor(bench, journal).execute(plan(asked))
     lines = from_disk(journal)
     number = [line["step_kind"] for line in lines].index("Acquire") + 2  # after AwaitRate of the second rate
-    went_on = resumed(plan(told), told, lines[: number + 1])
+    went_on = resumed(plan(asked), asked, lines[: number + 1])
     assert went_on.execution.status is Status.COMPLETE, went_on.execution.error
     kinds = [line["step_kind"] for line in went_on.lines if line["type"] == "restored"]
     assert kinds[-3:] == ["SetRate", "Settle", "AwaitRate"]
 
 
 def test_start_up_warm_up_and_checks_are_done_again() -> None:
-    told = make_settings(**QUICK, warm_up_s=600.0)
+    asked = make_settings(**QUICK, warm_up_s=600.0)
     plan, bench, journal = PROCEDURES["turntable"].plan, FakeBench(), MemoryJournal()
-    Executor(bench, journal).execute(plan(told))
+    Executor(bench, journal).execute(plan(asked))
     lines = from_disk(journal)
     first = [line["step_kind"] for line in lines].index("Acquire") + 1
-    went_on = resumed(plan(told), told, lines[:first])
+    went_on = resumed(plan(asked), asked, lines[:first])
     restored = [line for line in went_on.lines if line["type"] == "restored"]
     kinds = [line["step_kind"] for line in restored]
     assert {"ConfigureMeter", "EnableSupply", "CheckRails", "FindDrive", "MeasureDrive", "EnableTable"} <= set(kinds)
@@ -188,24 +188,24 @@ def test_start_up_warm_up_and_checks_are_done_again() -> None:
 
 
 def test_a_check_of_the_drive_that_was_not_done_is_done_from_its_beginning() -> None:
-    told, whole = settings_of("turntable"), unbroken("turntable")
+    asked, whole = settings_of("turntable"), unbroken("turntable")
     looked = [line["step_kind"] for line in whole.steps].index("FindDrive") + 1
     taken = taken_over(record_of(whole.steps[:looked]), BEFORE)
     assert type(taken[-1].step).__name__ == "CheckRails"
     assert_the_same("turntable", looked)
-    assert told.drive
+    assert asked.drive
 
 
 def test_a_failed_step_is_done_again_and_what_followed_it_is_not_taken_over() -> None:
-    told, plan = settings_of("turntable"), PROCEDURES["turntable"].plan
+    asked, plan = settings_of("turntable"), PROCEDURES["turntable"].plan
     bench, journal = FakeBench(), MemoryJournal()
     bench.multimeter.overload_at = 7
-    failed = Executor(bench, journal).execute(plan(told))
+    failed = Executor(bench, journal).execute(plan(asked))
     assert isinstance(failed.error, MeasurementError)
     lines = from_disk(journal)
     taken = taken_over(record_of(lines), BEFORE)
     assert len(taken) == next(line["n"] for line in lines if line["type"] == "error") - 1
-    went_on = resumed(plan(told), told, lines)
+    went_on = resumed(plan(asked), asked, lines)
     assert went_on.execution.points == unbroken("turntable").execution.points
 
 
@@ -221,8 +221,8 @@ def test_another_plan_is_refused_and_the_step_named() -> None:
         rest_of(short(other), configured * 2)
 
 
-def short(told: ProcedureSettings) -> Plan:
-    yield ConfigureMeter(float(told.meter_range_v), float(told.nplc))
+def short(asked: ProcedureSettings) -> Plan:
+    yield ConfigureMeter(float(asked.meter_range_v), float(asked.nplc))
     return Outcome("nothing more")
 
 
@@ -233,44 +233,44 @@ def test_a_kind_that_is_not_known_is_refused() -> None:
 
 
 def test_nothing_is_left_of_a_run_that_died_while_it_came_to_rest() -> None:
-    told, steps = settings_of("turntable"), unbroken("turntable").steps
+    asked, steps = settings_of("turntable"), unbroken("turntable").steps
     last = [line["step_kind"] for line in steps].index("VerifyZero") + 1
     for number, left in ((last - 1, True), (last, False), (last + 2, False), (len(steps), False)):
-        rest = rest_of(PROCEDURES["turntable"].plan(told), taken_over(record_of(steps[:number]), BEFORE))
+        rest = rest_of(PROCEDURES["turntable"].plan(asked), taken_over(record_of(steps[:number]), BEFORE))
         assert is_left(rest, LinearGyro(36.0)) is left
 
 
 def test_a_run_that_refused_what_it_had_measured_would_do_so_again() -> None:
-    told, plan = settings_of("turntable"), PROCEDURES["turntable"].plan
+    asked, plan = settings_of("turntable"), PROCEDURES["turntable"].plan
 
     class Drifting(FakeBench):
         def output_v(self) -> float:
             return super().output_v() + (0.5 if self.multimeter.readings > 8 else 0.0)
 
     journal = MemoryJournal()
-    ended = Executor(Drifting(), journal).execute(plan(told))
+    ended = Executor(Drifting(), journal).execute(plan(asked))
     assert isinstance(ended.error, MeasurementError)
     with pytest.raises(MeasurementError):
-        is_left(rest_of(plan(told), taken_over(record_of(from_disk(journal)), BEFORE)), LinearGyro(36.0))
+        is_left(rest_of(plan(asked), taken_over(record_of(from_disk(journal)), BEFORE)), LinearGyro(36.0))
 
 
 def test_a_fault_while_it_starts_up_again_ends_it() -> None:
-    told, steps = settings_of("turntable"), unbroken("turntable").steps
+    asked, steps = settings_of("turntable"), unbroken("turntable").steps
     bench = FakeBench()
     bench.power.lost = True
     with pytest.raises(LinkLost) as caught:
-        resumed(PROCEDURES["turntable"].plan(told), told, steps[:30], bench)
+        resumed(PROCEDURES["turntable"].plan(asked), asked, steps[:30], bench)
     assert "starting up again (supply" in str(caught.value)
     assert not bench.rate_table.servo
 
 
 def test_the_scatter_of_what_was_taken_over_is_remembered() -> None:
-    told, plan = make_settings(**QUICK | {"samples": 10}), PROCEDURES["turntable"].plan
+    asked, plan = make_settings(**QUICK | {"samples": 10}), PROCEDURES["turntable"].plan
     journal = MemoryJournal()
-    Executor(FakeBench(Gyro(noise_v=1e-4)), journal).execute(plan(told))
+    Executor(FakeBench(Gyro(noise_v=1e-4)), journal).execute(plan(asked))
     lines = from_disk(journal)
     number = max(place for place, line in enumerate(lines, 1) if "point" in line) - 1
-    noisy = resumed(plan(told), told, lines[:number], FakeBench(Gyro(noise_v=4e-3)))
+    noisy = resumed(plan(asked), asked, lines[:number], FakeBench(Gyro(noise_v=4e-3)))
     assert "scatter" in str(noisy.execution.error)
 
 
@@ -285,33 +285,33 @@ class LongOnes(VirtualCoriolisSettings, frozen=True, kw_only=True):
 @pytest.mark.parametrize("measured", [True, False])
 def test_the_gyroscope_is_as_warm_as_before(*, measured: bool) -> None:
     """Switching on again what is on already is no power-on."""
-    told = LongOnes(**{**msgspec.structs.asdict(make_settings(**QUICK)), "settle_s": 3.0})
-    window = Acquire(step=1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=None, **window_of(told))
-    start_up, later = list(power_up(told)), [EnableSupply(), Settle(2.0, "again"), DisableVvc()]
+    asked = LongOnes(**{**msgspec.structs.asdict(make_settings(**QUICK)), "settle_s": 3.0})
+    window = Acquire(step=1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=None, **window_of(asked))
+    start_up, later = list(power_up(asked)), [EnableSupply(), Settle(2.0, "again"), DisableVvc()]
     steps = [*start_up, *([window] if measured else []), *later]
-    again = list(start_up_again(steps, told))
+    again = list(start_up_again(steps, asked))
     waits = [step.seconds for step in again if isinstance(step, Settle)]
     assert waits == ([3.0, 1797.0, 2.0] if measured else [3.0, 2.0])
     assert [type(step) for step in again].count(EnableSupply) == 2
     assert isinstance(again[-1], DisableVvc)
 
 
-def rails_moved(told: ProcedureSettings) -> Routine[Outcome]:
+def rails_moved(asked: ProcedureSettings) -> Routine[Outcome]:
     """Start up, move one rail, measure, move the leads away and back, measure."""
     yield ConfigureRail("positive", "P25V", 9.5, 0.1)
-    yield from take(told, 1, rate_deg_s=0.0, v_vc_v=0.0)
+    yield from take(asked, 1, rate_deg_s=0.0, v_vc_v=0.0)
     yield move_leads("multimeter", "v_vc")
     yield SetVvc(0.5)
     yield move_leads("multimeter", "output")
-    yield from take(told, 1, rate_deg_s=0.0, v_vc_v=0.0)
+    yield from take(asked, 1, rate_deg_s=0.0, v_vc_v=0.0)
     return Outcome("done")
 
 
 def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
-    told = make_settings(**QUICK)
+    asked = make_settings(**QUICK)
 
     def plan() -> Plan:
-        return energised(told, rails_moved(told))
+        return energised(asked, rails_moved(asked))
 
     steps = []
     walked = plan()
@@ -321,8 +321,8 @@ def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
         step = walked.send(step.predict(LinearGyro(36.0)))
     steps.append(step)
     abandon(walked)
-    start_up = list(power_up(told))
-    again = [step for step in start_up_again(steps, told) if step.effect is not Effect.WAITS]
+    start_up = list(power_up(asked))
+    again = [step for step in start_up_again(steps, asked) if step.effect is not Effect.WAITS]
     expected = [step for step in start_up if step.effect is not Effect.WAITS and not isinstance(step, DisableVvc)]
     assert again == [
         *expected,

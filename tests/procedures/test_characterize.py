@@ -28,7 +28,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import sheet_rows
 from vcfbench.procedures.characterize.plan import PARTS, BeginPart, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.measurand import Part as Source
+from vcfbench.procedures.measurand import UncertaintyPart as Source
 from vcfbench.procedures.measurand import measurand
 from vcfbench.procedures.zero.results import NoiseCoefficient
 
@@ -60,8 +60,8 @@ def row(run: Any, procedure: str, quantity: str, unit: str) -> Any:
 
 
 def test_resumed_it_is_warm_before_it_goes_on() -> None:
-    def warm_again_s(**told: Any) -> float:
-        return settings_of(PROCEDURES["characterize"], vcfbench.load_bench("lab"), asked_in_python(told)).warm_again_s
+    def warm_again_s(**asked: Any) -> float:
+        return settings_of(PROCEDURES["characterize"], vcfbench.load_bench("lab"), asked_in_python(asked)).warm_again_s
 
     assert warm_again_s() == 1800.0
     assert warm_again_s(warmup={"shortest_s": 240.0}) == 240.0
@@ -101,8 +101,8 @@ def test_the_first_part_alone_waits_until_it_is_warm() -> None:
     alone = structs.replace(here, parts=("turntable", "bandwidth"))
     assert (alone.of("turntable").warm_up_s, alone.of("bandwidth").warm_up_s) == (900.0, 0.0)
     assert isinstance(here, kind)
-    told = settings_of(vcfbench.PROCEDURES["characterize"], lab("", "[procedure.bandwidth]\nwarm_up_s = 60.0\n"))
-    assert told.of("bandwidth").warm_up_s == 60.0
+    settings = settings_of(vcfbench.PROCEDURES["characterize"], lab("", "[procedure.bandwidth]\nwarm_up_s = 60.0\n"))
+    assert settings.of("bandwidth").warm_up_s == 60.0
 
 
 def lab(shared: str, own: str = "") -> BenchDescription:
@@ -241,16 +241,16 @@ def test_what_cannot_be_is_refused_with_its_place(settings: dict[str, Any], word
 
 
 def test_a_part_is_told_by_the_bench_file_as_it_is_alone() -> None:
-    told = "[procedure.turntable]\nsamples = 12\n[procedure.characterize.turntable]\nsettle_s = 5.0\n"
-    steps = planned(parse_bench(f"{embedded_text('paper')}\n{told}", "own"), parts=["turntable"])
+    text = "[procedure.turntable]\nsamples = 12\n[procedure.characterize.turntable]\nsettle_s = 5.0\n"
+    steps = planned(parse_bench(f"{embedded_text('paper')}\n{text}", "own"), parts=["turntable"])
     windows = [step for step in steps if isinstance(step, Acquire)]
     assert {step.samples for step in windows} == {12}
     assert any(isinstance(step, Settle) and step.seconds == 5.0 for step in steps)
 
 
 def test_a_part_with_a_meter_setting_of_its_own_has_its_resolution() -> None:
-    told = "[procedure.turntable]\nnplc = 1\n"
-    bench = parse_bench(f"{embedded_text('paper')}\n{told}", "own")
+    text = "[procedure.turntable]\nnplc = 1\n"
+    bench = parse_bench(f"{embedded_text('paper')}\n{text}", "own")
     settings = settings_of(vcfbench.PROCEDURES["characterize"], bench)
     assert settings.of("turntable").meter_resolution_v == pytest.approx(30e-6)
     assert settings.of("zero").meter_resolution_v == pytest.approx(10e-6)

@@ -63,10 +63,10 @@ def test_that_of_another_device_is_refused(store: DeviceStore) -> None:
 
 def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_path: Path) -> None:
     devices = tmp_path / "devices"
-    told = {"devices": str(devices)}
+    settings = {"devices": str(devices)}
     named = {"runs": tmp_path, "metadata": {"dut": "G-1"}}
-    before = vcfbench.run("turntable", "paper", seed=4, settings=told, **named)
-    zero = vcfbench.run("zero", "paper", seed=3, settings=told, **named)
+    before = vcfbench.run("turntable", "paper", seed=4, settings=settings, **named)
+    zero = vcfbench.run("zero", "paper", seed=3, settings=settings, **named)
     (entry,) = vcfbench.load_device("G-1", devices).entries
     assert zero.device_entry == entry.path
     assert isinstance(entry.record, StaticNoise)
@@ -76,7 +76,7 @@ def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_pa
     assert kept.dof == pytest.approx(0.5 * (found.value / found.u) ** 2)
     assert entry.record.valid_until == entry.record.done + timedelta(days=365)
 
-    after = vcfbench.run("turntable", "paper", seed=4, settings=told, **named)
+    after = vcfbench.run("turntable", "paper", seed=4, settings=settings, **named)
     plain = vcfbench.run("turntable", "paper", seed=4, runs=tmp_path)
     assert before.results == plain.results  # no entry, no change
     said = after.results.uncertainty.known_from[-1]

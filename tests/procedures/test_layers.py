@@ -147,8 +147,8 @@ def test_every_key_can_be_set_to_its_default_and_is_explained(name: str) -> None
 def test_settings_come_back_from_a_record(name: str) -> None:
     import msgspec  # noqa: PLC0415
 
-    told = bench("[acceptance]", "bias_v = [-1, 1]", "[procedure]", "samples = 3")
-    chosen = settings_of(PROCEDURES[name], told, asked_by_command(NEEDED.get(name, []), {}, {}))
+    description = bench("[acceptance]", "bias_v = [-1, 1]", "[procedure]", "samples = 3")
+    chosen = settings_of(PROCEDURES[name], description, asked_by_command(NEEDED.get(name, []), {}, {}))
     written = msgspec.json.decode(msgspec.json.encode(msgspec.to_builtins(chosen)))
     assert recorded_settings(PROCEDURES[name], written) == chosen
 
@@ -159,12 +159,12 @@ def test_a_name_that_no_table_can_have_is_refused(name: str) -> None:
         vcfbench.Procedure(name=name, title="", settings=LoopSettings, plan=plan, results=lambda _s, _p: {})
 
 
-def on_day(days: float, told: float | None = None) -> BenchDescription:
+def on_day(days: float, stated: float | None = None) -> BenchDescription:
     """Return a bench whose multimeter was calibrated so many days ago."""
     lab = bench()
     assert lab.multimeter is not None
     meter = structs.replace(lab.multimeter, calibrated=utc_now().date() - timedelta(days=days))
-    return structs.replace(lab, multimeter=meter, uncertainty=structs.replace(lab.uncertainty, meter_age_days=told))
+    return structs.replace(lab, multimeter=meter, uncertainty=structs.replace(lab.uncertainty, meter_age_days=stated))
 
 
 @pytest.mark.parametrize(("days", "gain"), [(1, 15e-6), (80, 20e-6), (91, 35e-6), (800, None)])
@@ -177,7 +177,7 @@ def test_a_meter_promises_what_the_day_of_its_calibration_lets_it(days: int, gai
 
 
 def test_an_age_that_is_told_goes_before_the_day_of_the_calibration() -> None:
-    known = settings_of(TURNTABLE, on_day(800, told=90.0)).station.sources
+    known = settings_of(TURNTABLE, on_day(800, stated=90.0)).station.sources
     assert (known.meter_age_days, known.meter_age_from) == (90.0, "uncertainty.meter_age_days")
     assert known.meter_gain == pytest.approx(20e-6)
     usual = settings_of(TURNTABLE, bench()).station.sources
@@ -187,5 +187,5 @@ def test_an_age_that_is_told_goes_before_the_day_of_the_calibration() -> None:
 
 def test_ages_that_cannot_be_are_refused() -> None:
     assert "multimeter.calibrated: expected a day that is past" in refusal(lambda: settings_of(TURNTABLE, on_day(-3)))
-    old = refusal(lambda: settings_of(TURNTABLE, on_day(0, told=800.0)))
+    old = refusal(lambda: settings_of(TURNTABLE, on_day(0, stated=800.0)))
     assert old == "uncertainty.meter_age_days: at most 365 days after calibration: a 34401A promises nothing beyond"

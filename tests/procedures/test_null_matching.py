@@ -47,9 +47,9 @@ QUICK: dict[str, Any] = {
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Return the three ways of the paper's bench to K_Vc, warm."""
     path, bench = tmp_path_factory.mktemp("runs"), still(vcfbench.load_bench())
-    told = {**QUICK, "warm_up_s": 3600.0}
+    settings = {**QUICK, "warm_up_s": 3600.0}
     return {
-        by: vcfbench.run("virtual-coriolis", bench, settings={**told, "k_vc_by": by}, runs=path)
+        by: vcfbench.run("virtual-coriolis", bench, settings={**settings, "k_vc_by": by}, runs=path)
         for by in ("one-point", "plus-minus", "curve")
     }
 

@@ -162,16 +162,16 @@ def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: 
 
 
 def test_a_bench_without_table_needs_none_and_one_with_a_table_may_turn() -> None:
-    told = {"k_vc": "150"}
-    kinds = [type(each.step) for each in vcfbench.dry_run("online", FIELD, settings=told).steps]
+    settings = {"k_vc": "150"}
+    kinds = [type(each.step) for each in vcfbench.dry_run("online", FIELD, settings=settings).steps]
     assert EnableTable not in kinds
     assert kinds.count(SampleModulated) == 2 + 18
     assert {after for kind, after in itertools.pairwise(kinds) if kind is SampleModulated} == {CheckRails}
-    turns = vcfbench.dry_run("online", LAB, settings={**told, "rate_deg_s": -30.0}).steps
+    turns = vcfbench.dry_run("online", LAB, settings={**settings, "rate_deg_s": -30.0}).steps
     assert [each.step.rate_deg_s for each in turns if isinstance(each.step, SetRate)] == [-30.0, 0.0]
     [sine] = [each.step for each in turns if isinstance(each.step, SetSine)]
     assert (sine.frequency_hz, sine.amplitude_v) == (0.25, pytest.approx(1.0 / 3.0))
-    by_hand = vcfbench.dry_run("online", structs.replace(FIELD, v_vc_meter=None), settings=told).steps
+    by_hand = vcfbench.dry_run("online", structs.replace(FIELD, v_vc_meter=None), settings=settings).steps
     assert sum(isinstance(each.step, AskOperator) for each in by_hand) == 2
 
 

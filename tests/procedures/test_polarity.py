@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import vcfbench
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.bench.description import Limits
-from vcfbench.bench.settings import Expected, Placed, Station
+from vcfbench.bench.settings import Expected, PlacedInstrument, Station
 from vcfbench.cli.main import app
 from vcfbench.plans.executor import Executor
 from vcfbench.plans.steps import AwaitRate, SetRate, SetVvc
@@ -36,7 +36,7 @@ QUICK: dict[str, Any] = {"samples": 2}
 
 def settings(*, table: bool = True, meter: bool = False, bias: bool = False, **expected: Any) -> PolaritySettings:
     """Return settings of a bench with the paper's gyroscope, whose bias is -42 mV."""
-    placed = {"v_vc_meter": Placed(model="34401A", where="GPIB0::23::INSTR")} if meter else {}
+    placed = {"v_vc_meter": PlacedInstrument(model="34401A", where="GPIB0::23::INSTR")} if meter else {}
     known = Expected(bias_v=(-0.06, -0.02) if bias else None, **expected)
     return PolaritySettings(station=Station(instruments=placed, limits=TABLE if table else Limits(), expected=known))
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
-from vcfbench.bench.parts import Acceptance
+from vcfbench.bench.parts import AcceptanceLimits
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
@@ -43,13 +43,13 @@ def aged(bench: BenchDescription, **override: Any) -> BenchDescription:
 
 def calibrated(where: Path, bench: BenchDescription, seed: int = 1, **settings: Any) -> dict[str, Any]:
     """Calibrate K_Vc on the table; return what self-calibrations of the device are told."""
-    told = {"dut": "G-1", "devices": str(where / "devices"), **QUICK, **settings}
-    vcfbench.run("kvc", bench, seed=seed, settings={"match_rates_deg_s": RATES, **told}, runs=where)
-    return {"virtual_rates_deg_s": RATES, **told}
+    asked_settings = {"dut": "G-1", "devices": str(where / "devices"), **QUICK, **settings}
+    vcfbench.run("kvc", bench, seed=seed, settings={"match_rates_deg_s": RATES, **asked_settings}, runs=where)
+    return {"virtual_rates_deg_s": RATES, **asked_settings}
 
 
-def run(where: Path, bench: BenchDescription, told: dict[str, Any], seed: int = 2) -> Any:
-    return vcfbench.run("self-calibration", bench, seed=seed, settings=told, runs=where).results
+def run(where: Path, bench: BenchDescription, settings: dict[str, Any], seed: int = 2) -> Any:
+    return vcfbench.run("self-calibration", bench, seed=seed, settings=settings, runs=where).results
 
 
 def nonlinearity_on_the_table() -> float:
@@ -69,8 +69,8 @@ def quiet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
 
 
 def test_without_noise_and_errors_the_scale_factor_comes_out(quiet: tuple[Path, dict[str, Any]]) -> None:
-    where, told = quiet
-    found = run(where, still(LAB), told)
+    where, settings = quiet
+    found = run(where, still(LAB), settings)
     scale_factor, _ = truth(warm(physical_parameters(still(LAB))))
     assert found.scale_factor.value == pytest.approx(scale_factor, rel=1e-6)
     assert found.nonlinearity.value == pytest.approx(nonlinearity_on_the_table(), abs=15.0)
@@ -96,7 +96,7 @@ def test_a_cold_one_is_off_by_what_its_warm_up_is_stated_to_leave(tmp_path: Path
     ids=["output stage", "split", "drive amplitude"],
 )
 def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str, Any]) -> None:
-    where, told = quiet
+    where, settings = quiet
     fresh = still(LAB)
     gain = physical_parameters(fresh).output_stage.gain
     if "output_stage" in change:
@@ -104,7 +104,7 @@ def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str,
     old = aged(fresh, **change)
     before, _ = truth(warm(physical_parameters(fresh)))
     after, _ = truth(warm(physical_parameters(old)))
-    here = {**told, "devices": str(where / "aged" / change.__repr__()[2:8])}
+    here = {**settings, "devices": str(where / "aged" / change.__repr__()[2:8])}
     certificate = DeviceStore(where / "devices").certificate("G-1").record
     DeviceStore(where / "aged" / change.__repr__()[2:8]).add(certificate)
     drift = run(where, old, here).drift
@@ -114,7 +114,7 @@ def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str,
 
 
 def test_combs_that_change_are_read_as_a_change_of_the_gyroscope(quiet: tuple[Path, dict[str, Any]]) -> None:
-    where, told = quiet
+    where, settings = quiet
     fresh = still(LAB)
     combs = physical_parameters(fresh).virtual_path
     more = {
@@ -125,14 +125,16 @@ def test_combs_that_change_are_read_as_a_change_of_the_gyroscope(quiet: tuple[Pa
     before, _ = truth(warm(physical_parameters(fresh)))
     after, _ = truth(warm(physical_parameters(old)))
     assert after == pytest.approx(before, rel=1e-9)
-    found = run(where, old, {**told, "dut": None, "k_vc": str(DeviceStore(where / "devices").certificate("G-1").path)})
+    found = run(
+        where, old, {**settings, "dut": None, "k_vc": str(DeviceStore(where / "devices").certificate("G-1").path)}
+    )
     assert found.scale_factor.value / before - 1.0 == pytest.approx(1e-3, abs=30e-6)
     assert any("combs" in each for each in found.unseen)
 
 
 def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels(tmp_path: Path) -> None:
-    told = calibrated(tmp_path, LAB, seed=5)
-    first, second = (run(tmp_path, LAB, told, seed=5) for _ in range(2))
+    settings = calibrated(tmp_path, LAB, seed=5)
+    first, second = (run(tmp_path, LAB, settings, seed=5) for _ in range(2))
     scale_factor, _ = truth(warm(physical_parameters(LAB)))
     assert abs(first.scale_factor.value - scale_factor) <= 4.0 * first.scale_factor.u
     assert first.scale_factor.u < 100e-6 * abs(scale_factor)
@@ -147,12 +149,12 @@ def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels
 
 
 def test_the_field_needs_no_table_and_no_oscilloscope(tmp_path: Path) -> None:
-    told = calibrated(tmp_path, LAB)
-    done = vcfbench.run("self-calibration", FIELD, settings=told, runs=tmp_path)
+    settings = calibrated(tmp_path, LAB)
+    done = vcfbench.run("self-calibration", FIELD, settings=settings, runs=tmp_path)
     assert done.not_checked
     assert vcfbench.load_run(done.directory).results == done.results
     one = structs.replace(FIELD, v_vc_meter=None)
-    by_hand = run(tmp_path, one, told)
+    by_hand = run(tmp_path, one, settings)
     assert by_hand.v_vc_by == "34401A at GPIB0::22::INSTR"
     gain = next(part for part in by_hand.scale_factor.parts if part.source == "gain of what V_Vc is known by")
     assert gain.u / abs(by_hand.scale_factor.value) == pytest.approx(35e-6 / 4.0, rel=0.01)
@@ -187,40 +189,40 @@ def test_without_k_vc_nothing_is_opened(settings: dict[str, Any], said: str, tmp
 
 
 def test_a_certificate_that_is_out_of_date_is_refused(tmp_path: Path) -> None:
-    told = calibrated(tmp_path, LAB)
+    settings = calibrated(tmp_path, LAB)
     store = DeviceStore(tmp_path / "devices")
     known = store.certificate("G-1").record
     store.add(structs.replace(known, valid_until=known.issued))  # type: ignore[union-attr]
     with pytest.raises(ConfigError, match=r"0002\.json: the certificate is valid from .* not now"):
-        vcfbench.dry_run("self-calibration", FIELD, settings=told)
-    assert vcfbench.dry_run("self-calibration", FIELD, settings={**told, "outdated": True}).steps
+        vcfbench.dry_run("self-calibration", FIELD, settings=settings)
+    assert vcfbench.dry_run("self-calibration", FIELD, settings={**settings, "outdated": True}).steps
     with pytest.raises(ConfigError, match=r"K_Vc is known from -2.* deg/s, not at 400"):
         vcfbench.dry_run(
-            "self-calibration", FIELD, settings={**told, "outdated": True, "virtual_rates_deg_s": [10.0, 400.0]}
+            "self-calibration", FIELD, settings={**settings, "outdated": True, "virtual_rates_deg_s": [10.0, 400.0]}
         )
 
 
 def test_a_limit_of_the_drift_has_a_guard_band(quiet: tuple[Path, dict[str, Any]]) -> None:
-    where, told = quiet
-    found = run(where, still(LAB), {**told, "max_drift_ppm": 500.0})
+    where, settings = quiet
+    found = run(where, still(LAB), {**settings, "max_drift_ppm": 500.0})
     assert (found.drift.limit_ppm, found.drift.verdict) == (500.0, "pass")
-    assert run(where, still(LAB), {**told, "max_drift_ppm": 1.0}).drift.verdict == "marginal"
+    assert run(where, still(LAB), {**settings, "max_drift_ppm": 1.0}).drift.verdict == "marginal"
 
 
 def test_a_drift_fails_the_run_where_acceptance_says_so(quiet: tuple[Path, dict[str, Any]]) -> None:
     """Without it nothing is judged, and the exit code is 0 however far the scale factor is from the last entry."""
-    where, told = quiet
-    limits = Acceptance(guard_band="U95", drift_ppm=(-200.0, 200.0), e_n=(0.0, 1.0))
+    where, settings = quiet
+    limits = AcceptanceLimits(guard_band="U95", drift_ppm=(-200.0, 200.0), e_n=(0.0, 1.0))
     fresh = structs.replace(still(LAB), acceptance=limits)
     old = aged(fresh, output_stage={"gain": 1.002 * physical_parameters(fresh).output_stage.gain})
     store = DeviceStore(where / "judged")
     store.add(DeviceStore(where / "devices").certificate("G-1").record)
-    told = {**told, "devices": str(store.root)}
-    passed, failed = (vcfbench.run("self-calibration", bench, settings=told, runs=where) for bench in (fresh, old))
+    settings = {**settings, "devices": str(store.root)}
+    passed, failed = (vcfbench.run("self-calibration", bench, settings=settings, runs=where) for bench in (fresh, old))
     assert passed.verdict.as_json()["verdict"] == "pass"
     assert {each.key: each.word for each in failed.verdict.limits} == {"drift_ppm": "fail", "e_n": "fail"}
     assert not failed.verdict.passed
-    unjudged = vcfbench.run("self-calibration", still(LAB), settings=told, runs=where)
+    unjudged = vcfbench.run("self-calibration", still(LAB), settings=settings, runs=where)
     assert (unjudged.verdict, unjudged.results.drift.verdict) == (None, "fail")  # back again, by 2000 ppm
 
 
@@ -233,8 +235,8 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
 
 
 def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
-    told = calibrated(tmp_path, LAB)
-    where = ["--runs", str(tmp_path / "runs"), "--devices", told["devices"], "--dut", "G-1", "--quiet"]
+    settings = calibrated(tmp_path, LAB)
+    where = ["--runs", str(tmp_path / "runs"), "--devices", settings["devices"], "--dut", "G-1", "--quiet"]
     sets = ["--set", "cycles=1", "--set", "samples=5", "--set", "virtual_rates_deg_s=[20,100,200]"]
     command = ["run", "self-calibration", "--bench", "examples/field-bench.toml", "--seed", "3", *where, *sets]
     text = CliRunner().invoke(app, command)

@@ -122,8 +122,8 @@ def test_repeats_scatter_as_their_noise_and_say_how_well_that_is_known() -> None
 def test_flicker_makes_hysteresis_and_repeats_uncertain_as_well() -> None:
     for changes in ({"order": Order.LOOP}, {"repeat": 3}):
         white, flickering = (
-            found(told, blank(told)).sweep
-            for told in (make_settings(station=each, samples=READINGS, **changes) for each in (WHITE, FLICKERING))
+            found(settings, blank(settings)).sweep
+            for settings in (make_settings(station=each, samples=READINGS, **changes) for each in (WHITE, FLICKERING))
         )
         if white.hysteresis is not None and flickering.hysteresis is not None:
             assert flickering.hysteresis.difference.u > 1.05 * white.hysteresis.difference.u
@@ -162,12 +162,12 @@ def test_b_that_is_told_goes_before_zeros_that_are_too_few() -> None:
     many = make_settings(zeros=Zeros.BRACKET, repeat=3, station=FLICKERING, samples=READINGS)
     loud = structs.replace(FLICKERING, sources=Sources(bias_instability_deg_h=40.0))
     (kept,) = own_flicker(few, flickering(few, 40.0, 1))
-    (told,) = own_flicker(many, flickering(many, 40.0, 1))
+    (stated,) = own_flicker(many, flickering(many, 40.0, 1))
     (own,) = own_flicker(structs.replace(many, station=loud), flickering(many, 40.0, 1))
     assert kept is not None
-    assert told is not None
+    assert stated is not None
     assert own is not None
-    assert (kept.deg_h, kept.dof, told.deg_h) == (5.0, math.inf, 5.0)  # 5 deg/h is lost in this white noise
+    assert (kept.deg_h, kept.dof, stated.deg_h) == (5.0, math.inf, 5.0)  # 5 deg/h is lost in this white noise
     assert own.dof > 10.0
     assert own.deg_h == pytest.approx(40.0, rel=0.5)
     assert own.said.startswith("51 differences of this run's zeros, dof ")
@@ -217,9 +217,9 @@ bias_coefficient_deg_s_k = 20.0
 
 def turntable(tmp_path: Path, overrides: str, **settings: Any) -> Any:
     bench = simulated("ideal", errors="none", overrides=overrides)
-    told = {**QUICK, "warm_up_s": 10.0, **settings}
+    asked_settings = {**QUICK, "warm_up_s": 10.0, **settings}
     bench = structs.replace(bench, expected=structs.replace(bench.expected, zero_drift_v=0.1))
-    return vcfbench.run("turntable", bench, settings=told, runs=tmp_path)
+    return vcfbench.run("turntable", bench, settings=asked_settings, runs=tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -290,19 +290,19 @@ def test_whole_turns_average_a_ripple_of_the_table_out(tmp_path: Path) -> None:
 def test_the_earth_s_rate_leaves_the_bias_where_it_is_added_to_the_table_s(tmp_path: Path) -> None:
     bench = simulated("ideal", errors="none", overrides=STILL + NO_RIPPLE)
     bench = structs.replace(bench, site=structs.replace(bench.site, latitude_deg=52.0))
-    told, added = (
+    measured, added = (
         vcfbench.run("turntable", bench, settings={**QUICK, "earth": e}, runs=tmp_path) for e in ("bias", "rate")
     )
     rate = EARTH_DEG_S * math.sin(math.radians(52.0))
-    assert told.results.bias.value == pytest.approx(told.results.scale_factor.value * rate, rel=1e-3)
-    assert added.results.bias.value == pytest.approx(0.0, abs=1e-3 * abs(told.results.bias.value))
+    assert measured.results.bias.value == pytest.approx(measured.results.scale_factor.value * rate, rel=1e-3)
+    assert added.results.bias.value == pytest.approx(0.0, abs=1e-3 * abs(measured.results.bias.value))
     assert added.results.sweep.earth_rate_deg_s == pytest.approx(rate)
     stated = added.results.uncertainty
     assert "without Earth's rate" in stated.value("bias").of
     assert not any("Earth" in each for each in stated.not_in_u)
     tilt = next(each for each in stated.value("bias").contributions if "tilt" in each.source)
     left = EARTH_DEG_S * math.cos(math.radians(52.0)) * math.sin(math.radians(0.5))
-    assert tilt.u_source == pytest.approx(abs(told.results.scale_factor.value) * left / math.sqrt(3.0), rel=1e-6)
+    assert tilt.u_source == pytest.approx(abs(measured.results.scale_factor.value) * left / math.sqrt(3.0), rel=1e-6)
 
 
 def test_the_scale_factor_of_an_axis_askew_is_held_by_the_budget(tmp_path: Path) -> None:
@@ -324,8 +324,8 @@ def test_the_scale_factor_of_an_axis_askew_is_held_by_the_budget(tmp_path: Path)
 
 
 def test_the_four_steps_take_order_zeros_and_repeats_too(tmp_path: Path) -> None:
-    told = {**QUICK, "order": "abba", "zeros": "ends", "repeat": 2, "rates_deg_s": [100.0, 0.0, -100.0]}
-    run = vcfbench.run("virtual-coriolis", simulated("ideal"), settings=told, runs=tmp_path)
+    settings = {**QUICK, "order": "abba", "zeros": "ends", "repeat": 2, "rates_deg_s": [100.0, 0.0, -100.0]}
+    run = vcfbench.run("virtual-coriolis", simulated("ideal"), settings=settings, runs=tmp_path)
     steps = [point.step for point in run.points]
     assert [steps.count(step) for step in (3, 4, 5, 6)] == [12, 12, 3, 3]
     assert run.results.scale_factor_error_percent == pytest.approx(0.0, abs=0.05)

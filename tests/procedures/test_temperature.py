@@ -10,7 +10,7 @@ import pytest
 
 import vcfbench
 from vcfbench.bench.description import Limits
-from vcfbench.bench.settings import Placed, Station
+from vcfbench.bench.settings import PlacedInstrument, Station
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import (
@@ -137,8 +137,8 @@ def test_what_has_no_hysteresis_shows_none(run: Any) -> None:
     for name, most in (("scale_factor", 50.0), ("bias", 0.02), ("frequency", 50.0)):
         hysteresis = getattr(found, f"{name}_hysteresis")
         assert abs(hysteresis.value) < hysteresis.expanded_u < most
-    told = {name: each.u for name, each in found.quantities() if "hysteresis" in name}
-    assert list(told.values()) == [None, None, None]
+    u_of = {name: each.u for name, each in found.quantities() if "hysteresis" in name}
+    assert list(u_of.values()) == [None, None, None]
     assert "hysteresis of the bias, not seen, below (95 %)" in vcfbench.text_of(run.report())
 
 
@@ -153,7 +153,7 @@ def test_every_temperature_is_told_and_the_record_tells_the_same(run: Any) -> No
 
 
 def planned(*, chamber: bool = True, **changes: Any) -> list[Step]:
-    instruments = {"chamber": Placed(model="ATS-545", where="at GPIB0::18::INSTR")} if chamber else {}
+    instruments = {"chamber": PlacedInstrument(model="ATS-545", where="at GPIB0::18::INSTR")} if chamber else {}
     limits = Limits(max_rate_deg_s=300.0, max_v_vc_v=10.0, max_acceleration_deg_s2=200.0)
     station = Station(meter_resolution_v=1e-5, instruments=instruments, limits=limits)
     settings = TemperatureSettings(station=station, **changes)

@@ -80,9 +80,9 @@ def test_a_table_known_by_a_limit_is_rectangular_and_has_the_factor_of_that() ->
 @pytest.mark.exhaustive
 def test_flicker_of_the_bias_is_the_integral_of_its_density() -> None:
     """Numerically, in frequency: B^2/(pi f), one-sided, times the square of what the weights make of it."""
-    told, points = settings(FLICKER), table_points(std_v=0.0)
-    stated = turntable_statement(told, points)
-    begin, end = window_times(told, points)
+    known, points = settings(FLICKER), table_points(std_v=0.0)
+    stated = turntable_statement(known, points)
+    begin, end = window_times(known, points)
     horizon = 24 * 3600.0
     frequency = np.logspace(-8, 1, 200_001)
     centres, lasts = 0.5 * (begin + end), end - begin
@@ -282,8 +282,8 @@ def test_what_is_not_known_is_said() -> None:
 
 
 def test_where_what_is_known_is_from_is_said() -> None:
-    told = Sources(meter_age_days=96.0, meter_age_from="calibrated 2026-08-18", bias_instability_deg_h=5.57)
-    assert four(told).known_from == (
+    sources = Sources(meter_age_days=96.0, meter_age_from="calibrated 2026-08-18", bias_instability_deg_h=5.57)
+    assert four(sources).known_from == (
         "multimeter: 96 days after calibration (calibrated 2026-08-18)",
         "flicker: B 5.57 deg/h (uncertainty.bias_instability_deg_h)",
     )

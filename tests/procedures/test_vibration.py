@@ -84,8 +84,8 @@ def test_the_record_gives_the_same_and_the_report_shows_it(drawn: Any) -> None:
 
 def test_without_a_meter_on_v_vc_both_generators_count(tmp_path: Path) -> None:
     one = structs.replace(QUIET, v_vc_meter=None)
-    told = {**FEW, "vibration_hz": [10.0]}
-    [response] = vcfbench.run("vibration", one, settings=told, runs=tmp_path).results.responses
+    settings = {**FEW, "vibration_hz": [10.0]}
+    [response] = vcfbench.run("vibration", one, settings=settings, runs=tmp_path).results.responses
     assert response.response.u / response.response.value == pytest.approx(0.02 * (2.0 / 3.0) ** 0.5, rel=0.01)
     assert response.response.value == pytest.approx(closed_form(10.0), rel=1e-3)
 

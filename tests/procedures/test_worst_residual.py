@@ -15,7 +15,7 @@ from vcfbench.analysis.regression import fit_line
 from vcfbench.bench.settings import Match, Sources
 from vcfbench.procedures.budget.line import Line
 from vcfbench.procedures.budget.turntable import turntable_statement
-from vcfbench.procedures.budget.worst_residual import Residuals, Spread
+from vcfbench.procedures.budget.worst_residual import Residuals, ResidualSpread
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.record.schema import Point
@@ -61,8 +61,8 @@ def test_the_value_is_the_definition_s_and_its_u_is_the_scatter_of_it() -> None:
 
 def test_gain_offset_and_rate_of_the_table_cancel() -> None:
     known = Sources(meter_gain=1e-3, meter_offset_v=1e-3, table_rate=1e-2)
-    silent, told = (turntable_statement(settings(each), points_of(curved(5e-3, 1e-3))) for each in (Sources(), known))
-    assert told.value("nonlinearity").u == pytest.approx(silent.value("nonlinearity").u, rel=1e-9)
+    silent, stated = (turntable_statement(settings(each), points_of(curved(5e-3, 1e-3))) for each in (Sources(), known))
+    assert stated.value("nonlinearity").u == pytest.approx(silent.value("nonlinearity").u, rel=1e-9)
 
 
 def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
@@ -102,11 +102,11 @@ def test_two_points_have_no_non_linearity() -> None:
     assert not any("nonlinearity" in each for each in stated.not_in_u)
 
 
-def spread(found: list[float], normal: np.ndarray, common: np.ndarray | None = None) -> Spread:
+def spread(found: list[float], normal: np.ndarray, common: np.ndarray | None = None) -> ResidualSpread:
     size = len(found)
     through = np.zeros((0, size)) if common is None else common
     flat = np.ones(len(through), dtype=bool)
-    return Spread(np.array(found), np.zeros((size, size)), 100.0, normal, through, flat)
+    return ResidualSpread(np.array(found), np.zeros((size, size)), 100.0, normal, through, flat)
 
 
 def test_only_what_lies_near_the_largest_may_be_it() -> None:
@@ -172,7 +172,7 @@ MODULATOR_PPM = [
 """Residuals of the modulator of the bench `paper` at K_Vc times 200 to -200 deg/s, at levels as they are told."""
 
 
-def of_generators() -> Spread:
+def of_generators() -> ResidualSpread:
     """Return these residuals, and what 2 % and 4 mV of each range of a generator put into them."""
     level = np.array(RATES) / K_VC
     own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
@@ -187,7 +187,7 @@ def of_generators() -> Spread:
     return spread(residuals.ppm.tolist(), np.zeros((level.size, level.size)), np.array(moved) / np.sqrt(3.0))
 
 
-def held(true: Spread, count: int) -> tuple[float, float]:
+def held(true: ResidualSpread, count: int) -> tuple[float, float]:
     """Return how often U95 of what is found holds the truth, and the standard deviation of the error over its u.
 
     Where errors alone may make as much there is a bound, which must hold it each time.

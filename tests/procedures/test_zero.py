@@ -75,7 +75,7 @@ def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_correct
 def test_a_record_is_read_once_for_its_results_and_readings(hour: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """A million readings take a second each time."""
     opens = []
-    monkeypatch.setattr(journal, "opened", lambda *told: opens.append(told) or opened(*told))
+    monkeypatch.setattr(journal, "opened", lambda *arguments: opens.append(arguments) or opened(*arguments))
     assert hour.directory is not None
     read = vcfbench.load_run(hour.directory)
     assert read.measured.readings.voltage_v.size == 3600
@@ -122,14 +122,14 @@ def test_where_it_is_not_known_what_a_reading_lets_through_n_has_a_bound_only(ho
     assert (walk.value, walk.u) == (None, None)
     assert N_DEG_RTH < walk.upper_95 < 1.25 * N_DEG_RTH
     assert found.coefficient("bias instability").value is not None
-    assert "N has an upper bound only" in vcfbench.text_of(zero_report(found, bandwidth_told=False))
+    assert "N has an upper bound only" in vcfbench.text_of(zero_report(found, bandwidth_stated=False))
 
 
 def test_a_bandwidth_of_another_integration_time_is_not_known() -> None:
-    told = ZeroSettings(noise_bandwidth_hz=3.41)
-    assert told.passed_hz == 3.41
-    assert structs.replace(told, nplc=1).passed_hz is None
-    assert structs.replace(told, nplc=1, noise_bandwidth_nplc=1, noise_bandwidth_hz=214.0).passed_hz == 214.0
+    settings = ZeroSettings(noise_bandwidth_hz=3.41)
+    assert settings.passed_hz == 3.41
+    assert structs.replace(settings, nplc=1).passed_hz is None
+    assert structs.replace(settings, nplc=1, noise_bandwidth_nplc=1, noise_bandwidth_hz=214.0).passed_hz == 214.0
 
 
 def test_less_than_one_degree_of_freedom_is_no_interval() -> None:
@@ -137,7 +137,7 @@ def test_less_than_one_degree_of_freedom_is_no_interval() -> None:
     noise = zero_results(
         np.random.default_rng(1).standard_normal(400), np.arange(400.0), Sampling.without_gaps(1.0), UNIT, "dead-time"
     )
-    text = vcfbench.text_of(zero_report(replace(noise, bias=result), bandwidth_told=True))
+    text = vcfbench.text_of(zero_report(replace(noise, bias=result), bandwidth_stated=True))
     assert re.search(r"bias, mean +1\.00 +0\.50 +0.4 +not found", text)
 
 
@@ -214,7 +214,7 @@ def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
     assert abs(coefficient.value / 3600.0 - b) < 2.5 * coefficient.u / 3600.0 < 1.25 * b
     assert found.bias is not None
     assert found.bias.u > 0.5 * b  # the flicker floor
-    assert "fitted from" in vcfbench.text_of(zero_report(found, bandwidth_told=True))
+    assert "fitted from" in vcfbench.text_of(zero_report(found, bandwidth_stated=True))
 
 
 def test_a_record_without_noise_has_no_coefficients() -> None:

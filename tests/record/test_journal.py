@@ -226,10 +226,10 @@ def test_a_killed_process_loses_no_point(tmp_path: Path) -> None:
     path = tmp_path / "j"
     with subprocess.Popen([sys.executable, "-c", CHILD, str(path)], stdout=subprocess.PIPE, text=True) as child:  # noqa: S603
         assert child.stdout is not None
-        told = [int(child.stdout.readline()) for _ in range(50)]
+        printed = [int(child.stdout.readline()) for _ in range(50)]
         child.kill()
-        told += [int(line) for line in child.stdout.read().splitlines()]
+        printed += [int(line) for line in child.stdout.read().splitlines()]
     record = read_journal(path)
-    assert len(record.points) >= len(told)
+    assert len(record.points) >= len(printed)
     assert [point.rate_deg_s for point in record.points] == list(range(len(record.points)))
     assert record.status is Status.INCOMPLETE

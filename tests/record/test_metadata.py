@@ -30,9 +30,9 @@ TOLD = st.fixed_dictionaries(
 
 
 @given(TOLD)
-def test_what_is_told_comes_back_from_a_record(told: dict[str, Any]) -> None:
-    metadata = metadata_of(told)
-    assert metadata.as_json() == told
+def test_what_is_told_comes_back_from_a_record(stated: dict[str, Any]) -> None:
+    metadata = metadata_of(stated)
+    assert metadata.as_json() == stated
     assert metadata_from({"metadata": {**metadata.as_json(), "of a later version": 7}}) == metadata
     assert metadata_of(metadata) is metadata
     assert pickle.loads(pickle.dumps(metadata)) == metadata  # noqa: S301 - our own
@@ -53,7 +53,7 @@ def test_tags_cannot_be_changed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("stated", "words"),
     [
         ({"dut": "../G-1"}, r"dut: serial number '../G-1': expected letters"),
         ({"dut": 42}, "dut: expected a text of 1 to 200 characters, came 42"),
@@ -71,9 +71,9 @@ def test_tags_cannot_be_changed() -> None:
         ({"opperator": "A"}, r"metadata: opperator: expected a known key \('operator'\?\), came an unknown key"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_name(told: dict[str, Any], words: str) -> None:
+def test_what_cannot_be_is_refused_with_its_name(stated: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        metadata_of(told)
+        metadata_of(stated)
 
 
 def test_a_record_of_before_tells_the_device_of_its_settings() -> None:
@@ -105,10 +105,10 @@ def test_equipment_comes_back_from_a_record_with_who_answered() -> None:
 
 
 def test_a_record_of_before_names_its_instruments_without_dates() -> None:
-    told = header()
-    del told["equipment"]
-    told["bench"] = {"multimeter": {"model": "34401A", "resource": "GPIB0::22::INSTR", "serial_number": None}}
-    [found] = equipment_of(told)
+    old = header()
+    del old["equipment"]
+    old["bench"] = {"multimeter": {"model": "34401A", "resource": "GPIB0::22::INSTR", "serial_number": None}}
+    [found] = equipment_of(old)
     assert (found.model, found.resource, found.identity) == (METER.model, METER.resource, METER.identity)
     assert (found.calibrated, found.overdue) == (None, False)
 

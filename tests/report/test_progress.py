@@ -87,9 +87,9 @@ def test_on_a_terminal_every_point_and_heading_stays() -> None:
 @pytest.mark.usefixtures("xterm")
 def test_a_part_ends_with_the_line_through_its_points() -> None:
     lines = shown(follow(FakeBench(), LiveProgress))
-    told = next(number for number, line in enumerate(lines) if "line through" in line)
-    assert lines[told].startswith("  line through 17 points: -12.50000 mV/(deg/s), -42.000 mV; largest residual")
-    assert told < lines.index("Shut down")
+    place = next(number for number, line in enumerate(lines) if "line through" in line)
+    assert lines[place].startswith("  line through 17 points: -12.50000 mV/(deg/s), -42.000 mV; largest residual")
+    assert place < lines.index("Shut down")
 
 
 @pytest.mark.usefixtures("xterm")

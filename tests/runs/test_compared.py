@@ -114,9 +114,9 @@ def test_the_command_prints_writes_and_answers_in_json(two: Path) -> None:
     assert shown.returncode == 0, shown.stderr
     assert "Shared results" in shown.stdout
     answered = warm.run(["vcfbench", "compare", str(first), "last", "--json", "-o", "both.html"], two)
-    told = json.loads(answered.stdout)
-    assert told["runs"] == [first, second]
-    assert {"name", "unit", "values", "u", "differences"} <= told["results"][0].keys()
+    answer = json.loads(answered.stdout)
+    assert answer["runs"] == [first, second]
+    assert {"name", "unit", "values", "u", "differences"} <= answer["results"][0].keys()
     assert (two / "both.html").read_text(encoding="utf-8").count("<figure>") == 3
 
 

@@ -35,8 +35,8 @@ WORDS = {
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    told = {"dut": "G-0042", "tags": {"item_model": "VCF-1", "batch": "7"}, "ambient_temperature_c": 23.1}
-    return vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path_factory.mktemp("runs"), metadata=told)
+    metadata = {"dut": "G-0042", "tags": {"item_model": "VCF-1", "batch": "7"}, "ambient_temperature_c": 23.1}
+    return vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path_factory.mktemp("runs"), metadata=metadata)
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +116,10 @@ def test_all_that_is_missing_is_said_at_once(quick: Run) -> None:
 def test_what_the_bench_file_tells_need_not_be_told_again(quick: Run, tmp_path: Path) -> None:
     assert quick.directory is not None
     header, *lines = (quick.directory / "journal.jsonl").read_text(encoding="utf-8").splitlines()
-    told = json.loads(header)
-    told["bench"]["laboratory"] = {"name": "L", "address": "here", "country": "DE", "operator": "B. Person"}
+    answer = json.loads(header)
+    answer["bench"]["laboratory"] = {"name": "L", "address": "here", "country": "DE", "operator": "B. Person"}
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "journal.jsonl").write_text("\n".join([json.dumps(told), *lines, ""]), encoding="utf-8")
+    (tmp_path / "run" / "journal.jsonl").write_text("\n".join([json.dumps(answer), *lines, ""]), encoding="utf-8")
     words = certificate_words(
         vcfbench.load_run(tmp_path / "run"), {"customer": "C", "customer_address": "there", "responsible": "D. Person"}
     )

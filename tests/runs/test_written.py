@@ -61,8 +61,8 @@ def recorded(run: Run, folder: Path, **changes: object) -> Run:
     header, *lines = (run.directory / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     copy = folder / "20260821T142530Z-own-0a1b2c"
     copy.mkdir()
-    told = json.dumps({**json.loads(header), **changes})
-    (copy / "journal.jsonl").write_text("\n".join([told, *lines, ""]), encoding="utf-8")
+    answer = json.dumps({**json.loads(header), **changes})
+    (copy / "journal.jsonl").write_text("\n".join([answer, *lines, ""]), encoding="utf-8")
     return vcfbench.load_run(copy)
 
 

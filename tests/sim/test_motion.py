@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
-from vcfbench.sim.motion import Ripple, Swing, TableMotion
+from vcfbench.sim.motion import RateRipple, Swing, TableMotion
 
 if TYPE_CHECKING:
     from vcfbench.sim.motion import RateSegment
@@ -315,7 +315,7 @@ def test_a_demand_ends_an_oscillation_without_a_jump() -> None:
 
 def test_ripple_that_a_motor_adds_turns_with_the_table() -> None:
     clock, motion = table(replace(REAL, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=(), rate_error=0.0))
-    motion.add_ripple(Ripple(10.0, 200))
+    motion.add_ripple(RateRipple(10.0, 200))
     motion.demand_rate(36.0, 1000.0)
     clock.sleep_until(5.0)
     rates = []

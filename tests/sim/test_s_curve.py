@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vcfbench.sim.s_curve import Piece, braking_deg, peak_deg_s, ramp, ramp_s
+from vcfbench.sim.s_curve import JerkSegment, braking_deg, peak_deg_s, ramp, ramp_s
 
 
 def stepped(rate: float, slope: float, goal: float, most: float, jerk: float) -> tuple[float, float]:
@@ -66,12 +66,12 @@ def test_a_ramp_holds_its_limits_and_joins(rate: float, slope: float, goal: floa
         assert max(abs(piece.acceleration_deg_s2), abs(slope_at_end(piece))) <= max(most, abs(slope)) * (1 + 1e-9)
 
 
-def slope_at_end(piece: Piece) -> float:
+def slope_at_end(piece: JerkSegment) -> float:
     return piece.acceleration_deg_s2 + piece.jerk_deg_s3 * piece.lasts_s
 
 
 def test_without_a_limit_of_the_jerk_a_ramp_is_straight() -> None:
-    assert ramp(20.0, 7.0, -60.0, most_deg_s2=40.0, jerk_deg_s3=math.inf) == [Piece(2.0, 20.0, -40.0)]
+    assert ramp(20.0, 7.0, -60.0, most_deg_s2=40.0, jerk_deg_s3=math.inf) == [JerkSegment(2.0, 20.0, -40.0)]
     assert ramp(20.0, 0.0, 20.0, most_deg_s2=40.0, jerk_deg_s3=math.inf) == []
 
 

@@ -15,7 +15,7 @@ from vcfbench.clock import VirtualClock
 from vcfbench.sim import serial_backend
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.scpi import RS232
-from vcfbench.sim.serial_line import Frame, Heard, SerialLine, heard
+from vcfbench.sim.serial_line import CharacterFrame, HandshakeLine, ReceivedCharacter, heard
 from vcfbench.sim.visa_backend import SimVisaLibrary
 
 if TYPE_CHECKING:
@@ -28,9 +28,9 @@ CHARACTER_S = 11 / 9600
 class Desk:
     """A lamp at the end of a serial line, and a clock that stops wherever something happens."""
 
-    def __init__(self, frame: Frame | None = None) -> None:
+    def __init__(self, frame: CharacterFrame | None = None) -> None:
         self.lamp = Lamp(RS232)
-        self.line = SerialLine(self.lamp, self.lamp.clock, frame)
+        self.line = HandshakeLine(self.lamp, self.lamp.clock, frame)
         self.clock = AttendedClock(self.lamp.clock, [self.line])
 
     def read(self, seconds: float = 1.0) -> bytes:
@@ -60,8 +60,8 @@ def test_an_exchange_takes_the_time_of_its_characters() -> None:
 
 
 def test_a_command_acts_when_its_newline_has_arrived() -> None:
-    desk = Desk(Frame(baud=300.0))
-    desk.line.configure(Frame(baud=300.0), handshake=True)
+    desk = Desk(CharacterFrame(baud=300.0))
+    desk.line.configure(CharacterFrame(baud=300.0), handshake=True)
     desk.line.write(b"VOLT 2\n")
     desk.clock.sleep_until(7 * 11 / 300 - 1e-6)
     assert desk.lamp.level == 1.0
@@ -72,13 +72,13 @@ def test_a_command_acts_when_its_newline_has_arrived() -> None:
 @pytest.mark.parametrize(
     ("frame", "bits"),
     [
-        (Frame(), 11),
-        (Frame(stop_bits=1.0), 10),
-        (Frame(data_bits=7, parity="even"), 11),
-        (Frame(data_bits=7, parity="odd", stop_bits=1.5), 10.5),
+        (CharacterFrame(), 11),
+        (CharacterFrame(stop_bits=1.0), 10),
+        (CharacterFrame(data_bits=7, parity="even"), 11),
+        (CharacterFrame(data_bits=7, parity="odd", stop_bits=1.5), 10.5),
     ],
 )
-def test_time_of_a_character(frame: Frame, bits: float) -> None:
+def test_time_of_a_character(frame: CharacterFrame, bits: float) -> None:
     assert frame.character_s == pytest.approx(bits / 9600)
 
 
@@ -104,7 +104,7 @@ def test_with_the_handshake_nothing_is_lost() -> None:
 
 def test_without_it_what_does_not_fit_is_lost_and_said_once() -> None:
     desk = Desk()
-    desk.line.configure(Frame(), handshake=False)
+    desk.line.configure(CharacterFrame(), handshake=False)
     desk.line.write(LONG)
     assert desk.read(2.0) == b"5\r\n"
     assert desk.errors() == [521]
@@ -115,7 +115,7 @@ def test_without_it_what_does_not_fit_is_lost_and_said_once() -> None:
 
 def test_a_hundred_characters_wait_without_any_handshake() -> None:
     desk = Desk()
-    desk.line.configure(Frame(), handshake=False)
+    desk.line.configure(CharacterFrame(), handshake=False)
     desk.line.write(b"SLOW?\n" + b"VOLT 2;" * 13 + b"VOLT 3\n")
     assert desk.read(2.0) == b"5\r\n"
     assert (desk.lamp.level, desk.errors()) == (3.0, [])
@@ -123,7 +123,7 @@ def test_a_hundred_characters_wait_without_any_handshake() -> None:
 
 def test_the_buffer_fills_only_while_the_parser_is_busy() -> None:
     desk = Desk()
-    desk.line.configure(Frame(), handshake=False)
+    desk.line.configure(CharacterFrame(), handshake=False)
     desk.line.write(b"VOLT 2;" * 100 + b"VOLT 3\n")
     assert desk.read(2.0) == b""
     assert (desk.lamp.level, desk.errors()) == (3.0, [])
@@ -155,7 +155,7 @@ def test_control_c_breaks_the_deadlock_of_two_handshakes() -> None:
     desk.line.dtr = False
     desk.line.write(b"VOLT?\n")
     desk.read()
-    desk.line.configure(Frame(), handshake=False)
+    desk.line.configure(CharacterFrame(), handshake=False)
     desk.line.write(b"\x03")
     desk.read()
     desk.line.dtr = True
@@ -193,7 +193,7 @@ def test_with_the_handshake_the_line_says_what_the_instrument_says(messages: lis
 
 def test_one_stop_bit_or_two_are_all_the_same() -> None:
     desk = Desk()
-    desk.line.configure(Frame(stop_bits=1.0), handshake=True)
+    desk.line.configure(CharacterFrame(stop_bits=1.0), handshake=True)
     desk.line.write(b"VOLT?\n")
     assert desk.read() == b"+1.00000000E+00\r\n"
     assert desk.errors() == []
@@ -201,40 +201,50 @@ def test_one_stop_bit_or_two_are_all_the_same() -> None:
 
 def test_eight_bits_to_seven_and_parity() -> None:
     """The eighth bit, 0, is taken for the parity bit: right for characters with an even number of ones."""
-    seven = Frame(data_bits=7, parity="even")
-    found = heard(b"ACGa", Frame(), seven)
-    assert found == [Heard(65, 0), Heard(67, 513), Heard(71, 0), Heard(97, 513)]
+    seven = CharacterFrame(data_bits=7, parity="even")
+    found = heard(b"ACGa", CharacterFrame(), seven)
+    assert found == [
+        ReceivedCharacter(65, 0),
+        ReceivedCharacter(67, 513),
+        ReceivedCharacter(71, 0),
+        ReceivedCharacter(97, 513),
+    ]
 
 
 def test_seven_bits_and_parity_to_eight() -> None:
     """The parity bit is taken for the eighth: characters with an odd number of ones come as those above 127."""
-    found = heard(b"ACGa", Frame(data_bits=7, parity="even"), Frame())
-    assert found == [Heard(65, 0), Heard(67 + 128, 0), Heard(71, 0), Heard(97 + 128, 0)]
+    found = heard(b"ACGa", CharacterFrame(data_bits=7, parity="even"), CharacterFrame())
+    assert found == [
+        ReceivedCharacter(65, 0),
+        ReceivedCharacter(67 + 128, 0),
+        ReceivedCharacter(71, 0),
+        ReceivedCharacter(97 + 128, 0),
+    ]
 
 
 def test_even_to_odd_is_an_error_every_time() -> None:
-    found = heard(b"VOLT?", Frame(data_bits=7, parity="even"), Frame(data_bits=7, parity="odd"))
-    assert found == [Heard(byte, 513) for byte in b"VOLT?"]
+    found = heard(b"VOLT?", CharacterFrame(data_bits=7, parity="even"), CharacterFrame(data_bits=7, parity="odd"))
+    assert found == [ReceivedCharacter(byte, 513) for byte in b"VOLT?"]
 
 
 def test_a_break_in_the_middle_of_a_slow_character() -> None:
     """NUL at 4800 is low for 18 bits of 9600: no stop bit where one is due."""
-    assert heard(b"\x00", Frame(baud=4800.0), Frame())[0] == Heard(0, 511)
+    assert heard(b"\x00", CharacterFrame(baud=4800.0), CharacterFrame())[0] == ReceivedCharacter(0, 511)
 
 
 def test_twice_the_speed_is_heard_as_something_else() -> None:
     """U is 1010...: at twice the speed every second bit of start, data, stop is seen."""
-    assert [each.byte for each in heard(b"UUUU", Frame(baud=19200.0), Frame())] != [85] * 4
+    assert [each.byte for each in heard(b"UUUU", CharacterFrame(baud=19200.0), CharacterFrame())] != [85] * 4
 
 
 @given(st.binary(max_size=40), st.sampled_from([0.97, 0.99, 1.01, 1.03]))
 def test_speeds_may_differ_by_a_little(data: bytes, off: float) -> None:
     """The last bit is sampled after 9.5 bits: 5 % are half of one."""
-    assert [each.byte for each in heard(data, Frame(baud=9600 * off), Frame())] == list(data)
+    assert [each.byte for each in heard(data, CharacterFrame(baud=9600 * off), CharacterFrame())] == list(data)
 
 
 FRAMES = st.builds(
-    Frame,
+    CharacterFrame,
     st.sampled_from([300.0, 1200.0, 2400.0, 4800.0, 9600.0, 19200.0]),
     st.sampled_from([7, 8]),
     st.sampled_from(["none", "even", "odd"]),
@@ -243,7 +253,7 @@ FRAMES = st.builds(
 
 
 @given(st.binary(max_size=30), FRAMES, FRAMES)
-def test_any_settings_are_survived(data: bytes, controller: Frame, instrument: Frame) -> None:
+def test_any_settings_are_survived(data: bytes, controller: CharacterFrame, instrument: CharacterFrame) -> None:
     desk = Desk(instrument)
     desk.line.configure(controller, handshake=False)
     desk.line.write(data)
@@ -254,15 +264,15 @@ def test_any_settings_are_survived(data: bytes, controller: Frame, instrument: F
 
 
 @given(st.binary(max_size=40), FRAMES)
-def test_equal_settings_bring_every_byte(data: bytes, frame: Frame) -> None:
+def test_equal_settings_bring_every_byte(data: bytes, frame: CharacterFrame) -> None:
     """The sampling agrees with the short cut for equal ends: one stop bit more makes them unequal."""
-    other = Frame(frame.baud, frame.data_bits, frame.parity, 3.0)
+    other = CharacterFrame(frame.baud, frame.data_bits, frame.parity, 3.0)
     assert heard(data, other, frame) == heard(data, frame, frame)
 
 
 def test_the_wrong_speed_queues_framing_errors_and_nothing_is_answered() -> None:
     desk = Desk()
-    desk.line.configure(Frame(baud=4800.0), handshake=True)
+    desk.line.configure(CharacterFrame(baud=4800.0), handshake=True)
     desk.line.write(b"*IDN?\n")
     assert desk.read() == b""
     assert 511 in desk.errors()
@@ -350,7 +360,7 @@ def test_a_plain_clock_will_do() -> None:
     clock = VirtualClock()
     lamp = Lamp(RS232)
     lamp.clock = lamp.engine.clock = clock
-    line = SerialLine(lamp, clock)
+    line = HandshakeLine(lamp, clock)
     line.write(b"VOLT?\n")
     clock.sleep_until(1.0)
     line.read(1)

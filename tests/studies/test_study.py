@@ -25,7 +25,7 @@ from vcfbench.studies.table import write_table
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
 
 STUDY = """
 title = "samples"
@@ -103,8 +103,8 @@ def test_the_summary_is_of_the_rows(whole: Path) -> None:
     assert metric.mean == pytest.approx(mean, rel=1e-12)
     assert metric.sd == pytest.approx((sum((each - mean) ** 2 for each in found) / 2) ** 0.5, rel=1e-9)
     assert (metric.least, metric.most) == (min(found), max(found))
-    told = json.loads((whole / "t.summary.json").read_text("utf-8"))
-    assert told["cases"][1]["metrics"]["scale_factor"]["mean"] == metric.mean
+    answer = json.loads((whole / "t.summary.json").read_text("utf-8"))
+    assert answer["cases"][1]["metrics"]["scale_factor"]["mean"] == metric.mean
     assert "scale_factor   4" in vcfbench.text_of(result.report())
     assert "<table" in result._repr_html_()
 
@@ -135,7 +135,7 @@ def test_a_study_that_was_cut_anywhere_goes_on(whole: Path, tmp_path: Path, shar
 
 
 def test_what_is_done_is_not_done_again(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def never(_: object) -> Row:
+    def never(_: object) -> RunRow:
         raise AssertionError
 
     before = of(whole)
@@ -173,7 +173,7 @@ class Second(Quiet):
         self.file = file
         self.refused: list[str] = []
 
-    def done(self, row: Row) -> None:  # noqa: ARG002
+    def done(self, row: RunRow) -> None:  # noqa: ARG002
         for how in ({}, {"restart": True}):
             with pytest.raises(BenchError) as found:
                 vcfbench.study(self.file, output=self.file.with_name([*PARQUET, "t.csv"][0]), workers=1, **how)  # type: ignore[arg-type]
@@ -195,7 +195,7 @@ class Killer(Quiet):
 
     killed = 0
 
-    def done(self, row: Row) -> None:  # noqa: ARG002
+    def done(self, row: RunRow) -> None:  # noqa: ARG002
         children = multiprocessing.active_children()
         if not self.killed and children:
             os.kill(children[0].pid or 0, signal.SIGKILL)
@@ -221,8 +221,8 @@ def test_two_processes_give_the_same_bytes(whole: Path, tmp_path: Path) -> None:
 def test_a_cluster_gives_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     """Two workers of two threads each, and none of them lives to the end."""
     distributed = pytest.importorskip("distributed")
-    told = {"n_workers": 2, "threads_per_worker": 2, "dashboard_address": None}
-    with distributed.LocalCluster(**told) as cluster:
+    options = {"n_workers": 2, "threads_per_worker": 2, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
         again(whole, tmp_path, scheduler=cluster.scheduler_address)
     assert of(tmp_path) == of(whole)
     with pytest.raises(vcfbench.ConnectFailed, match="no Dask scheduler answers"):

@@ -13,7 +13,7 @@ from vcfbench.bench.discovery import recognise
 from vcfbench.bench.file import parse_bench
 from vcfbench.bench.guard.generator import trueform_rules
 from vcfbench.bench.guard.message import Unreadable
-from vcfbench.bench.guard.rules import Beyond
+from vcfbench.bench.guard.rules import BeyondLimit
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
@@ -52,7 +52,11 @@ def test_the_console_takes_the_number_of_the_channel(message: str, described: Be
 @pytest.mark.parametrize(
     ("message", "refusal"),
     [
-        *(("SOUR1:VOLT:OFFS 2.1", Beyond), ("FREQ 1;:SOUR1:VOLT:OFFS 2.1", Beyond), ("SOUR1:APPL:DC 1,1,3", Beyond)),
+        *(
+            ("SOUR1:VOLT:OFFS 2.1", BeyondLimit),
+            ("FREQ 1;:SOUR1:VOLT:OFFS 2.1", BeyondLimit),
+            ("SOUR1:APPL:DC 1,1,3", BeyondLimit),
+        ),
         *(("SOUR2:VOLT 1", Unreadable), ("OUTP2 ON", Unreadable), ("SOUR1:COMB:FEED CH2", Unreadable)),
     ],
 )

@@ -12,7 +12,7 @@ from tests.successors import BENCH
 from vcfbench.bench.discovery import recognise
 from vcfbench.bench.file import parse_bench
 from vcfbench.bench.guard.meter import MeterRules
-from vcfbench.bench.guard.rules import Beyond
+from vcfbench.bench.guard.rules import BeyondLimit
 from vcfbench.errors import WrongInstrument
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
@@ -38,7 +38,7 @@ def test_it_reads_the_node_that_it_is_on(model: str) -> None:
 def test_one_that_speaks_tsp_is_refused_by_the_bench(monkeypatch: pytest.MonkeyPatch) -> None:
     before: Any = KeithleyDMM6500Twin.__init__
     monkeypatch.setattr(
-        KeithleyDMM6500Twin, "__init__", lambda *given, **told: before(*given, **told, command_set="TSP")
+        KeithleyDMM6500Twin, "__init__", lambda *given, **named: before(*given, **named, command_set="TSP")
     )
     with (
         pytest.raises(WrongInstrument, match="set to the command set TSP"),
@@ -62,7 +62,7 @@ def test_specimens_lie_within_their_sheet(errors: Any, sheet: VoltmeterSpecifica
 
 @pytest.mark.parametrize("message", ["CONF:RES", "SENS:FUNC 'FRES'", 'FUNC "TEMP"', "MEAS:DIOD?"])
 def test_the_console_keeps_test_currents_out_of_the_pcb(message: str) -> None:
-    with pytest.raises(Beyond):
+    with pytest.raises(BeyondLimit):
         MeterRules().judge(message, str)
 
 

@@ -12,7 +12,7 @@ from vcfbench.bench.discovery import recognise
 from vcfbench.bench.file import parse_bench
 from vcfbench.bench.guard.channels import channel_rules
 from vcfbench.bench.guard.message import Unreadable
-from vcfbench.bench.guard.rules import Beyond
+from vcfbench.bench.guard.rules import BeyondLimit
 from vcfbench.sim.instruments.e36312a import Errors36312A
 from vcfbench.specifications import KEYSIGHT_E36312A
 
@@ -46,8 +46,13 @@ def test_the_console_takes_what_is_within_the_rails(message: str, described: Ben
 @pytest.mark.parametrize(
     ("message", "refusal"),
     [
-        *(("VOLT 11,(@2)", Beyond), ("VOLT 5,(@1)", Beyond), ("CURR 0.3,(@2,3)", Beyond), ("INST CH1;:VOLT 1", Beyond)),
-        *(("VOLT -10,(@3)", Beyond), ("OUTP:PAIR SER", Unreadable), ("VOLT 10,(@4)", Unreadable)),
+        *(
+            ("VOLT 11,(@2)", BeyondLimit),
+            ("VOLT 5,(@1)", BeyondLimit),
+            ("CURR 0.3,(@2,3)", BeyondLimit),
+            ("INST CH1;:VOLT 1", BeyondLimit),
+        ),
+        *(("VOLT -10,(@3)", BeyondLimit), ("OUTP:PAIR SER", Unreadable), ("VOLT 10,(@4)", Unreadable)),
         *(("OUTP:PROT:CLE", Unreadable), ("*RST", Unreadable), ("VOLT 10,(@)", Unreadable)),
     ],
 )

@@ -77,7 +77,7 @@ def test_a_reply_is_spoilt_once_and_the_next_is_whole(kind: Any, expected: bytes
         assert CLOCK.now() - begin_s >= (0.3 if kind == "late" else 0.0)
         assert port.read(len(b"<D>\r\n")) == b"<D>\r\n"
         assert b"".join(heard) == b"A\nABC\nD\n"
-        assert bytes(wire.told) == b"ABC\nD\n"
+        assert bytes(wire.received) == b"ABC\nD\n"
         assert len(wire.spoilt_s) == 1
 
 

@@ -17,12 +17,12 @@ def test_pymeasure_brings_the_simulated_stream_to_a_temperature(pymeasure: Path)
         lab.ask("speed", value=10.0)
         done = command(pymeasure, CLIENT, str(lab.wires["chamber"].tcp))
     assert done.returncode == 0, done.stderr[-3000:]
-    told = json.loads(done.stdout.splitlines()[-1])
-    assert told.pop("id").startswith("Temptronic,ATS-545,")
-    room_c, before = told.pop("before")
+    read = json.loads(done.stdout.splitlines()[-1])
+    assert read.pop("id").startswith("Temptronic,ATS-545,")
+    room_c, before = read.pop("before")
     assert room_c == 20.0
     assert before & 32 == 0
-    assert told == {
+    assert read == {
         "errors": 0,
         "limits": [-50.0, 120.0],
         "window": [0.5, 3.0],

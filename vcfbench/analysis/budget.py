@@ -208,8 +208,8 @@ def check_sources(sources: Sequence[Source], correlations: Correlations) -> None
         raise ConfigError(f"two sources have one name: {', '.join(twice)}")
     for source in sources:
         if not (math.isfinite(source.value) and 0.0 <= source.u < math.inf and source.dof > 0.0):
-            told = f"value {source.value}, u {source.u}, {source.dof} degrees of freedom"
-            raise ConfigError(f"source {source.name} cannot be: {told}")
+            stated = f"value {source.value}, u {source.u}, {source.dof} degrees of freedom"
+            raise ConfigError(f"source {source.name} cannot be: {stated}")
     for (first, second), coefficient in correlations.items():
         if first not in names or second not in names or first == second or not -1.0 <= coefficient <= 1.0:
             raise ConfigError(f"correlation {coefficient} of {first} and {second}: no such pair of sources")

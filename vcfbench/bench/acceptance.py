@@ -44,8 +44,8 @@ class Verdict(Struct, frozen=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return limit, value and verdict, and the guard band where there is one."""
-        told = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
-        return told if self.u95 is None else {**told, "u95": self.u95}
+        members = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
+        return members if self.u95 is None else {**members, "u95": self.u95}
 
 
 class Acceptance(Struct, frozen=True):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct, field
 
 from vcfbench.bench.file import described
-from vcfbench.bench.holding import Holding, Watch
+from vcfbench.bench.holding import Holding, SignalWatch
 from vcfbench.bench.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.roles import Role
     from vcfbench.bench.safety import SafetyStack
-    from vcfbench.bench.station import Builder, Station
+    from vcfbench.bench.station import Builder, UnopenedBench
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -192,7 +192,7 @@ def open_bench(
     stops = signals or StopSignals()
     holding: Holding | None = None
     with ExitStack() as stack:
-        watch = Watch(None if signals else stops)
+        watch = SignalWatch(None if signals else stops)
         stack.callback(watch.end)
         watch.begin()
         stand = stack.enter_context(station(description, seed, speed, build, roles=[each.name for each in roles]))
@@ -218,7 +218,11 @@ class _Opened(Struct, frozen=True):
 
 
 def _open_all(
-    roles: Sequence[Role], description: BenchDescription, stand: Station, safety: SafetyStack, signals: StopSignals
+    roles: Sequence[Role],
+    description: BenchDescription,
+    stand: UnopenedBench,
+    safety: SafetyStack,
+    signals: StopSignals,
 ) -> _Opened:
     """Open all of `roles`; try them all before giving up, so that all that is wrong is told at once."""
     opened = _Opened()
@@ -248,7 +252,9 @@ def _all(failures: list[BenchError]) -> BenchError:
     return error
 
 
-def _bench(description: BenchDescription, clock: Clock, stand: Station, opened: _Opened, holding: Holding) -> Bench:
+def _bench(
+    description: BenchDescription, clock: Clock, stand: UnopenedBench, opened: _Opened, holding: Holding
+) -> Bench:
     checks = LimitChecks.of(description)
     instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
     return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust)

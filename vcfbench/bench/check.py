@@ -17,7 +17,7 @@ from vcfbench.errors import BenchError, InterlockError
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.roles import Role
-    from vcfbench.bench.station import Station
+    from vcfbench.bench.station import UnopenedBench
     from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
     from vcfbench.record.metadata import Equipment
 
@@ -70,7 +70,7 @@ def check_bench(description: BenchDescription) -> BenchCheck:
     return BenchCheck(checked, reports)
 
 
-def _check(role: Role, description: BenchDescription, stand: Station, safety: SafetyStack) -> CheckedInstrument:
+def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safety: SafetyStack) -> CheckedInstrument:
     try:
         instrument, identity = open_role(role.name, description, stand)
     except BenchError as error:

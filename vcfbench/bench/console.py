@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard import Guard
     from vcfbench.bench.roles import Role
-    from vcfbench.bench.station import Station
+    from vcfbench.bench.station import UnopenedBench
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
 
-__all__ = ["Console", "Interrupted", "Said", "data_of", "open_console", "summary"]
+__all__ = ["Console", "ConsoleReply", "Interrupted", "data_of", "open_console", "summary"]
 
 _SHOWN_BYTES = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class ConsoleReply:
     """What came of a message: the answer (None: nothing was asked), and what the error queue held (None: nothing)."""
 
     answer: bytes | None
@@ -77,7 +77,7 @@ class Console:
         """Tell whether the connection is gone."""
         return self._plain.closed
 
-    def say(self, message: str) -> Said:
+    def say(self, message: str) -> ConsoleReply:
         """Send `message`, take the answer if it asks something, and read the error queue.
 
         Raises:
@@ -90,12 +90,12 @@ class Console:
         if self._guard is not None:
             self._guard.judge(message, lambda question: self._plain.ask(question).decode("latin-1").strip())
         if not self._answered(message):
-            return Said(None, self._told(message) or self.errors())
+            return ConsoleReply(None, self._refusal_of(message) or self.errors())
         try:
             answer = self._plain.ask(message)
         except TransportError as error:
             raise self._explained(error) from None
-        return Said(answer, self.errors())
+        return ConsoleReply(answer, self.errors())
 
     def _answered(self, message: str) -> bool:
         """Tell whether an answer is to be shown: tables with a language of their own may answer anything."""
@@ -103,7 +103,7 @@ class Console:
 
         return isinstance(self._plain, PlainLine) or _asks(message)
 
-    def _told(self, message: str) -> str | None:
+    def _refusal_of(self, message: str) -> str | None:
         try:
             self._plain.tell(message)
         except InstrumentError as error:
@@ -190,7 +190,7 @@ def _role(name: str, description: BenchDescription) -> Role:
 
 
 def _opened(
-    role: Role, description: BenchDescription, stand: Station, safety: SafetyStack
+    role: Role, description: BenchDescription, stand: UnopenedBench, safety: SafetyStack
 ) -> tuple[Instrument, Identity]:
     instrument, identity = open_role(role.name, description, stand)
     safety.register(safe_action(role, instrument, description))

@@ -38,12 +38,12 @@ from vcfbench.bench.bounds import (
 )
 from vcfbench.bench.layering import shared_settings
 from vcfbench.bench.parts import (
-    Acceptance,
+    AcceptanceLimits,
+    BenchFileTable,
     Expected,
     Limits,
     Node,
     OscilloscopeWiring,
-    Part,
     RailWiring,
 )
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CALIBRATION_KEYS",
-    "Acceptance",
+    "AcceptanceLimits",
     "BenchDescription",
     "ChamberRole",
     "Expected",
@@ -87,7 +87,7 @@ Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTER
 Errors = Literal["none", "drawn"] | dict[str, Any]
 
 
-class SerialSettings(Part, frozen=True, kw_only=True):
+class SerialSettings(BenchFileTable, frozen=True, kw_only=True):
     """The line of an instrument on a serial port (``ASRL``); instruments on other interfaces ignore it."""
 
     baud_rate: BaudRate = 9600
@@ -97,7 +97,7 @@ class SerialSettings(Part, frozen=True, kw_only=True):
     flow_control: Literal["none", "dtr_dsr", "rts_cts", "xon_xoff"] = "dtr_dsr"
 
 
-class _Calibrated(Part, frozen=True, kw_only=True):
+class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
     """When an instrument was calibrated, until when that holds, and the number of its certificate: for the record.
 
     `inventory_number` is what is written on it: some instruments tell no serial number.
@@ -168,7 +168,7 @@ class RateTableRole(_Calibrated, frozen=True, kw_only=True):
     steps_per_deg: StepsPerDegree | None = None
 
 
-class Wiring(Part, frozen=True, kw_only=True):
+class Wiring(BenchFileTable, frozen=True, kw_only=True):
     """What is connected to what."""
 
     rails: RailWiring = field(default_factory=RailWiring)
@@ -177,14 +177,14 @@ class Wiring(Part, frozen=True, kw_only=True):
     v_vc_meter: Node = "v_vc"
 
 
-class Site(Part, frozen=True, kw_only=True):
+class Site(BenchFileTable, frozen=True, kw_only=True):
     """Where the bench stands: for the Earth's rate, and for the voltmeter's integration time."""
 
     latitude_deg: Latitude
     mains_hz: Literal[50, 60] = 50
 
 
-class Laboratory(Part, frozen=True, kw_only=True):
+class Laboratory(BenchFileTable, frozen=True, kw_only=True):
     """Whose bench it is, for records and reports; `operator` runs it where nobody else is named.
 
     `country` is two capital letters (ISO 3166-1), for certificates.
@@ -197,7 +197,7 @@ class Laboratory(Part, frozen=True, kw_only=True):
     operator: Text | None = None
 
 
-class Knowledge(Part, frozen=True, kw_only=True):
+class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     """What is known of instruments and gyroscope for the uncertainties; what is not given is not in them, and said so.
 
     `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc
@@ -239,7 +239,7 @@ class Knowledge(Part, frozen=True, kw_only=True):
     bias_deg_s_demodulator_deg: BiasPerDegree | None = None
 
 
-class SimulationErrors(Part, frozen=True, kw_only=True):
+class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):
     """The imperfections of each simulated instrument.
 
     Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed) or a table of individual errors
@@ -256,7 +256,7 @@ class SimulationErrors(Part, frozen=True, kw_only=True):
     chamber: Errors = "drawn"
 
 
-class Simulation(Part, frozen=True, kw_only=True):
+class Simulation(BenchFileTable, frozen=True, kw_only=True):
     """What stands behind the resources of a simulated bench; a bench file without it is a real station."""
 
     parameters: Literal["paper", "ideal"] = "paper"
@@ -265,7 +265,7 @@ class Simulation(Part, frozen=True, kw_only=True):
     override: dict[str, Any] = field(default_factory=dict)
 
 
-class Served(Part, frozen=True, kw_only=True):
+class Served(BenchFileTable, frozen=True, kw_only=True):
     """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
 
     control: Annotated[str, Meta(pattern=ADDRESS_PATTERN)]
@@ -276,7 +276,7 @@ class Served(Part, frozen=True, kw_only=True):
         return host.strip("[]"), int(port)
 
 
-class BenchDescription(Part, frozen=True, kw_only=True):
+class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
     """One station, as its bench file describes it, defaults filled in; a role that the station has not is None."""
 
     name: Name
@@ -298,7 +298,7 @@ class BenchDescription(Part, frozen=True, kw_only=True):
     of its own; :mod:`vcfbench.procedures.layers` makes settings of it."""
 
     expected: Expected = field(default_factory=Expected)
-    acceptance: Acceptance = field(default_factory=Acceptance)
+    acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
     uncertainty: Knowledge = field(default_factory=Knowledge)
     laboratory: Laboratory = field(default_factory=Laboratory)
     simulation: Simulation | None = None

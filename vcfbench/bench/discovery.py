@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-__all__ = ["Discovery", "Found", "SerialPort", "discover", "places", "recognise", "stanza", "taken_over"]
+__all__ = ["DiscoveredInstrument", "Discovery", "SerialPort", "discover", "places", "recognise", "stanza", "taken_over"]
 
 _REAL = "@py"
 _SOCKET = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d+)::SOCKET", re.IGNORECASE)
@@ -37,7 +37,7 @@ _QUESTIONS = (b"*IDN?\n", b"/get deviceid\n", b"VE?\r")
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DiscoveredInstrument:
     """A resource and who answers there.
 
     `answer` is what it said, `model` the model or dialect that a bench file can name (None: not recognised), `problem`
@@ -64,7 +64,7 @@ class SerialPort:
 
     port: str
     description: str
-    found: Found | None
+    found: DiscoveredInstrument | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +72,11 @@ class Discovery:
     """Everything that was found, and the resources that were asked for by name."""
 
     library: str
-    resources: tuple[Found, ...]
+    resources: tuple[DiscoveredInstrument, ...]
     serial_ports: tuple[SerialPort, ...]
-    tried: tuple[Found, ...]
+    tried: tuple[DiscoveredInstrument, ...]
 
-    def answering(self) -> list[Found]:
+    def answering(self) -> list[DiscoveredInstrument]:
         """Return what answered, wherever it was."""
         asked = [port.found for port in self.serial_ports if port.found is not None]
         return [each for each in (*self.resources, *asked, *self.tried) if each.answer is not None]
@@ -158,7 +158,7 @@ def _within(seconds: float, act: Callable[[], _T]) -> _T:
     return done[0]
 
 
-def _ask(resource: str, library: str, timeout_s: float) -> Found:
+def _ask(resource: str, library: str, timeout_s: float) -> DiscoveredInstrument:
     """Ask a VISA resource who it is."""
 
     def answer() -> str:
@@ -178,25 +178,25 @@ def _ask(resource: str, library: str, timeout_s: float) -> Found:
     return _found(resource, answer, timeout_s)
 
 
-def _found(resource: str, answer: Callable[[], str], timeout_s: float) -> Found:
+def _found(resource: str, answer: Callable[[], str], timeout_s: float) -> DiscoveredInstrument:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # VISA libraries warn of what they then raise
             said = _within(2.0 * timeout_s + _GRACE_S, answer)
     except TransportError as error:
-        return Found(resource, problem=error.what)
+        return DiscoveredInstrument(resource, problem=error.what)
     except Exception as error:  # noqa: BLE001  # a VISA library is anyone's code, and one resource must not end it all
-        return Found(resource, problem=_words(error))
-    return Found(resource, said, recognise(said))
+        return DiscoveredInstrument(resource, problem=_words(error))
+    return DiscoveredInstrument(resource, said, recognise(said))
 
 
 def _words(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _ask_port(url: str, timeout_s: float) -> Found:
+def _ask_port(url: str, timeout_s: float) -> DiscoveredInstrument:
     """Ask who is on a serial port, or on what pyserial opens by a URL, which has no speed."""
-    found = Found(url, problem="no answer")
+    found = DiscoveredInstrument(url, problem="no answer")
     speeds = _BAUD_RATES[:1] if "://" in url else _BAUD_RATES
     for baud_rate, question in product(speeds, _QUESTIONS):
         found = _found(url, lambda: _asked(url, baud_rate, question, timeout_s), timeout_s)  # noqa: B023  # run at once
@@ -264,7 +264,7 @@ def places(model: str | None) -> tuple[str, ...]:
     return ("rate_table",) if row is None else row.places
 
 
-def taken_over(role: str, found: Found) -> dict[str, Any]:
+def taken_over(role: str, found: DiscoveredInstrument) -> dict[str, Any]:
     """Return what a bench file says of `found` as `role`: model or dialect, resource, an unusual speed."""
     table = role == "rate_table"
     keys: dict[str, Any] = {
@@ -276,7 +276,7 @@ def taken_over(role: str, found: Found) -> dict[str, Any]:
     return keys
 
 
-def _entry(role: str, found: Found) -> Iterator[str]:
+def _entry(role: str, found: DiscoveredInstrument) -> Iterator[str]:
     yield f"[{role}]  # {found.answer}"
     for key, value in taken_over(role, found).items():
         below = value if isinstance(value, dict) else {}
@@ -312,7 +312,7 @@ def _as_port(resource: str) -> str:
     return resource if socket is None else f"socket://{socket['host']}:{socket['port']}"
 
 
-def _spare(found: Found) -> Iterator[str]:
+def _spare(found: DiscoveredInstrument) -> Iterator[str]:
     what = "not recognised" if found.model is None else f"another {found.model}"
     yield f"# {what}: {found.answer}"
     yield f"# resource = {value_text(found.resource)}"

@@ -40,10 +40,10 @@ def _equipment(day: date, description: BenchDescription, role: str, identity: Id
     )
 
 
-def _serial_number(identity: Identity | None, told: str | None) -> str | None:
+def _serial_number(identity: Identity | None, stated: str | None) -> str | None:
     """Return the serial number that was answered, else the bench file's; 0 is what an instrument says that has none."""
     answered = "" if identity is None else identity.serial
-    return next((each for each in (answered, told) if each not in (None, "", "0")), None)
+    return next((each for each in (answered, stated) if each not in (None, "", "0")), None)
 
 
 def overdue_words(equipment: Collection[Equipment]) -> Iterator[str]:

@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from vcfbench.bench.signals import StopSignals
-    from vcfbench.bench.station import Station
+    from vcfbench.bench.station import UnopenedBench
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["Holding", "Watch"]
+__all__ = ["Holding", "SignalWatch"]
 
 _LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
 """What ends a Python program at once, without a word to anybody."""
 
 
-class Watch:
+class SignalWatch:
     """When the bench's own `signals` have the handlers: while it opens, inside of a ``with``, while it is left.
 
     `signals` is None for a bench whose opener watches himself. In between, what would end Python without a word ends it
@@ -62,7 +62,9 @@ class Holding:
     `stack` holds what is given back last: the station and the handlers.
     """
 
-    def __init__(self, name: str, stand: Station, signals: StopSignals, watch: Watch, stack: ExitStack) -> None:
+    def __init__(
+        self, name: str, stand: UnopenedBench, signals: StopSignals, watch: SignalWatch, stack: ExitStack
+    ) -> None:
         self.name = name
         self.safety = SafetyStack(stand.clock, patience=stand.patience)
         self.reports: list[SafeReport] = []

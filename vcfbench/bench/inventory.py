@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["Row", "inventory"]
+__all__ = ["InventoryRow", "inventory"]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class InventoryRow:
     """One number: `path` is its name as in the bench file's ``[simulation]``."""
 
     path: str
@@ -51,7 +51,7 @@ _UNITS = (
 """Units by the end of a field's name, the longest first."""
 
 
-def inventory(description: BenchDescription, seed: int | None = None) -> list[Row]:
+def inventory(description: BenchDescription, seed: int | None = None) -> list[InventoryRow]:
     """Return every physical parameter and every instrument error of the bench; errors as drawn by `seed`.
 
     Raises:
@@ -66,12 +66,12 @@ def inventory(description: BenchDescription, seed: int | None = None) -> list[Ro
     return [*_physics(description), *errors]
 
 
-def _physics(description: BenchDescription) -> Iterator[Row]:
+def _physics(description: BenchDescription) -> Iterator[InventoryRow]:
     rows = physical_parameters(description).rows()
     assert description.simulation is not None  # noqa: S101  # a real bench has no parameters
     for row, shipped in zip(rows, named_parameters(description.simulation).rows(), strict=True):
         source = shipped.source if row.value == shipped.value else _CHOSEN
-        yield Row(f"override.{row.path}", row.value, row.unit, row.meaning, source)
+        yield InventoryRow(f"override.{row.path}", row.value, row.unit, row.meaning, source)
 
 
 def _source(description: BenchDescription, role: str, seed: int) -> str:
@@ -83,7 +83,7 @@ def _source(description: BenchDescription, role: str, seed: int) -> str:
     return "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {seed}"
 
 
-def _rows(group: Any, path: str, source: str) -> Iterator[Row]:
+def _rows(group: Any, path: str, source: str) -> Iterator[InventoryRow]:
     kind: type = type(group)
     meanings = _field_docstrings(kind)
     for name in field_names(group) or ():
@@ -94,7 +94,7 @@ def _rows(group: Any, path: str, source: str) -> Iterator[Row]:
             for index, entry in enumerate(value):
                 yield from _rows(entry, f"{here}[{index}]", source)
         else:
-            yield Row(here, value, _unit(name, value), meanings.get(name, ""), source)
+            yield InventoryRow(here, value, _unit(name, value), meanings.get(name, ""), source)
 
 
 @cache  # finding a class in its file takes a while

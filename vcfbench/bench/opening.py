@@ -12,13 +12,15 @@ from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.station import Station
+    from vcfbench.bench.station import UnopenedBench
     from vcfbench.interfaces import Identity, Instrument
 
 __all__ = ["open_role"]
 
 
-def open_role(role: str, description: BenchDescription, stand: Station, **more: Any) -> tuple[Instrument, Identity]:
+def open_role(
+    role: str, description: BenchDescription, stand: UnopenedBench, **more: Any
+) -> tuple[Instrument, Identity]:
     """Open the instrument of `role` and ask who it is; what is not the one meant is closed again, untouched.
 
     `more` settings of its driver come before those of the bench file.

@@ -146,10 +146,10 @@ def _overrides(shipped: BenchParameters, own: BenchParameters) -> Iterator[str]:
     """Yield the parameters that are not those of the shipped set, with unit and meaning."""
     before: Mapping[str, Mapping[str, Any]] = to_builtins(shipped)
     for group, values in to_builtins(own).items():
-        told = type(getattr(own, group)).quantities()
+        quantities = type(getattr(own, group)).quantities()
         changed = {key: value for key, value in values.items() if value != before[group][key] and group != "site"}
         if changed:
             yield f"\n[simulation.override.{group}]"
         for key, value in changed.items():
-            unit = "" if told[key].unit == "1" else f"{told[key].unit}: "
-            yield f"{key} = {value_text(value):<24}# {unit}{told[key].meaning}"
+            unit = "" if quantities[key].unit == "1" else f"{quantities[key].unit}: "
+            yield f"{key} = {value_text(value):<24}# {unit}{quantities[key].meaning}"

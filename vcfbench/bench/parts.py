@@ -29,13 +29,13 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
 from vcfbench.errors import LimitError
 
 __all__ = [
-    "Acceptance",
+    "AcceptanceLimits",
+    "BenchFileTable",
     "Expected",
     "LimitKey",
     "Limits",
     "Node",
     "OscilloscopeWiring",
-    "Part",
     "RailWiring",
     "SupplyOutput",
     "Window",
@@ -57,18 +57,18 @@ LimitKey = Literal[
 ]
 
 
-class Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class BenchFileTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the bench file: frozen, strict."""
 
 
-class RailWiring(Part, frozen=True, kw_only=True):
+class RailWiring(BenchFileTable, frozen=True, kw_only=True):
     """Which supply output feeds which rail of the PCB."""
 
     positive: SupplyOutput = "P25V"
     negative: SupplyOutput = "N25V"
 
 
-class OscilloscopeWiring(Part, frozen=True, kw_only=True):
+class OscilloscopeWiring(BenchFileTable, frozen=True, kw_only=True):
     """Which node of the PCB each oscilloscope channel sees."""
 
     channel_1: Node | None = "drive"
@@ -86,7 +86,7 @@ class OscilloscopeWiring(Part, frozen=True, kw_only=True):
         return next((number for number, seen in self.channels().items() if seen == node), None)
 
 
-class Limits(Part, frozen=True, kw_only=True):
+class Limits(BenchFileTable, frozen=True, kw_only=True):
     """What must never be exceeded on this station; checked before anything is sent.
 
     Those of an instrument that the bench has are there; those of one that it has not may be None.
@@ -110,7 +110,7 @@ class Limits(Part, frozen=True, kw_only=True):
         return limit
 
 
-class Expected(Part, frozen=True, kw_only=True):
+class Expected(BenchFileTable, frozen=True, kw_only=True):
     """What this gyroscope should show: a run that shows something else is ended. Each window ``[low, high]``."""
 
     scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
@@ -120,7 +120,7 @@ class Expected(Part, frozen=True, kw_only=True):
     zero_drift_v: OutputDrift | None = None
 
 
-class Acceptance(Part, frozen=True, kw_only=True):
+class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):
     """Limits of the results, each ``[low, high]``: a run whose results are outside has failed, with exit code 1.
 
     With the guard band ``"U95"`` a result that is nearer to a limit than its expanded uncertainty is marginal.

@@ -16,7 +16,7 @@ from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
-from vcfbench.bench.station import Station, station, table_port
+from vcfbench.bench.station import UnopenedBench, station, table_port
 from vcfbench.clock import WallClock
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
@@ -94,7 +94,7 @@ def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: boo
             signals.close()
 
 
-def _station(description: BenchDescription, stack: ExitStack, *, force: bool) -> Station:
+def _station(description: BenchDescription, stack: ExitStack, *, force: bool) -> UnopenedBench:
     try:
         return stack.enter_context(station(description, None, None))
     except (InUse, ConnectFailed) as error:
@@ -102,12 +102,12 @@ def _station(description: BenchDescription, stack: ExitStack, *, force: bool) ->
             if isinstance(error, InUse):
                 error.hint = f"end that process, it makes its bench safe; or --force speaks beside it; {error.hint}"
             raise
-    return Station(WallClock(), description.visa_library, table_port(description))
+    return UnopenedBench(WallClock(), description.visa_library, table_port(description))
 
 
-def _made_safe(description: BenchDescription, stand: Station) -> MadeSafe:
+def _made_safe(description: BenchDescription, stand: UnopenedBench) -> MadeSafe:
     roles = sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage)
-    first = {role.name: _told_first(role, description, stand) for role in roles}
+    first = {role.name: _command_first(role, description, stand) for role in roles}
     safety = SafetyStack(stand.clock, patience=stand.patience)
     reports: dict[str, SafeReport] = {}
     for role in roles:
@@ -140,18 +140,18 @@ def _silent(role: Role, description: BenchDescription, error: BenchError) -> Saf
     return SafeReport(role.name, resource, safe=False, detail=what)
 
 
-class _Told(Exception):
+class _Commanded(Exception):
     """The instrument was told; that is all that its connection was for."""
 
 
-def _told_first(role: Role, description: BenchDescription, stand: Station) -> str | None:
+def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> str | None:
     """Connect, tell the instrument to stop or to switch off, and return what it was found doing, if it says so."""
     hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
     found: list[str] = []
 
     def table_connected(line: TableLine, dialect: TableDialect) -> None:
         line.say_blind(dialect.stop_words(None), dialect.gap_s)
-        raise _Told
+        raise _Commanded
 
     def session_connected(session: Session, words: Sequence[str]) -> None:
         session.declare_safe(
@@ -161,18 +161,18 @@ def _told_first(role: Role, description: BenchDescription, stand: Station) -> st
             part = getattr(description, role.name)
             found.append(_look(role, find_driver(part.model, part.like).driver_class, session))
         session.command_safe()
-        raise _Told
+        raise _Commanded
 
     moves = role.stage is Stage.MOTION
     connected = table_connected if moves else session_connected
-    with suppress(_Told, BenchError):  # who cannot be connected to is named when it is to be proved
+    with suppress(_Commanded, BenchError):  # who cannot be connected to is named when it is to be proved
         open_role(role.name, description, stand, timeout_s=hurry_s, upon_connecting=connected)
     with suppress(BenchError):
         return _rate(role, description, stand, hurry_s) if moves else found[0] if found else None
     return None
 
 
-def _rate(role: Role, description: BenchDescription, stand: Station, hurry_s: float) -> str:
+def _rate(role: Role, description: BenchDescription, stand: UnopenedBench, hurry_s: float) -> str:
     """Return what the table is doing just after it was told to stop: it takes its time to come to rest."""
     table: Any
     table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)

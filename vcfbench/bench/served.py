@@ -147,8 +147,8 @@ def _model(description: BenchDescription, role: str) -> str:
     return str(part.dialect if role == "rate_table" else part.model)
 
 
-def served_places(told: str) -> tuple[str, dict[str, str]]:
-    """Ask the control port `told` (``20220``, or with its host) what is served there.
+def served_places(control: str) -> tuple[str, dict[str, str]]:
+    """Ask the control port `control` (``20220``, or with its host) what is served there.
 
     Return its address, as bench files have it, and the roles by their resources on TCP.
 
@@ -158,14 +158,14 @@ def served_places(told: str) -> tuple[str, dict[str, str]]:
     """
     from vcfbench.sim.serve import Control, ControlError  # noqa: PLC0415
 
-    port = told.rpartition(":")[2]
+    port = control.rpartition(":")[2]
     if not (port.isdigit() and 0 < int(port) < 65536):
-        raise ConfigError(f"{told}: expected the control port that `vcfbench sim serve` has printed, as in 20220")
+        raise ConfigError(f"{control}: expected the control port that `vcfbench sim serve` has printed, as in 20220")
     try:
-        with Control(int(port)) as control:
-            instruments = control.request("status")["instruments"]
+        with Control(int(port)) as session:
+            instruments = session.request("status")["instruments"]
     except ControlError as error:
-        raise ConnectFailed(f"nothing is served there: {error}", instrument=_CONTROL, resource=told) from error
+        raise ConnectFailed(f"nothing is served there: {error}", instrument=_CONTROL, resource=control) from error
     return f"127.0.0.1:{port}", {wires["tcp"]: role for role, wires in instruments.items() if wires["tcp"]}
 
 

@@ -32,7 +32,7 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
 )
 from vcfbench.bench.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.parts import Acceptance, Expected, Limits, OscilloscopeWiring, RailWiring
+from vcfbench.bench.parts import AcceptanceLimits, Expected, Limits, OscilloscopeWiring, RailWiring
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ __all__ = [
     "Expected",
     "Limit",
     "Match",
-    "Placed",
+    "PlacedInstrument",
     "ProcedureSettings",
     "RailSettings",
     "Sources",
@@ -98,7 +98,7 @@ class Limit(Struct, frozen=True):
     guarded: bool = False
 
 
-class Placed(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An instrument of the bench file: the model whose data sheet counts, and where it answers or its serial number."""
 
     model: str
@@ -164,7 +164,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     `sources` are what uncertainties come from.
     """
 
-    instruments: dict[str, Placed] = field(default_factory=dict)
+    instruments: dict[str, PlacedInstrument] = field(default_factory=dict)
     rails: RailWiring = field(default_factory=RailWiring)
     oscilloscope: OscilloscopeWiring | None = field(default_factory=OscilloscopeWiring)
     mains_hz: Literal[50, 60] = 50
@@ -172,7 +172,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     meter_resolution_v: float | None = None
     limits: Limits = field(default_factory=Limits)
     expected: Expected = field(default_factory=Expected)
-    acceptance: Acceptance = field(default_factory=Acceptance)
+    acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
     sources: Sources = field(default_factory=Sources)
 
     def channel_of(self, node: Node) -> int:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.attendance import AttendedClock
     from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.scpi import ScpiInstrument
+    from vcfbench.sim.scpi import ScpiTwin
     from vcfbench.sim.sources import Drive, Played
     from vcfbench.sim.world import World
 
@@ -196,20 +196,20 @@ class SimulatedBench(Struct, frozen=True):
         if not _is_serial(part):
             return device
         from vcfbench.bench.description import SerialSettings  # noqa: PLC0415
-        from vcfbench.sim.serial_line import Frame, SerialLine  # noqa: PLC0415
+        from vcfbench.sim.serial_line import CharacterFrame, HandshakeLine  # noqa: PLC0415
 
         line = SerialSettings() if part.serial is None else part.serial
-        frame = Frame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
-        return SerialLine(cast("ScpiInstrument", device), self.clock, frame)
+        frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
+        return HandshakeLine(cast("ScpiTwin", device), self.clock, frame)
 
     def table_port(self) -> Device:
         """Return what is behind the port of the rate table: at the end of its line, if the bench file names one."""
         table = self.devices["rate_table"]
         if not _is_port(self.description.rate_table):
             return table
-        from vcfbench.sim.serial_line import Frame, PlainLine  # noqa: PLC0415
+        from vcfbench.sim.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
 
-        line = PlainLine(table, self.clock, getattr(table, "frame", Frame(stop_bits=1.0)))
+        line = ThreeWireLine(table, self.clock, getattr(table, "frame", CharacterFrame(stop_bits=1.0)))
         cast("AttendedClock", self.clock).attend(line)  # each character arrives at its own instant
         return line
 

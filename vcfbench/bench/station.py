@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.simulated import SimulatedBench
     from vcfbench.clock import Clock
 
-__all__ = ["Builder", "Station", "checked_pace", "station", "table_port"]
+__all__ = ["Builder", "UnopenedBench", "checked_pace", "station", "table_port"]
 
 FASTEST = "max"
 SLOWEST = 0.001
@@ -37,7 +37,7 @@ class Builder(Protocol):
         ...
 
 
-class Station(Struct, frozen=True):
+class UnopenedBench(Struct, frozen=True):
     """A bench before its instruments are opened.
 
     `rate_table` is the port of the table, None on a bench that has none. `patience` is how many seconds of wall time a
@@ -60,7 +60,7 @@ def station(
     build: Builder | None = None,
     *,
     roles: Collection[str] | None = None,
-) -> AbstractContextManager[Station]:
+) -> AbstractContextManager[UnopenedBench]:
     """Return the context in which the bench's instruments can be opened; `build` as of `open_bench`.
 
     The instruments are locked for it, of a real bench and of a served one: all, or those of `roles`.
@@ -81,9 +81,9 @@ def _locks(description: BenchDescription, roles: Collection[str] | None) -> Abst
 
 
 @contextmanager
-def _real(description: BenchDescription, roles: Collection[str] | None) -> Iterator[Station]:
+def _real(description: BenchDescription, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
     with _locks(description, roles):
-        yield Station(WallClock(), description.visa_library, table_port(description))
+        yield UnopenedBench(WallClock(), description.visa_library, table_port(description))
 
 
 def table_port(description: BenchDescription) -> str | None:
@@ -92,9 +92,9 @@ def table_port(description: BenchDescription) -> str | None:
 
 
 @contextmanager
-def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[Station]:
+def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
     with _locks(description, roles), lockstep_bench(served, table_port(description)) as lockstep:
-        yield Station(
+        yield UnopenedBench(
             lockstep.clock, description.visa_library, lockstep.rate_table, lockstep.seed, adjust=lockstep.adjust
         )
 
@@ -102,7 +102,7 @@ def _served(description: BenchDescription, served: Served, roles: Collection[str
 @contextmanager
 def _simulated(
     description: BenchDescription, seed: int | None, pace: float | None, build: Builder | None
-) -> Iterator[Station]:
+) -> Iterator[UnopenedBench]:
     from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415
 
     used = chosen_seed(description, seed)
@@ -111,7 +111,7 @@ def _simulated(
     with bench.registered() as handle:
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
         port = None if description.rate_table is None else f"sim://{handle}"
-        yield Station(bench.clock, f"{handle}@vcfbench", port, used, patience, partial(_adjust, bench))
+        yield UnopenedBench(bench.clock, f"{handle}@vcfbench", port, used, patience, partial(_adjust, bench))
 
 
 def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:

@@ -72,10 +72,10 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
     def show() -> None:
         if json:
-            print_json({**_check_json(description.name, done), **_told(description, what_can_run(description))})
+            print_json({**_check_json(description.name, done), **_station_json(description, what_can_run(description))})
         else:
             _print_check(description.title, done)
-            _print_told(description, what_can_run(description))
+            _print_station(description, what_can_run(description))
 
     answer(show, done.failure())
 
@@ -91,14 +91,14 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
             "ok": each.problem is None,
             "problem": each.problem,
             "safe": safe.get(each.role),
-            **{key: told[key] for key in _CALIBRATION},
+            **{key: equipment[key] for key in _CALIBRATION},
         }
-        for each, told in ((each, each.equipment.as_json()) for each in done.instruments)
+        for each, equipment in ((each, each.equipment.as_json()) for each in done.instruments)
     }
     return {"bench": bench, "ok": done.failure() is None, "instruments": instruments}
 
 
-def _told(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
+def _station_json(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
     """Return what the bench file says of the station, and what can run there."""
     from msgspec import to_builtins  # noqa: PLC0415
 
@@ -109,11 +109,11 @@ def _told(description: BenchDescription, procedures: dict[str, str | None]) -> d
     }
 
 
-def _print_told(description: BenchDescription, procedures: dict[str, str | None]) -> None:
+def _print_station(description: BenchDescription, procedures: dict[str, str | None]) -> None:
     """Print limits and acceptance, and what can run here; what cannot, with what is missing."""
-    told = _told(description, procedures)
+    station = _station_json(description, procedures)
     for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
-        given = {key: value for key, value in told[name].items() if value not in (None, "none")}
+        given = {key: value for key, value in station[name].items() if value not in (None, "none")}
         typer.echo(f"{name}: {', '.join(f'{key} {_shown(value)}' for key, value in given.items()) or otherwise}")
     able = [name for name, lacking in procedures.items() if lacking is None]
     typer.echo(f"can run: {', '.join(able) or 'nothing'}")

@@ -58,13 +58,13 @@ def new(
     """
     from vcfbench.bench.new_station import Draft  # noqa: PLC0415
     from vcfbench.cli.interview import Interview  # noqa: PLC0415
-    from vcfbench.cli.station_questions import Finding, interviewed  # noqa: PLC0415
+    from vcfbench.cli.station_questions import DiscoveryOptions, interviewed  # noqa: PLC0415
 
     interview = Interview(_given(answers or []), silent=yes)
     path = interview.free_file(file)
     draft = Draft(str(path))
     with tracing(trace):
-        interviewed(draft, interview, Finding(library, tuple(tries or ()), timeout, probe_serial, served))
+        interviewed(draft, interview, DiscoveryOptions(library, tuple(tries or ()), timeout, probe_serial, served))
     interview.require_all_used()
     _write(path, draft)
     typer.echo(f"{path} is written; next: vcfbench bench check --bench {path}")

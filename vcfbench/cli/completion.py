@@ -30,8 +30,8 @@ def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
 def run_names(ctx: Any, incomplete: str) -> list[str]:
     """Return the names of the runs in the directory of records that the command line names so far, the latest first."""
     with suppress(Exception):
-        told = (ctx.params.get(name) for name in ("directory", "runs"))  # of compare, `runs` are names
-        directory = next((each for each in told if isinstance(each, Path)), Path("runs"))
+        values = (ctx.params.get(name) for name in ("directory", "runs"))  # of compare, `runs` are names
+        directory = next((each for each in values if isinstance(each, Path)), Path("runs"))
         found = sorted(_runs_in(directory), reverse=True)
         return [name for name in ["last", *found] if name.startswith(incomplete)]
     return []

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.signals import StopSignals
-    from vcfbench.cli.ending import EarlyAndLate
+    from vcfbench.cli.ending import SignalsWithoutBench
     from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.progress import NoProgress
@@ -52,7 +52,9 @@ class RunOptions(Struct, frozen=True):
     metadata: Mapping[str, Any]
 
 
-def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
+def conduct(
+    procedure: AnyProcedure, settings: Layer, options: RunOptions, ending: SignalsWithoutBench | None = None
+) -> None:
     """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell.
 
     `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
@@ -63,12 +65,12 @@ def conduct(procedure: AnyProcedure, settings: Layer, options: RunOptions, endin
     from vcfbench.record.metadata import metadata_of  # noqa: PLC0415
     from vcfbench.runs.asked import Asked, prepare  # noqa: PLC0415
 
-    told = metadata_of(options.metadata)
-    asked = Asked(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=told)
+    metadata = metadata_of(options.metadata)
+    asked = Asked(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=metadata)
     _carry_out(asked, prepare, options, ending)
 
 
-def resume(name: str, procedure: Path | None, options: RunOptions, ending: EarlyAndLate | None = None) -> None:
+def resume(name: str, procedure: Path | None, options: RunOptions, ending: SignalsWithoutBench | None = None) -> None:
     """Take up the run called `name`, or recorded in that directory; the rest as of :func:`conduct`."""
     from vcfbench.runs.asked import Asked  # noqa: PLC0415
     from vcfbench.runs.resumed import broken_off  # noqa: PLC0415
@@ -79,7 +81,7 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Early
     _carry_out(asked, broken.prepare, options, ending)
 
 
-def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: EarlyAndLate | None) -> None:
+def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
 
     with (
@@ -182,8 +184,8 @@ def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> N
     from vcfbench.runs.asked import Asked, Checked, prepare  # noqa: PLC0415
 
     try:
-        told = metadata_of(options.metadata)
-        asked = Asked(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=told)
+        metadata = metadata_of(options.metadata)
+        asked = Asked(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=metadata)
         planned = prepare(asked, Checked()).planned()
     except BenchError as error:
         if options.json:

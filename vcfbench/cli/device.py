@@ -100,9 +100,9 @@ def _row(entry: Entry) -> dict[str, Any]:
     record = entry.record
     if isinstance(record, StaticNoise):
         found = record.bias_instability_deg_h
-        told = {"kind": "static-noise", "done": record.done.isoformat(timespec="seconds")}
+        made = {"kind": "static-noise", "done": record.done.isoformat(timespec="seconds")}
         noise = {"bias_instability_deg_h": found.value, "u_bias_instability": found.u}
-        return {**dict.fromkeys(_COLUMNS), "entry": entry.name, **told, **noise}
+        return {**dict.fromkeys(_COLUMNS), "entry": entry.name, **made, **noise}
     scale, bias = record.scale_factor_v_per_deg_s, record.bias_v
     row: dict[str, Any] = {**dict.fromkeys(_COLUMNS), "entry": entry.name, "kind": "certificate"}
     if scale is not None:

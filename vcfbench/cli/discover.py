@@ -10,7 +10,7 @@ from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
-    from vcfbench.bench.discovery import Discovery, Found
+    from vcfbench.bench.discovery import DiscoveredInstrument, Discovery
 
 __all__ = ["discover"]
 
@@ -76,7 +76,7 @@ def _as_json(found: Discovery, stanza: str) -> dict[str, Any]:
     }
 
 
-def _found_json(found: Found) -> dict[str, Any]:
+def _found_json(found: DiscoveredInstrument) -> dict[str, Any]:
     return {
         "resource": found.resource,
         "answer": found.answer,
@@ -101,7 +101,7 @@ def _print(found: Discovery, stanza: str) -> None:
         typer.echo(stanza.rstrip())
 
 
-def _line(found: Found) -> str:
+def _line(found: DiscoveredInstrument) -> str:
     if found.answer is None:
         return f"{found.resource}: {found.problem}"
     known = f"{found.model}" if found.model is not None else "not recognised"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from typing import Self, TextIO
 
 __all__ = [
-    "EarlyAndLate",
+    "SignalsWithoutBench",
     "Stopped",
     "discard_stdout",
     "ending_of",
@@ -45,7 +45,7 @@ class Stopped(BaseException):
     """A signal came while no bench was open; no error, so that nothing on the way takes it for one."""
 
 
-class EarlyAndLate:
+class SignalsWithoutBench:
     """Signals while no bench is open: until the answer is given they end the command, after it they change nothing.
 
     While a bench is open, it watches for signals itself and gives them back to this one when it is left.

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from vcfbench.cli.ending import EarlyAndLate, discard_stdout, ending_of, open_streams, say, usage_of
+from vcfbench.cli.ending import SignalsWithoutBench, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
 
 if TYPE_CHECKING:
@@ -71,12 +71,12 @@ class Commands(TyperGroup):
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the command line; ``--help`` and ``--version`` are answered here."""
-        with _errors_told():
+        with _errors_reported():
             return super().make_context(*arguments, **options)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        with _errors_told():
+        with _errors_reported():
             result = super().invoke(ctx)
             if sys.stdout is not None:  # it is None when it was closed before the start
                 sys.stdout.flush()
@@ -93,20 +93,20 @@ def _loaded(name: str) -> Any:
 
 
 @contextmanager
-def _errors_told() -> Iterator[None]:
+def _errors_reported() -> Iterator[None]:
     """Turn what a user can cause into a sentence and an exit code."""
     try:
         yield
     except typer.Exit:
         raise
     except BaseException as error:
-        code = _told(error)
+        code = _report(error)
         if code is None:
             raise
         raise typer.Exit(code) from error
 
 
-def _told(error: BaseException) -> int | None:
+def _report(error: BaseException) -> int | None:
     """Say what ended the command and return its exit code; None for a mistake of ours."""
     ending = ending_of(error) or usage_of(error)
     if ending is None:
@@ -159,7 +159,7 @@ def main() -> None:
     gc.set_threshold(200_000)  # a short run stays below it
     open_streams()
     code = BenchError.exit_code
-    with EarlyAndLate() as signals:
+    with SignalsWithoutBench() as signals:
         try:
             code = app(prog_name="vcfbench", standalone_mode=False, obj=signals) or 0
             signals.answered()
@@ -176,7 +176,7 @@ def main() -> None:
 
 def _last_word(error: BaseException) -> int:
     """Say what ended the command past all its own handling, and return the exit code: never 1, which is a verdict."""
-    code = _told(error)
+    code = _report(error)
     if code is not None:
         return code
     say("".join(traceback.format_exception(error)).rstrip("\n"))

@@ -9,13 +9,13 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["METADATA_OPTIONS", "tags_of", "told_of_run"]
+__all__ = ["METADATA_OPTIONS", "metadata_options", "tags_of"]
 
 METADATA_OPTIONS = ("dut", "operator", "note", "tag", "ambient_temperature_c", "humidity_percent")
 """Names of the options of ``vcfbench run`` that only the record is told."""
 
 
-def told_of_run(options: Mapping[str, Any]) -> dict[str, Any]:
+def metadata_options(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that were given, by the names that a record has; ConfigError where one cannot be used."""
     given = {name: value for name, value in options.items() if value is not None and name not in _OWN_FORM}
     tags = tags_of(options["tag"] or ())
@@ -25,16 +25,16 @@ def told_of_run(options: Mapping[str, Any]) -> dict[str, Any]:
 _OWN_FORM = ("tag", "ambient_temperature_c")
 
 
-def _ambient(told: str | None) -> dict[str, Any]:
+def _ambient(text: str | None) -> dict[str, Any]:
     """Return the temperature of the room, or who shall tell it."""
-    if told is None:
+    if text is None:
         return {}
-    if told == "chamber":
-        return {"ambient_from": told}
+    if text == "chamber":
+        return {"ambient_from": text}
     try:
-        return {"ambient_temperature_c": float(told)}
+        return {"ambient_temperature_c": float(text)}
     except ValueError:
-        raise ConfigError(f"--ambient-temperature-c {told}: expected degC, as in 23.1, or chamber") from None
+        raise ConfigError(f"--ambient-temperature-c {text}: expected degC, as in 23.1, or chamber") from None
 
 
 def tags_of(given: Iterable[str]) -> dict[str, str]:

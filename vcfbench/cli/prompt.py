@@ -55,9 +55,9 @@ def _complete_with(candidates: Callable[[], Sequence[str]]) -> None:
 
 def _state_directory() -> Path:
     """Return where programs of this user keep what they remember; a temporary place without a home."""
-    told = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
-    if told:
-        return Path(told)
+    configured = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
+    if configured:
+        return Path(configured)
     try:
         return Path.home() / ".local" / "state"
     except RuntimeError:

@@ -52,8 +52,8 @@ def report(
         typer.echo(path)
 
 
-def _pair(told: str) -> tuple[str, str]:
-    key, sign, value = told.partition("=")
+def _pair(text: str) -> tuple[str, str]:
+    key, sign, value = text.partition("=")
     if not sign or not key:
-        raise ConfigError(f"--set: expected KEY=VALUE, came {told!r}")
+        raise ConfigError(f"--set: expected KEY=VALUE, came {text!r}")
     return key, value

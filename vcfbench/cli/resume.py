@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.completion import run_names
-from vcfbench.cli.ending import EarlyAndLate
+from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.run import (  # typer reads them in the signature
     Json_,  # noqa: TC001
     Page_,  # noqa: TC001
@@ -67,4 +67,4 @@ def resume(
         metadata={},
     )
     with tracing(trace):
-        resumed(run, procedure, options, context.find_object(EarlyAndLate))
+        resumed(run, procedure, options, context.find_object(SignalsWithoutBench))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from vcfbench.cli.ending import EarlyAndLate
+from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
@@ -182,16 +182,16 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 
     def run(context: typer.Context, **options: Any) -> None:
         from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-        from vcfbench.cli.metadata import METADATA_OPTIONS, told_of_run  # noqa: PLC0415
+        from vcfbench.cli.metadata import METADATA_OPTIONS, metadata_options  # noqa: PLC0415
         from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
 
         given = {key: value for key in own if (value := options.pop(key)) is not None}
         given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
         settings = asked_by_command(options.pop("settings") or (), given, own, lists)
         with tracing(options.pop("trace")):
-            metadata = told_of_run({key: options.pop(key) for key in METADATA_OPTIONS})
+            metadata = metadata_options({key: options.pop(key) for key in METADATA_OPTIONS})
             asked = RunOptions(**options, settings=settings.values, metadata=metadata)
-            conduct(chosen, settings, asked, context.find_object(EarlyAndLate))
+            conduct(chosen, settings, asked, context.find_object(SignalsWithoutBench))
 
     _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.option})
     alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)

@@ -218,8 +218,8 @@ def _print_list(known: Sequence[RunSummary]) -> None:
         typer.echo(table)
         return
     for run, *others in rows:
-        told = "".join(f"  {name}: {printable(each)}\n" for name, each in zip(_HEAD[1:], others, strict=True))
-        typer.echo(f"{printable(run)}\n{told}", nl=False)
+        lines = "".join(f"  {name}: {printable(each)}\n" for name, each in zip(_HEAD[1:], others, strict=True))
+        typer.echo(f"{printable(run)}\n{lines}", nl=False)
 
 
 def _cells(run: RunSummary) -> tuple[object, ...]:
@@ -262,43 +262,43 @@ def _fits(table: str) -> bool:
 
 
 def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[str, Any]:
-    told = run.as_json()
+    members = run.as_json()
     return {
         **_line(directory, record),
         "simulated": run.simulated,
         "started_utc": record.header.get("utc"),
         "bench_seconds": run.bench_seconds,
         "physical_minimum_s": run.physical_minimum_s,
-        "points": told["points"],
-        "results": told["results"],
+        "points": members["points"],
+        "results": members["results"],
         "no_results": run.no_results,
-        "acceptance": told["acceptance"],
+        "acceptance": members["acceptance"],
         "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
-        **{key: told[key] for key in ("resumed", "not_checked") if key in told},
-        "metadata": told["metadata"],
-        "equipment": told["equipment"],
+        **{key: members[key] for key in ("resumed", "not_checked") if key in members},
+        "metadata": members["metadata"],
+        "equipment": members["equipment"],
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
         "versions": record.header.get("versions", {}),
     }
 
 
-def _told_of(run: Run) -> Iterator[str]:
+def _metadata_lines(run: Run) -> Iterator[str]:
     """Yield in lines what the record says of the run beside what was measured."""
     from vcfbench.bench.equipment import overdue_words  # noqa: PLC0415
 
-    told = run.metadata
-    conditions = ((told.ambient_temperature_c, "degC"), (told.humidity_percent, "% relative humidity"))
+    metadata = run.metadata
+    conditions = ((metadata.ambient_temperature_c, "degC"), (metadata.humidity_percent, "% relative humidity"))
     words = [
-        *([f"device {told.dut}"] if told.dut else []),
-        *([f"operator {told.operator}"] if told.operator else []),
+        *([f"device {metadata.dut}"] if metadata.dut else []),
+        *([f"operator {metadata.operator}"] if metadata.operator else []),
         *(f"{value:g} {unit}" for value, unit in conditions if value is not None),
-        *(f"{key}={value}" for key, value in told.tags.items()),
+        *(f"{key}={value}" for key, value in metadata.tags.items()),
     ]
     if words:
         yield ", ".join(words)
-    if told.note:
-        yield f"note: {told.note}"
+    if metadata.note:
+        yield f"note: {metadata.note}"
     for each in overdue_words(run.equipment):
         yield f"overdue: {each}"
 
@@ -312,7 +312,7 @@ def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> N
         f"{printable(line['run'])}: {status}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
         f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
     )
-    for words in _told_of(run):
+    for words in _metadata_lines(run):
         typer.echo(f"{printable(words)}\n")
     print_report(run.report())
     for said in run.asked_again:

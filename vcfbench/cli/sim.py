@@ -12,7 +12,7 @@ from vcfbench.cli.answer import print_json
 from vcfbench.cli.sim_new import new
 
 if TYPE_CHECKING:
-    from vcfbench.bench.inventory import Row
+    from vcfbench.bench.inventory import InventoryRow
 
 __all__ = ["app"]
 
@@ -50,7 +50,7 @@ def show(
         _print(description.title, rows)
 
 
-def _print(title: str, rows: list[Row]) -> None:
+def _print(title: str, rows: list[InventoryRow]) -> None:
     typer.echo(title)
     for row in rows:
         unit = "" if row.unit == "1" else f" {row.unit}"

@@ -93,8 +93,8 @@ def new(
     from vcfbench.bench.own_gyro import data_sheet, own_gyro_bench  # noqa: PLC0415
     from vcfbench.cli.interview import Interview, written_anew  # noqa: PLC0415
 
-    told = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
-    interview = Interview(told, silent=yes or not sys.stdin.isatty())
+    answers = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
+    interview = Interview(answers, silent=yes or not sys.stdin.isatty())
     path = interview.free_file(file)
     real = imperfections is Imperfections.PAPER
     figures = _figures(interview, _PAPERS if real else {})

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from datetime import date
 
-    from vcfbench.bench.discovery import Found
+    from vcfbench.bench.discovery import DiscoveredInstrument
     from vcfbench.bench.new_station import Draft
     from vcfbench.cli.interview import Interview
 
-__all__ = ["Finding", "interviewed"]
+__all__ = ["DiscoveryOptions", "interviewed"]
 
 _NONE = "none"
 _USUAL = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
@@ -33,7 +33,7 @@ _NODES = "output, v_vc, drive, carrier, sense, rail_positive, rail_negative"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class DiscoveryOptions:
     """How instruments are looked for, as ``bench discover`` takes it; `served` is a control port."""
 
     library: str
@@ -43,7 +43,7 @@ class Finding:
     served: str | None
 
 
-def interviewed(draft: Draft, interview: Interview, finding: Finding) -> None:
+def interviewed(draft: Draft, interview: Interview, finding: DiscoveryOptions) -> None:
     """Find instruments and ask for everything that a station's file must say.
 
     Raises:
@@ -62,7 +62,7 @@ def interviewed(draft: Draft, interview: Interview, finding: Finding) -> None:
 # Instruments
 
 
-def _instruments(draft: Draft, interview: Interview, finding: Finding) -> None:
+def _instruments(draft: Draft, interview: Interview, finding: DiscoveryOptions) -> None:
     say("Looking for instruments ...")
     found, places = _found(draft, finding)
     for each in found:
@@ -78,7 +78,7 @@ def _instruments(draft: Draft, interview: Interview, finding: Finding) -> None:
         )
 
 
-def _found(draft: Draft, finding: Finding) -> tuple[list[Found], dict[str, str]]:
+def _found(draft: Draft, finding: DiscoveryOptions) -> tuple[list[DiscoveredInstrument], dict[str, str]]:
     """Return who answers, and what is known of the place of each by its resource."""
     places: dict[str, str] = {}
     if finding.served is not None:
@@ -101,7 +101,7 @@ def _found(draft: Draft, finding: Finding) -> tuple[list[Found], dict[str, str]]
     return [each for each in answering if each.answer is not None], places
 
 
-def _place(draft: Draft, interview: Interview, found: Found, hint: str | None) -> None:
+def _place(draft: Draft, interview: Interview, found: DiscoveredInstrument, hint: str | None) -> None:
     """Ask for the role of who answered."""
     possible = discovery.places(found.model) or (*_USUAL, "v_vc_meter", "vibration_source", "chamber")
     free = [role for role in possible if role not in draft.roles()]
@@ -120,7 +120,7 @@ def _place(draft: Draft, interview: Interview, found: Found, hint: str | None) -
     interview.ask(f"role of {found.resource}", f"{what} at {found.resource}: its role", proposed, take)
 
 
-def _keys(interview: Interview, role: str, found: Found) -> dict[str, Any]:
+def _keys(interview: Interview, role: str, found: DiscoveredInstrument) -> dict[str, Any]:
     """Return what the bench file says of an instrument; of one that is not recognised it is asked."""
     keys = discovery.taken_over(role, found)
     if found.model is None and role == "rate_table":
@@ -149,7 +149,7 @@ def _model(role: str) -> Callable[[str], str]:
     return take
 
 
-def _lock(draft: Draft, interview: Interview, role: str, found: Found) -> None:
+def _lock(draft: Draft, interview: Interview, role: str, found: DiscoveredInstrument) -> None:
     """Ask whether another specimen shall be refused, where there is a serial number to tell it by."""
     if role == "rate_table" or found.serial_number is None:
         return
@@ -163,10 +163,10 @@ def _lock(draft: Draft, interview: Interview, role: str, found: Found) -> None:
     )
 
 
-def _further(draft: Draft, interview: Interview, finding: Finding) -> Found | None:
+def _further(draft: Draft, interview: Interview, finding: DiscoveryOptions) -> DiscoveredInstrument | None:
     """Ask for a resource that does not announce itself; None when there is none."""
 
-    def take(answer: str) -> Found | None:
+    def take(answer: str) -> DiscoveredInstrument | None:
         if not answer:
             return None
         known = {part["resource"]: role for role in draft.roles() if isinstance(part := draft.values[role], dict)}
@@ -177,7 +177,7 @@ def _further(draft: Draft, interview: Interview, finding: Finding) -> Found | No
     return interview.ask("further", "Another resource to ask (TCPIP0::..., socket://host:port; Enter: none)", "", take)
 
 
-def _asked(resource: str, finding: Finding) -> Found:
+def _asked(resource: str, finding: DiscoveryOptions) -> DiscoveredInstrument:
     """Return who answers at `resource`; ConfigError when nobody does."""
     found = discovery.discover("@py", (resource,), timeout_s=finding.timeout_s).tried[0]
     if found.answer is None:
@@ -185,7 +185,7 @@ def _asked(resource: str, finding: Finding) -> Found:
     return found
 
 
-def _named_by_hand(draft: Draft, interview: Interview, finding: Finding, role: str) -> None:
+def _named_by_hand(draft: Draft, interview: Interview, finding: DiscoveryOptions, role: str) -> None:
     """Ask where an instrument is that was not found; one that is switched off today may be named all the same."""
     words = (
         f"No {role} was found: its resource ('off RESOURCE' when it does not answer today; Enter: the bench has none)"
@@ -196,13 +196,13 @@ def _named_by_hand(draft: Draft, interview: Interview, finding: Finding, role: s
             return
         silent = answer.startswith("off ")
         resource = answer.removeprefix("off ").strip()
-        found = discovery.Found(resource) if silent else _asked(resource, finding)
+        found = discovery.DiscoveredInstrument(resource) if silent else _asked(resource, finding)
         if silent:
             asked = _language if role == "rate_table" else _model(role)
             first = "acl" if role == "rate_table" else models_for(role)[0]
             key = "dialect" if role == "rate_table" else "model"
             model = interview.ask(f"{role}.{key}", f"  its {key}", first, asked)
-            found = discovery.Found(resource, model=model)
+            found = discovery.DiscoveredInstrument(resource, model=model)
         elif found.model is not None and role not in discovery.places(found.model):
             raise ConfigError(f"{found.model} answers there, which is no {role}")
         draft.add_instrument(role, _keys(interview, role, found))

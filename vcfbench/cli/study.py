@@ -15,7 +15,7 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.studies.conduct import How, Plan, Progress
+    from vcfbench.studies.conduct import Plan, Progress, StudyOptions
     from vcfbench.studies.result import StudyResult
 
 __all__ = ["study"]
@@ -59,7 +59,7 @@ def study(
     """
     from vcfbench.files import shown  # noqa: PLC0415  # nothing heavy is imported before a command runs
     from vcfbench.studies.asked import read_study  # noqa: PLC0415
-    from vcfbench.studies.conduct import How, conduct, plan_of  # noqa: PLC0415
+    from vcfbench.studies.conduct import StudyOptions, conduct, plan_of  # noqa: PLC0415
 
     asked = read_study(file)
     if trace is not None:
@@ -68,7 +68,7 @@ def study(
             hint=f"trace one of them: vcfbench run {asked.procedure} --seed {asked.seeds[0]} --trace {shown(trace)}",
         )
     table = Path(f"{file.stem}.parquet") if output is None else output
-    how = How(table, workers, scheduler, restart, keep_records)
+    how = StudyOptions(table, workers, scheduler, restart, keep_records)
     with _shown(how, quiet=quiet) as progress:
         if dry_run:
             _show_plan(plan_of(asked, how, progress), as_json=json)
@@ -78,18 +78,18 @@ def study(
 
 
 @contextmanager
-def _shown(how: How, *, quiet: bool) -> Iterator[Progress]:
+def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
     """Show how the study goes on stderr; when it is stopped say what is kept."""
     from vcfbench.report.outlet import Outlet  # noqa: PLC0415
     from vcfbench.studies.conduct import Quiet, journal_of  # noqa: PLC0415
-    from vcfbench.studies.progress import BarProgress, LineProgress  # noqa: PLC0415
+    from vcfbench.studies.progress import BarProgress, StudyLineProgress  # noqa: PLC0415
 
     if quiet:
         yield Quiet()
         return
     outlet = Outlet(sys.stderr)
     outlet.open()
-    progress = BarProgress(outlet) if sys.stderr.isatty() else LineProgress(outlet)
+    progress = BarProgress(outlet) if sys.stderr.isatty() else StudyLineProgress(outlet)
     with ExitStack() as stack:
         stack.callback(outlet.close)
         stack.enter_context(progress)

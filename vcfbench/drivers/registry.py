@@ -104,26 +104,26 @@ def find_driver(model: str, like: str | None = None) -> Driver:
 def _table(name: str) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
         del library  # pyserial opens tables
-        told = _settings(TableSettings, role, settings)
-        speech = spoken(name, AxisSettings(told.axis, told.reply_header, told.steps_per_deg))
+        parsed = _settings(TableSettings, role, settings)
+        speech = spoken(name, AxisSettings(parsed.axis, parsed.reply_header, parsed.steps_per_deg))
         line = open_serial(
-            told.port or resource,
+            parsed.port or resource,
             speech.link,
             clock=clock,
             name=role,
-            timeout_s=told.timeout_s,
-            baud_rate=told.baud_rate,
+            timeout_s=parsed.timeout_s,
+            baud_rate=parsed.baud_rate,
             resource=resource,
         )
         try:
-            if told.upon_connecting is not None:
-                told.upon_connecting(line, speech.dialect)
+            if parsed.upon_connecting is not None:
+                parsed.upon_connecting(line, speech.dialect)
             return RateTableDriver(
                 line,
                 speech.dialect,
-                limits=TableLimits(told.max_rate_deg_s, told.max_acceleration_deg_s2),
-                axis_sign=told.axis_sign,
-                rest_tolerance_deg_s=told.rest_tolerance_deg_s,
+                limits=TableLimits(parsed.max_rate_deg_s, parsed.max_acceleration_deg_s2),
+                axis_sign=parsed.axis_sign,
+                rest_tolerance_deg_s=parsed.rest_tolerance_deg_s,
             )
         except BaseException:
             line.close()
@@ -136,21 +136,21 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
     """Return how the SCPI instrument `model` on VISA is opened."""
 
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
-        told = _settings(VisaSettings, role, settings)
+        parsed = _settings(VisaSettings, role, settings)
         session = open_session(
             resource,
             library=library,
             clock=clock,
             name=role,
-            timeout_s=told.timeout_s,
-            open_timeout_s=max(told.timeout_s, driver_class.first_answer_s),
-            serial=told.serial,
-            write_pause_s=_pause_s(driver_class, resource, told.serial_pause_s),
+            timeout_s=parsed.timeout_s,
+            open_timeout_s=max(parsed.timeout_s, driver_class.first_answer_s),
+            serial=parsed.serial,
+            write_pause_s=_pause_s(driver_class, resource, parsed.serial_pause_s),
         )
         try:
-            if told.upon_connecting is not None:
-                told.upon_connecting(session, driver_class.safe_words)
-            made: Any = driver_class.opened(session, told)
+            if parsed.upon_connecting is not None:
+                parsed.upon_connecting(session, driver_class.safe_words)
+            made: Any = driver_class.opened(session, parsed)
         except BaseException:
             session.close()
             raise
@@ -159,10 +159,10 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
     return Driver(model, driver_class, opener)
 
 
-def _pause_s(driver_class: type[ScpiInstrument], resource: str, told_s: float | None) -> float:
+def _pause_s(driver_class: type[ScpiInstrument], resource: str, stated_s: float | None) -> float:
     if not resource.upper().startswith("ASRL"):
         return 0.0
-    return driver_class.serial_pause_s if told_s is None else told_s
+    return driver_class.serial_pause_s if stated_s is None else stated_s
 
 
 def _settings(kind: Callable[..., _S], role: str, settings: Mapping[str, Any]) -> _S:

@@ -24,7 +24,7 @@ from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
 from vcfbench.page.following import JournalFollower
 from vcfbench.page.parts import end_of
-from vcfbench.page.view import Seen
+from vcfbench.page.view import BrowserPosition
 from vcfbench.record.journal import being_written
 
 if TYPE_CHECKING:
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-    from vcfbench.page.station import Station
+    from vcfbench.page.station import StationDirectories
     from vcfbench.page.view import View
 
-__all__ = ["LIVE", "Shown", "application"]
+__all__ = ["LIVE", "PageContent", "application"]
 
 LIVE: Final = "live"
 """The name of the run of this process."""
@@ -67,13 +67,13 @@ _HEADERS: Final = {
 
 
 @dataclass(slots=True)
-class Shown:
+class PageContent:
     """What the page shows: a station, and the run of this process, if there is one.
 
     `live` is that run, `stop` what stops it, `token` what whoever stops must know. `closing` ends what browsers follow.
     """
 
-    station: Station
+    station: StationDirectories
     live: View | None = None
     stop: Callable[[], None] | None = None
     token: str = ""
@@ -142,7 +142,7 @@ class EventStream:
     nothing any more is let go.
     """
 
-    def __init__(self, shown: Shown, name: str) -> None:
+    def __init__(self, shown: PageContent, name: str) -> None:
         self._shown, self._name = shown, name
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -159,7 +159,7 @@ class EventStream:
     async def _tell(self, send: Send) -> None:
         headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
-        seen, silent_s, over = Seen(), 0.0, False
+        seen, silent_s, over = BrowserPosition(), 0.0, False
         while not over:
             closing = self._shown.closing
             view = await run_in_threadpool(self._shown.view, self._name)
@@ -206,7 +206,7 @@ class _Guarded:
         await self._app(scope, receive, guarded)
 
 
-def application(shown: Shown) -> Starlette:
+def application(shown: PageContent) -> Starlette:
     """Return the application; it answers to no host name but that of this machine to itself."""
     routes = _Routes(shown)
     return Starlette(
@@ -230,7 +230,7 @@ def application(shown: Shown) -> Starlette:
 
 
 class _Routes:
-    def __init__(self, shown: Shown) -> None:
+    def __init__(self, shown: PageContent) -> None:
         self._shown = shown
 
     async def station_page(self, request: Request) -> Response:
@@ -293,16 +293,16 @@ def _same_origin(request: Request) -> bool:
     return origin is None or urlsplit(origin).netloc == request.headers.get("host")
 
 
-def _knows(told: str | None, token: str) -> bool:
-    return bool(token) and hmac.compare_digest((told or "").encode(), token.encode())
+def _knows(sent: str | None, token: str) -> bool:
+    return bool(token) and hmac.compare_digest((sent or "").encode(), token.encode())
 
 
 def _number(request: Request, name: str) -> float | None:
-    told = request.query_params.get(name)
+    text = request.query_params.get(name)
     try:
-        return None if told is None else float(told)
+        return None if text is None else float(text)
     except ValueError as error:
-        raise HTTPException(400, f"{name}: expected a number, came {told!r}") from error
+        raise HTTPException(400, f"{name}: expected a number, came {text!r}") from error
 
 
 def _json(value: Any) -> Response:

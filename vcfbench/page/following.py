@@ -147,12 +147,12 @@ def _readings(line: Mapping[str, Any]) -> list[Any]:
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:
     """Return what must not be exceeded, in words and numbers with their unit."""
     units = {"deg_s": "deg/s", "deg_s2": "deg/s^2", "v": "V", "a": "A", "c": "degC", "min": "K/min"}
-    told = []
+    rows = []
     for key, value in limits.items():
         if isinstance(value, int | float):
             words, unit = key, ""
             for ending, symbol in units.items():
                 if key.endswith(f"_{ending}"):
                     words, unit = key.removesuffix(f"_{ending}").removesuffix("_k"), f" {symbol}"
-            told.append([words.replace("_", " ").replace("v vc", "V_Vc"), f"{value:g}{unit}"])
-    return told
+            rows.append([words.replace("_", " ").replace("v vc", "V_Vc"), f"{value:g}{unit}"])
+    return rows

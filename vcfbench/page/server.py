@@ -11,7 +11,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.extras import need
 from vcfbench.page.following import RunFollower
 from vcfbench.page.parts import end_of
-from vcfbench.page.station import Station
+from vcfbench.page.station import StationDirectories
 from vcfbench.page.view import View
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Any
 
-    from vcfbench.page.app import Shown
+    from vcfbench.page.app import PageContent
     from vcfbench.plans.executor import Event
     from vcfbench.runs.asked import Beginning
     from vcfbench.runs.run import Run
@@ -34,11 +34,11 @@ _PARTING_S: Final = 1.5
 _STARTING_S: Final = 10.0
 
 
-def _shown(runs: Path, devices: Path) -> Shown:
+def _shown(runs: Path, devices: Path) -> PageContent:
     need("starlette", "page", _WHAT)
-    from vcfbench.page.app import Shown  # noqa: PLC0415  # starlette comes with it
+    from vcfbench.page.app import PageContent  # noqa: PLC0415  # starlette comes with it
 
-    return Shown(Station(runs, devices))
+    return PageContent(StationDirectories(runs, devices))
 
 
 def _bound(port: int) -> socket.socket:
@@ -59,7 +59,7 @@ def _bound(port: int) -> socket.socket:
     return listening
 
 
-def _server(shown: Shown) -> Any:
+def _server(shown: PageContent) -> Any:
     uvicorn = need("uvicorn", "page", _WHAT)
     from vcfbench.page.app import application  # noqa: PLC0415  # starlette comes with it
 

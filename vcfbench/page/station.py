@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
     from vcfbench.record.devices import Entry
 
-__all__ = ["Station"]
+__all__ = ["StationDirectories"]
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3
 
 
-class Station:
+class StationDirectories:
     """What the directories of a station hold; a record that is complete is read once."""
 
     def __init__(self, runs: Path, devices: Path) -> None:
@@ -92,8 +92,8 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
     begun = {"run": directory.run, "began_utc": header.get("utc"), "simulated": header.get("simulated")}
     if being_written(directory.journal):
         bench, metadata = header.get("bench") or {}, header.get("metadata") or {}
-        told = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
-        return {**begun, **told, "status": "running"}
+        named = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
+        return {**begun, **named, "status": "running"}
     summary = summary_of(directory)
     return {
         **begun,

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = ["Seen", "View"]
+__all__ = ["BrowserPosition", "View"]
 
 
 @dataclass(slots=True)
-class Seen:
+class BrowserPosition:
     """How much of a view one browser has been told."""
 
     version: int = -1
@@ -87,7 +87,7 @@ class View:
         self.t_s, self.doing = t_s, None
         self.state = self.state.after(step, result)
         kind = "heading" if isinstance(step, Note) else "done"
-        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "told": result.describe(), "kind": kind})
+        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "result": result.describe(), "kind": kind})
         for said in again:
             self.say(t_s, f"asked again: {said}", "warning")
         if isinstance(step, NotChecked):
@@ -95,14 +95,14 @@ class View:
         point = getattr(result, "recorded_point", None)
         if point is not None:
             self.points.append(point)
-        elif getattr(step, "effect", None) in {Effect.MEASURES, Effect.CHECKS} and (told := result.describe()):
-            self.say(t_s, f"{step.describe()}: {told}", "result")
+        elif getattr(step, "effect", None) in {Effect.MEASURES, Effect.CHECKS} and (described := result.describe()):
+            self.say(t_s, f"{step.describe()}: {described}", "result")
         self.version += 1
 
     def fail(self, number: int, t_s: float, step: Step | Recorded, error: str) -> None:
         """Take in that a step failed."""
         self.t_s, self.doing = t_s, None
-        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "told": error, "kind": "failed"})
+        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "result": error, "kind": "failed"})
         self.say(t_s, error, "error")
 
     def say(self, t_s: float, words: str, kind: str) -> None:
@@ -139,7 +139,7 @@ class View:
             "all": high - low <= most,
         }
 
-    def news(self, seen: Seen) -> dict[str, Any] | None:
+    def news(self, seen: BrowserPosition) -> dict[str, Any] | None:
         """Return what came since `seen`, which is brought up to date; None when nothing did."""
         version = self.version
         if version == seen.version:

@@ -318,7 +318,7 @@ class Executor:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
         readings = to_builtins(self._context.readings)
-        line = {**self._line(step), "t_s": self._now(), **_told(error), "readings": readings, **self._seen()}
+        line = {**self._line(step), "t_s": self._now(), **_error_fields(error), "readings": readings, **self._seen()}
         if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
             with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
                 self.journal.error(line)
@@ -354,5 +354,5 @@ def _stop() -> Step:
     raise StopIteration
 
 
-def _told(error: BenchError) -> dict[str, Any]:
+def _error_fields(error: BenchError) -> dict[str, Any]:
     return {"error_kind": type(error).__name__, "error": str(error)}

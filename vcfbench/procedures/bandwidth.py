@@ -38,7 +38,7 @@ from vcfbench.plans.steps import (
     SineResponse,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
@@ -264,7 +264,9 @@ def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
 def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Measurand:
     """Combine independent parts; only that of the noise has finite degrees of freedom."""
     dofs = {"noise": noise_dof}
-    return measurand(value, unit, [Part(each.replace("_", " "), u, dofs.get(each)) for each, u in parts.items()])
+    return measurand(
+        value, unit, [UncertaintyPart(each.replace("_", " "), u, dofs.get(each)) for each, u in parts.items()]
+    )
 
 
 def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) -> Report:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from msgspec import ValidationError, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
-from vcfbench.bench.settings import V_VC_RANGE_V, Placed, ProcedureSettings, Sources, Station
+from vcfbench.bench.settings import V_VC_RANGE_V, PlacedInstrument, ProcedureSettings, Sources, Station
 from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
@@ -167,11 +167,11 @@ def _station(description: BenchDescription) -> Station:
     )
 
 
-def _placed(description: BenchDescription) -> dict[str, Placed]:
+def _placed(description: BenchDescription) -> dict[str, PlacedInstrument]:
     """Return the instruments of the bench file by role."""
     parts = {role: getattr(description, role) for role in ROLES}
     return {
-        role: Placed(model=part.like or part.model, where=_where(part))
+        role: PlacedInstrument(model=part.like or part.model, where=_where(part))
         for role, part in parts.items()
         if part is not None
     }
@@ -260,9 +260,9 @@ def _age_days(description: BenchDescription, role: str, key: str) -> tuple[float
     Raises:
         ConfigError: it is to be calibrated in future.
     """
-    told: float | None = getattr(description.uncertainty, key)
-    if told is not None:
-        return told, f"uncertainty.{key}"
+    stated: float | None = getattr(description.uncertainty, key)
+    if stated is not None:
+        return stated, f"uncertainty.{key}"
     calibrated = getattr(getattr(description, role), "calibrated", None)
     if calibrated is None:
         return _USUAL_AGE_DAYS, f"assumed: the bench file has no {role}.calibrated"

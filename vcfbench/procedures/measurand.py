@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Cell
 
-__all__ = ["Measurand", "Part", "measurand"]
+__all__ = ["Measurand", "UncertaintyPart", "measurand"]
 
 _ROUNDING = 1e-9
 """A part of u that is smaller, against all of it, is left by rounding."""
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class UncertaintyPart:
     """What one source puts into a standard uncertainty, in the unit of the value; the sign is that of its effect.
 
     `of` says whose it is where other results have the same, so that it cancels between them: an instrument, a
@@ -48,7 +48,7 @@ class Measurand:
     coverage_factor: float
     expanded_u: float
     """Half width of the interval that holds the true value with 95 %."""
-    parts: tuple[Part, ...]
+    parts: tuple[UncertaintyPart, ...]
     """The largest first."""
 
     def printed(self) -> tuple[Cell, Cell, Cell]:
@@ -61,7 +61,7 @@ class Measurand:
         return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares)
 
 
-def measurand(value: float, unit: str, parts: Sequence[Part]) -> Measurand:
+def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart]) -> Measurand:
     """Return `value` with the combined uncertainty of independent `parts`, after the GUM (Welch and Satterthwaite)."""
     sources = [
         Source(f"{number}: {part.source}", 0.0, abs(part.u), unit, math.inf if part.dof is None else part.dof)
@@ -103,6 +103,6 @@ def budget_table(name: str, found: Measurand) -> Table:
     return Table(columns, rows, f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}")
 
 
-def _shown(part: Part, found: Measurand) -> float:
+def _shown(part: UncertaintyPart, found: Measurand) -> float:
     """Return the u of a part; what rounding alone leaves of a part that cancels is none."""
     return abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0

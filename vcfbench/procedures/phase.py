@@ -40,7 +40,7 @@ from vcfbench.plans.steps import (
     SineRecords,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -301,9 +301,9 @@ class _Angle:
     u_deg: float
     dof: float
 
-    def part(self, source: str, weight: float = 1.0) -> Part:
+    def part(self, source: str, weight: float = 1.0) -> UncertaintyPart:
         """Return it as a part of an uncertainty, `weight` that of a degree."""
-        return Part(source, abs(weight) * self.u_deg, self.dof)
+        return UncertaintyPart(source, abs(weight) * self.u_deg, self.dof)
 
 
 def phases_of(
@@ -326,7 +326,7 @@ def phases_of(
     demodulator = _Angle(reference.phase_deg, reference.u_phase_deg, reference.dof)
     phases = carrier, coriolis, virtual, demodulator
     drive_hz = fmean(each.frequency_hz for each in records)
-    skew = Part("skew of two channels", math.sqrt(2.0 / 3.0) * 360.0 * drive_hz * _SKEW_S)
+    skew = UncertaintyPart("skew of two channels", math.sqrt(2.0 / 3.0) * 360.0 * drive_hz * _SKEW_S)
     against_drive = [measurand(each.deg, "deg", [each.part("records"), skew]) for each in phases]
     error, by_carrier, by_demodulator = _of_k_vc(coriolis, virtual, demodulator)
     return Phases(
@@ -350,7 +350,7 @@ def phases_of(
         scale_factor_ppm_per_demodulator_deg=1e6 * math.radians(math.tan(math.radians(coriolis.deg - demodulator.deg))),
         bias_deg_s_per_demodulator_deg=_bias_per_deg(settings, states, demodulator.deg),
         filter_delay_ms=measurand(
-            1e3 * reference.delay_s, "ms", [Part("records", 1e3 * reference.u_delay_s, reference.dof)]
+            1e3 * reference.delay_s, "ms", [UncertaintyPart("records", 1e3 * reference.u_delay_s, reference.dof)]
         ),
         drive_hz=drive_hz,
         records=len(records) + len(turned),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Plan
-    from vcfbench.record.devices import Kept
+    from vcfbench.record.devices import NewEntry
     from vcfbench.report.document import Report
 
 S = TypeVar("S", bound=ProcedureSettings)
@@ -65,7 +65,7 @@ class Procedure(Generic[S, R]):
     report: Callable[[S, Measured, R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
-    entry: Callable[[S, R, Made], Kept | None] | None = None
+    entry: Callable[[S, R, Provenance], NewEntry | None] | None = None
     in_one_piece: str = ""
     method: str = ""
 
@@ -84,7 +84,7 @@ class Procedure(Generic[S, R]):
         return f"<Procedure {self.name}>"
 
 
-class Made(Struct, frozen=True):
+class Provenance(Struct, frozen=True):
     """Where and when results were made, for what is kept of a device."""
 
     bench: str

@@ -40,7 +40,7 @@ from vcfbench.plans.steps.scope import scale_v_per_div
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
@@ -318,14 +318,16 @@ def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[
     )
 
 
-def _mean(values: Sequence[float], unit: str, *others: Part) -> Measurand:
+def _mean(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measurand:
     """Return the mean of records with their scatter."""
-    scatter = Part("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
+    scatter = UncertaintyPart("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
     return measurand(fmean(values), unit, [scatter, *others])
 
 
 def _frequency(values_hz: Sequence[float]) -> Measurand:
-    time_base = Part("time base", SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope")
+    time_base = UncertaintyPart(
+        "time base", SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope"
+    )
     return _mean(values_hz, "Hz", time_base)
 
 

@@ -37,7 +37,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.levels import generator_sheet
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     energised,
@@ -244,18 +244,18 @@ def _static_gain(settings: VibrationSettings, measured: Measured) -> Measurand:
     of_level = math.sqrt(math.fsum((point.v_vc_std_v or 0.0) ** 2 / point.n for point in points)) / abs(swing_v)
     dof = float(sum(point.n - 1 for point in points))
     parts = [
-        Part("readings at rest", of_output, dof),
-        Part("readings of V_Vc at rest", abs(gain) * of_level, dof),
+        UncertaintyPart("readings at rest", of_output, dof),
+        UncertaintyPart("readings of V_Vc at rest", abs(gain) * of_level, dof),
         *_believed(settings, "V_Vc direct", abs(gain)),
     ]
     return measurand(gain, "V/V", parts)
 
 
-def _believed(settings: VibrationSettings, what: str, size: float) -> list[Part]:
+def _believed(settings: VibrationSettings, what: str, size: float) -> list[UncertaintyPart]:
     """Return what a level adds that nobody measured: the generator's accuracy, rectangular."""
     if settings.v_vc_is_measured:
         return []
-    return [Part(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
+    return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
 
 
 def _tones(records: Sequence[tuple[float, ModulatedRecord, Sequence[float]]], mains_hz: float) -> list[Tone]:
@@ -312,12 +312,16 @@ def _response(
     amplitude_v = settings.vibration_amplitude_v if v_vc is None else v_vc.amplitude
     size = abs(static.value)
     value = output.amplitude / amplitude_v / size
-    of_v_vc = [] if v_vc is None else [Part("noise of V_Vc", value * v_vc.u_amplitude / amplitude_v, v_vc.noise_dof)]
+    of_v_vc = (
+        []
+        if v_vc is None
+        else [UncertaintyPart("noise of V_Vc", value * v_vc.u_amplitude / amplitude_v, v_vc.noise_dof)]
+    )
     parts = [
-        Part("noise of the output", value * noise_v / output.amplitude, output.noise_dof),
+        UncertaintyPart("noise of the output", value * noise_v / output.amplitude, output.noise_dof),
         *of_v_vc,
         *_believed(settings, "the vibration", value),
-        *(Part(part.source, value * part.u / size, part.dof) for part in static.parts),
+        *(UncertaintyPart(part.source, value * part.u / size, part.dof) for part in static.parts),
     ]
     response, expected = measurand(value, "", parts), _expected(settings, output.frequency_hz)
     return VibrationResponse(
@@ -333,14 +337,14 @@ def _response(
 
 def _expected(settings: VibrationSettings, frequency_hz: float) -> Measurand:
     """Return the closed form with what its parameters leave open."""
-    told = (
+    inputs = (
         ("mode split", settings.split_hz, settings.u_split_hz),
         ("Q", settings.q, settings.u_q),
         ("share of the in-phase mode", settings.in_phase_share, settings.u_in_phase_share),
     )
-    values = tuple(each[1] for each in told)
+    values = tuple(each[1] for each in inputs)
     parts = []
-    for place, (name, value, u) in enumerate(told):
+    for place, (name, value, u) in enumerate(inputs):
         step = _STEP * max(value, 0.01)
         up, down = (
             _closed_form(
@@ -348,7 +352,7 @@ def _expected(settings: VibrationSettings, frequency_hz: float) -> Measurand:
             )
             for sign in (1.0, -1.0)
         )
-        parts.append(Part(name, abs(up - down) / (2.0 * step) * u))
+        parts.append(UncertaintyPart(name, abs(up - down) / (2.0 * step) * u))
     return measurand(_closed_form(settings, frequency_hz, *values), "", parts)
 
 

@@ -107,8 +107,8 @@ def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
                 yield f"line {place}: the point's {point[name]!r} V is not the mean of its readings"
 
 
-def _is_mean(told_v: float, volts: Sequence[float]) -> bool:
-    return math.isclose(told_v, math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12)
+def _is_mean(recorded_v: float, volts: Sequence[float]) -> bool:
+    return math.isclose(recorded_v, math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12)
 
 
 def own_readings(line: Mapping[str, Any]) -> Sequence[Mapping[str, float]]:

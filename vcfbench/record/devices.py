@@ -32,9 +32,9 @@ __all__ = [
     "DeviceRecord",
     "DeviceStore",
     "Entry",
-    "Kept",
     "KvcCurve",
     "Measured",
+    "NewEntry",
     "SelfCalibration",
     "Share",
     "StaticNoise",
@@ -262,7 +262,7 @@ DeviceRecord = Certificate | SelfCalibration | StaticNoise
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class NewEntry:
     """What is to be added to a device store, and to which."""
 
     record: DeviceRecord

@@ -113,26 +113,26 @@ def _changed_ns(run: RunDirectory) -> int:
 def _started(run: RunDirectory) -> datetime | None:
     """Return when a run began, by its header or else its name; None if neither tells."""
     with suppress(ConfigError):
-        return _told(run, read_start(run.journal))
-    return _told(run, None)
+        return _beginning(run, read_start(run.journal))
+    return _beginning(run, None)
 
 
-def began(run: RunDirectory, told: object) -> datetime:
-    """Return when a run began: as its header has `told`, or else by its name, or else its file."""
-    return _told(run, told) or datetime.fromtimestamp(_changed_ns(run) / 1e9, UTC)
+def began(run: RunDirectory, utc: object) -> datetime:
+    """Return when a run began: as its header has `utc`, or else by its name, or else its file."""
+    return _beginning(run, utc) or datetime.fromtimestamp(_changed_ns(run) / 1e9, UTC)
 
 
-def _told(run: RunDirectory, told: object) -> datetime | None:
+def _beginning(run: RunDirectory, utc: object) -> datetime | None:
     with suppress(ValueError):
-        if isinstance(told, str):
-            return _instant(datetime.fromisoformat(told))
+        if isinstance(utc, str):
+            return _instant(datetime.fromisoformat(utc))
     with suppress(ValueError):
         return _instant(datetime.strptime(run.run[:_STAMP_LENGTH], _STAMP))  # noqa: DTZ007  # the stamp is in UTC
     return None
 
 
-def _instant(told: datetime) -> datetime:
-    return told if told.tzinfo is not None else told.replace(tzinfo=UTC)
+def _instant(instant: datetime) -> datetime:
+    return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
 
 
 def find_run(runs: Path, name: str) -> RunDirectory:

@@ -292,10 +292,10 @@ def lines_of(path: Path) -> Iterator[dict[str, Any]]:
 
 def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> JournalRecord:
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
-    told = header.get("format", FORMAT)
-    if type(told) is not int or told not in READABLE:
+    number = header.get("format", FORMAT)
+    if type(number) is not int or number not in READABLE:
         known = " and ".join(map(str, sorted(READABLE)))
-        raise ConfigError(f"{shown(path)}: a record of format {told!r}; this version reads formats {known}")
+        raise ConfigError(f"{shown(path)}: a record of format {number!r}; this version reads formats {known}")
     footers = _of_type(lines, "footer")
     return JournalRecord(
         header,

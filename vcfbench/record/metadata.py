@@ -62,8 +62,8 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return what is set, by name; what is not set is left out."""
-        told = {name: value for name, value in asdict(self).items() if name != "tags"}
-        given = {name: value for name, value in told.items() if value is not None}
+        values = {name: value for name, value in asdict(self).items() if name != "tags"}
+        given = {name: value for name, value in values.items() if value is not None}
         return {**given, **({"tags": dict(self.tags)} if self.tags else {})}
 
 
@@ -88,8 +88,8 @@ class Equipment(Struct, frozen=True, kw_only=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return all of it but `identity`, which records hold by role; dates as texts, ``2027-01-15``."""
-        told = {name: value for name, value in asdict(self).items() if name != "identity"}
-        return {name: str(each) if name in _DATES and each is not None else each for name, each in told.items()}
+        values = {name: value for name, value in asdict(self).items() if name != "identity"}
+        return {name: str(each) if name in _DATES and each is not None else each for name, each in values.items()}
 
 
 _DATES: Final = ("calibrated", "calibration_due")
@@ -118,13 +118,13 @@ def metadata_from(header: Mapping[str, Any]) -> RunMetadata:
     Raises:
         ConfigError: it cannot be what it is to be.
     """
-    told = header.get("metadata")
-    if told is None:
+    recorded = header.get("metadata")
+    if recorded is None:
         settings = header.get("settings")
         return RunMetadata(dut=settings.get("dut") if isinstance(settings, Mapping) else None)
-    if not isinstance(told, Mapping):
-        raise ConfigError(f"metadata: expected an object, came a {type(told).__name__}")
-    return RunMetadata(**{key: value for key, value in told.items() if key in RunMetadata.__struct_fields__})
+    if not isinstance(recorded, Mapping):
+        raise ConfigError(f"metadata: expected an object, came a {type(recorded).__name__}")
+    return RunMetadata(**{key: value for key, value in recorded.items() if key in RunMetadata.__struct_fields__})
 
 
 def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
@@ -138,11 +138,11 @@ def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
     from vcfbench.typed import typed  # noqa: PLC0415  # as above
 
     identities, bench = header.get("identities", {}), header.get("bench", {})
-    told = header.get("equipment")
-    if told is None:
-        told = [_of_before(role, bench.get(role) or {}) for role in identities]
+    recorded = header.get("equipment")
+    if recorded is None:
+        recorded = [_of_before(role, bench.get(role) or {}) for role in identities]
     try:
-        rows = [{**each, "identity": identities.get(each["role"])} for each in told]
+        rows = [{**each, "identity": identities.get(each["role"])} for each in recorded]
         made = typed(rows, tuple[Equipment, ...])
     except (msgspec.ValidationError, AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"equipment: expected the instruments of a run: {error}") from None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["Mark", "Outline", "Told", "outline_of"]
+__all__ = ["ListedMetadata", "Mark", "Outline", "outline_of"]
 
 
 class Mark(Struct, frozen=True, gc=False):
@@ -35,8 +35,8 @@ class Mark(Struct, frozen=True, gc=False):
     output_v: float | None = None
 
 
-class Told(Struct, frozen=True):
-    """What was told of a run, as far as lists show it."""
+class ListedMetadata(Struct, frozen=True):
+    """What is known of a run beside its numbers, as far as lists show it."""
 
     dut: str | None = None
     operator: str | None = None
@@ -58,7 +58,7 @@ class Outline(Struct, frozen=True):
     marks: tuple[Mark, ...] | None
     bench_seconds: float | None = None
     utc: str | None = None
-    metadata: Told = field(default_factory=Told)
+    metadata: ListedMetadata = field(default_factory=ListedMetadata)
     device: str | None = None
 
 
@@ -77,7 +77,7 @@ class _Header(Struct, frozen=True):
     bench: _Bench
     seed: int | None = None
     utc: str | None = None
-    metadata: Told = field(default_factory=Told)
+    metadata: ListedMetadata = field(default_factory=ListedMetadata)
     settings: _Settings = field(default_factory=_Settings)
 
 
@@ -121,8 +121,8 @@ def outline_of(path: Path) -> Outline | None:
     if (header.type, footer.type) != ("header", "footer") or not whole or header.format not in READABLE:
         return None
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points)
-    told = (None if sealed else marks, footer.bench_seconds)
-    return Outline(*head, *told, header.utc, header.metadata, header.settings.dut)
+    ended = (None if sealed else marks, footer.bench_seconds)
+    return Outline(*head, *ended, header.utc, header.metadata, header.settings.dut)
 
 
 def _in_order(lines: Sequence[_Line]) -> bool:

@@ -70,8 +70,8 @@ def _is_named(value: Any) -> bool:
 def _is_quantity(value: dict[str, Any]) -> bool:
     """Tell whether it is one number with its uncertainty or unit, as `vcfbench.Quantity` writes it."""
     number = value.get("value", "")
-    told = number is None or (isinstance(number, int | float) and isinstance(value.get("u", 0.0), int | float))
-    return told and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
+    numeric = number is None or (isinstance(number, int | float) and isinstance(value.get("u", 0.0), int | float))
+    return numeric and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
 
 
 def _figure(value: Any) -> Value | Cell:

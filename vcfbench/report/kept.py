@@ -37,19 +37,19 @@ def report_from(parts: Sequence[Mapping[str, Any]]) -> Report:
         raise ConfigError(f"the report that is kept is none of this program: {error!r}") from error
 
 
-def _part(told: dict[str, Any]) -> Part:
-    match told.pop("part"):
+def _part(stored: dict[str, Any]) -> Part:
+    match stored.pop("part"):
         case "heading":
-            return Heading(**told)
+            return Heading(**stored)
         case "text":
-            return Text(**told)
+            return Text(**stored)
         case "notice":
-            return Notice(**told)
+            return Notice(**stored)
         case "table":
-            rows = [[Cell(**each) if isinstance(each, dict) else each for each in row] for row in told["rows"]]
-            return Table([Column(**each) for each in told["columns"]], rows, told["title"])
+            rows = [[Cell(**each) if isinstance(each, dict) else each for each in row] for row in stored["rows"]]
+            return Table([Column(**each) for each in stored["columns"]], rows, stored["title"])
         case "figure":
-            axes = Axis(**told["x"]), Axis(**told["y"])
-            return Figure(told["title"], *axes, [Series(**each) for each in told["series"]], told["caption"])
+            axes = Axis(**stored["x"]), Axis(**stored["y"])
+            return Figure(stored["title"], *axes, [Series(**each) for each in stored["series"]], stored["caption"])
         case other:
             raise ValueError(f"there is no part {other!r}")

@@ -127,18 +127,18 @@ def _drawing(figure: Figure, *, titled: bool) -> Any:
         chosen[series.label] = same[0] if same else next(colours)
         _draw(axes, series, chosen[series.label])
     axes.grid(visible=True, linewidth=0.6)
-    for axis, told in ((axes.xaxis, figure.x), (axes.yaxis, figure.y)):
-        _mark(axis, told)
+    for axis, described in ((axes.xaxis, figure.x), (axes.yaxis, figure.y)):
+        _mark(axis, described)
     if len(figure.series) > 1:
         drawing.legend(loc="outside lower left", ncols=min(len(figure.series), 2))
     return drawing
 
 
-def _mark(axis: Any, told: Axis) -> None:
+def _mark(axis: Any, described: Axis) -> None:
     """Write numbers beside an axis as people do: 0.01, 1, 100; of a short logarithmic one those between as well."""
     from matplotlib.ticker import LogLocator, StrMethodFormatter  # noqa: PLC0415 - as above
 
-    if told.scale == "linear":
+    if described.scale == "linear":
         axis.get_major_formatter().set_useOffset(False)  # nobody adds up numbers at a corner
         axis.get_major_formatter().set_scientific(False)
         return

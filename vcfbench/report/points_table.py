@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.steps import Window
     from vcfbench.record.schema import Point
 
-__all__ = ["PointsSoFar", "Row", "head", "row_text", "span"]
+__all__ = ["PointRow", "PointsSoFar", "head", "row_text", "span"]
 
 _GAP = "  "
 _LEAST_MV = 1e-3
@@ -45,7 +45,7 @@ class PointsSoFar:
         """Return the steps that have points, in the order of their first ones."""
         return tuple(self._of_step)
 
-    def told(self, step: int) -> str:
+    def line_words(self, step: int) -> str:
         """Say what the line through the points of `step` is; empty while there is none."""
         line = self.line(step)
         if line is None:
@@ -58,7 +58,7 @@ class PointsSoFar:
         )
 
 
-class Row(Struct, frozen=True):
+class PointRow(Struct, frozen=True):
     """A window as it stands in the table: bench time of its end (s), the window, and its residual (V) if it has one."""
 
     t_s: float
@@ -77,25 +77,25 @@ class _Column(NamedTuple):
     name: str
     unit: str
     width: int
-    text: Callable[[Row], str]
+    text: Callable[[PointRow], str]
     rank: int
 
 
-def _table_read(row: Row) -> str:
+def _table_read(row: PointRow) -> str:
     rate_deg_s = row.window.table_rate_deg_s
     return "-" if rate_deg_s is None else f"{rate_deg_s:+.4f}"
 
 
-def _residual(row: Row) -> str:
+def _residual(row: PointRow) -> str:
     return "-" if row.residual_v is None else f"{1e3 * row.residual_v:+.3f}"
 
 
-def _scatter(row: Row) -> str:
+def _scatter(row: PointRow) -> str:
     std_mv = 1e3 * row.point.std_v
     return f"{std_mv:.3f}" if std_mv == 0.0 or std_mv >= _LEAST_MV else f"{std_mv:.0e}"
 
 
-def _measured(row: Row) -> str:
+def _measured(row: PointRow) -> str:
     measured_v = row.point.v_vc_measured_v
     return "-" if measured_v is None else f"{measured_v:+.6f}"
 
@@ -116,7 +116,7 @@ _COLUMNS = (
 _V_VC_MEASURED = _Column("V_Vc measured", "V", 13, _measured, 9)
 
 
-def _columns(row: Row, width: int) -> tuple[_Column, ...]:
+def _columns(row: PointRow, width: int) -> tuple[_Column, ...]:
     """Return what has room in `width` characters, the most important first to be taken; rate and output always."""
     known = _COLUMNS if row.point.v_vc_measured_v is None else (*_COLUMNS, _V_VC_MEASURED)
     chosen: list[_Column] = []
@@ -127,13 +127,13 @@ def _columns(row: Row, width: int) -> tuple[_Column, ...]:
     return tuple(column for column in known if column in chosen)
 
 
-def head(row: Row, width: int) -> tuple[str, str]:
+def head(row: PointRow, width: int) -> tuple[str, str]:
     """Return the two lines that stand above a row: names and units."""
     columns = _columns(row, width)
     return _line(columns, lambda each: each.name), _line(columns, lambda each: each.unit)
 
 
-def row_text(row: Row, width: int) -> str:
+def row_text(row: PointRow, width: int) -> str:
     """Return a row in the columns that have room."""
     return _line(_columns(row, width), lambda each: each.text(row))
 

@@ -10,7 +10,7 @@ from vcfbench.plans.step import Effect
 from vcfbench.plans.steps import Acquire, Note, Window
 from vcfbench.report.bench_state import BenchState
 from vcfbench.report.outlet import Outlet
-from vcfbench.report.points_table import PointsSoFar, Row, head, row_text, span
+from vcfbench.report.points_table import PointRow, PointsSoFar, head, row_text, span
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,8 +76,8 @@ class LineProgress(NoProgress):
             case StepFinished(step=Note()):
                 self._say(event.t_s, f"* {event.step.describe()}")
             case StepFinished():
-                told = event.result.describe()
-                self._say(event.t_s, f"{event.step.describe()}{f' -> {told}' if told else ''}")
+                words = event.result.describe()
+                self._say(event.t_s, f"{event.step.describe()}{f' -> {words}' if words else ''}")
                 for said in event.asked_again:
                     self._say(event.t_s, f"asked again: {said}")
             case StepFailed():
@@ -146,12 +146,12 @@ class LiveProgress(NoProgress):
             self._print(step.describe(), "yellow", whole=True)
         elif isinstance(result, Window):
             self._print_row(t_s, result)
-        elif step.effect in {Effect.MEASURES, Effect.CHECKS} and (told := result.describe()):
-            self._print(f"  {told}", "")
+        elif step.effect in {Effect.MEASURES, Effect.CHECKS} and (words := result.describe()):
+            self._print(f"  {words}", "")
 
     def _print_row(self, t_s: float, window: Window) -> None:
         point = window.recorded_point
-        row = Row(t_s, window, None if point is None else self._points.add(point))
+        row = PointRow(t_s, window, None if point is None else self._points.add(point))
         heads = head(row, self._console.width)
         if heads != self._head:  # a new part, or the window is wider or narrower than it was
             self._head = heads
@@ -161,8 +161,8 @@ class LiveProgress(NoProgress):
 
     def _end_part(self) -> None:
         """Say what the line through the points of the part that ends is, and have the next begin with a heading."""
-        if self._head is not None and (steps := self._points.steps()) and (told := self._points.told(steps[-1])):
-            self._print(f"  {told}", "green", whole=True)
+        if self._head is not None and (steps := self._points.steps()) and (words := self._points.line_words(steps[-1])):
+            self._print(f"  {words}", "green", whole=True)
         self._head = None
 
     def _print(self, line: str, style: str, *, whole: bool = False) -> None:
@@ -210,7 +210,7 @@ class _Block:
         self._bar = bar
         self._estimate_s = estimate_s
         self._t_s = 0.0
-        self._told_s = 0.0
+        self._heard_s = 0.0
         self._doing = ""
         self._step: Step | None = None
         self._readings = 0
@@ -222,7 +222,7 @@ class _Block:
 
     def take(self, event: Event, t_s: float) -> None:
         """Take notice; `t_s` is the bench time since this display began, s."""
-        self._t_s, self._told_s = t_s, self.clock.now()
+        self._t_s, self._heard_s = t_s, self.clock.now()
         match event:
             case StepStarted():
                 self._step, self._doing, self._readings = event.step, event.step.describe(), 0
@@ -274,8 +274,8 @@ class _Block:
     def _now(self) -> tuple[float, float]:
         """Return the bench time at this moment, s, amid a step too, and how many seconds of the wall one takes."""
         now_s = self.clock.now()
-        pace = self._told_s / self._t_s if self._t_s > 1.0 else 1.0
-        since_s = (now_s - self._told_s) / pace if pace else 0.0
+        pace = self._heard_s / self._t_s if self._t_s > 1.0 else 1.0
+        since_s = (now_s - self._heard_s) / pace if pace else 0.0
         return self._t_s + min(since_s, 0.0 if self._step is None else self._step.duration_s), pace
 
 

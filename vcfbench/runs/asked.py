@@ -140,7 +140,7 @@ class Prepared(Struct, frozen=True):
         """Return the points that were measured before."""
         return ()
 
-    def told(self) -> dict[str, Any]:
+    def header_entries(self) -> dict[str, Any]:
         """Return what the header says beside what every header does: where a procedure of one's own stands."""
         from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
 
@@ -195,8 +195,8 @@ def dry_run(
     """
     from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
-    told, asked_of = metadata_of(metadata), asked_in_python(settings or {})
-    return prepare(Asked(procedure, bench, seed, asked_of, speed=speed, metadata=told), Checked()).planned()
+    described, asked_of = metadata_of(metadata), asked_in_python(settings or {})
+    return prepare(Asked(procedure, bench, seed, asked_of, speed=speed, metadata=described), Checked()).planned()
 
 
 def prepare(asked: Asked, checked: Checked) -> Prepared:
@@ -243,10 +243,10 @@ def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
     """Return the settings that were asked for, with the device for a procedure that goes by what is known of it."""
     from vcfbench.bench.layering import Layer, merged  # noqa: PLC0415
 
-    told = {} if asked.metadata.dut is None else procedure.settings.keys_of_device(asked.metadata.dut)
-    if not told or asked.settings is None:
-        return Layer(told, dotted) if told else asked.settings
-    return Layer(merged(told, asked.settings.values), asked.settings.naming)
+    of_device = {} if asked.metadata.dut is None else procedure.settings.keys_of_device(asked.metadata.dut)
+    if not of_device or asked.settings is None:
+        return Layer(of_device, dotted) if of_device else asked.settings
+    return Layer(merged(of_device, asked.settings.values), asked.settings.naming)
 
 
 def _completed(metadata: RunMetadata, settings: ProcedureSettings, description: BenchDescription) -> RunMetadata:

@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.console import Said
+    from vcfbench.bench.console import ConsoleReply
     from vcfbench.bench.signals import StopSignals
     from vcfbench.plans.step import Routine, Step
 
-__all__ = ["ALIASES", "WORDS", "ByHand", "Word"]
+__all__ = ["ALIASES", "WORDS", "ByHand", "StepWord"]
 
 _T = TypeVar("_T")
 
@@ -60,7 +60,7 @@ ALIASES: Final = {
 _LONGEST_WAIT_S = 86_400.0
 
 
-class Word(Struct, frozen=True):
+class StepWord(Struct, frozen=True):
     """A word: who does it (None: the bench), what it takes, what it does, and the limits that it is held against."""
 
     name: str
@@ -71,29 +71,29 @@ class Word(Struct, frozen=True):
 
 
 WORDS: Final = (
-    Word(
+    StepWord(
         "power.on", "power", (), "V_Vc off, rails set and on, read back", "min_rail_v, max_rail_v, max_rail_current_a"
     ),
-    Word("power.read", "power", (), "voltage and current of each rail"),
-    Word("power.off", "power", (), "V_Vc off, then the rails"),
-    Word("multimeter.read", "multimeter", (), "one reading of the output, V"),
-    Word("v_vc.set", "rate_source", ("VOLTS",), "V_Vc to a level, output on", "max_v_vc_v"),
-    Word("v_vc.sine", "rate_source", ("HZ", "VOLTS"), "V_Vc a sine, peak VOLTS, output on", "max_v_vc_v"),
-    Word("v_vc.off", "rate_source", (), "output off"),
-    Word("v_vc.read", "v_vc_meter", (), "one reading of V_Vc, V"),
-    Word("vibration.sine", "vibration_source", ("HZ", "VOLTS"), "second generator a sine, output on", "max_v_vc_v"),
-    Word("vibration.off", "vibration_source", (), "its output off"),
-    Word("scope.drive", "oscilloscope", (), "frequency, amplitude and phase of the drive signal"),
-    Word("table.rate", "rate_table", ("DEG_S",), "ramp to a rate and wait for it", "max_rate_deg_s"),
-    Word("table.read", "rate_table", (), "rate and angle read back"),
-    Word("table.stop", "rate_table", (), "ramp to rest, servo kept"),
-    Word("table.off", "rate_table", (), "to rest, servo open"),
-    Word("chamber.set", "chamber", ("DEG_C",), "air on, to a temperature", "min_temperature_c, max_temperature_c"),
-    Word("chamber.read", "chamber", (), "temperature of the air, and of the device"),
-    Word("chamber.off", "chamber", (), "air off"),
-    Word("status", None, (), "what is on, what turns"),
-    Word("wait", None, ("SECONDS",), "let bench time pass"),
-    Word("safe", None, (), "table to rest, outputs off, and go on"),
+    StepWord("power.read", "power", (), "voltage and current of each rail"),
+    StepWord("power.off", "power", (), "V_Vc off, then the rails"),
+    StepWord("multimeter.read", "multimeter", (), "one reading of the output, V"),
+    StepWord("v_vc.set", "rate_source", ("VOLTS",), "V_Vc to a level, output on", "max_v_vc_v"),
+    StepWord("v_vc.sine", "rate_source", ("HZ", "VOLTS"), "V_Vc a sine, peak VOLTS, output on", "max_v_vc_v"),
+    StepWord("v_vc.off", "rate_source", (), "output off"),
+    StepWord("v_vc.read", "v_vc_meter", (), "one reading of V_Vc, V"),
+    StepWord("vibration.sine", "vibration_source", ("HZ", "VOLTS"), "second generator a sine, output on", "max_v_vc_v"),
+    StepWord("vibration.off", "vibration_source", (), "its output off"),
+    StepWord("scope.drive", "oscilloscope", (), "frequency, amplitude and phase of the drive signal"),
+    StepWord("table.rate", "rate_table", ("DEG_S",), "ramp to a rate and wait for it", "max_rate_deg_s"),
+    StepWord("table.read", "rate_table", (), "rate and angle read back"),
+    StepWord("table.stop", "rate_table", (), "ramp to rest, servo kept"),
+    StepWord("table.off", "rate_table", (), "to rest, servo open"),
+    StepWord("chamber.set", "chamber", ("DEG_C",), "air on, to a temperature", "min_temperature_c, max_temperature_c"),
+    StepWord("chamber.read", "chamber", (), "temperature of the air, and of the device"),
+    StepWord("chamber.off", "chamber", (), "air off"),
+    StepWord("status", None, (), "what is on, what turns"),
+    StepWord("wait", None, ("SECONDS",), "let bench time pass"),
+    StepWord("safe", None, (), "table to rest, outputs off, and go on"),
 )
 """Every word of the bench but those of the prompt itself."""
 
@@ -146,7 +146,7 @@ class ByHand:
         short = [alias for alias, role in ALIASES.items() if role in self.consoles]
         return sorted({*self.words, *self.consoles, *short})
 
-    def raw(self, name: str, message: str) -> Said:
+    def raw(self, name: str, message: str) -> ConsoleReply:
         """Send `message` to the instrument called `name` as it is, in the limits of the bench."""
         role = ALIASES.get(name, name)
         self._ready.discard(role)  # what it is set to is not known any more
@@ -412,7 +412,7 @@ def _switched(source: Any) -> str:
     return "on" if source.output_enabled() else "off"
 
 
-def _numbers(word: Word, values: list[str]) -> list[float]:
+def _numbers(word: StepWord, values: list[str]) -> list[float]:
     usage = " ".join((word.name, *word.takes))
     if len(values) != len(word.takes):
         raise ConfigError(f"expected {usage!r}, came {' '.join((word.name, *values))!r}")

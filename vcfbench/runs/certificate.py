@@ -64,8 +64,8 @@ def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> Certi
     if unknown:
         raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
     tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
-    told = {**_of_record(run), **tags, **given}
-    found = {key: " ".join(value.split()) for key, value in told.items() if value and value.strip()}
+    stated = {**_of_record(run), **tags, **given}
+    found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
     missing = [key for key in _NEEDED if key not in found]
     if missing:
         words = "; ".join(f"{key} ({_NEEDED[key]})" if _NEEDED[key] else key for key in missing)

@@ -109,8 +109,8 @@ def compare_runs(*runs: Run) -> RunComparison:
         raise ConfigError(f"there is nothing to compare, the runs share neither results nor points: {has}")
     headers = [run.header for run in runs]
     settings = [dict(_flat(each.get("settings", {}))) for each in headers]
-    told = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
-    alike = [key for key in told if all(key in each for each in settings)]
+    keys = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
+    alike = [key for key in keys if all(key in each for each in settings)]
     return RunComparison(
         runs,
         results,
@@ -184,8 +184,8 @@ def _unlike(of_each: Sequence[Mapping[str, str]]) -> dict[str, tuple[str, ...]]:
 
 def _circumstances(run: Run, header: Mapping[str, Any]) -> dict[str, str]:
     """Return by what and under what conditions a run was made, as printed."""
-    told = run.metadata.as_json()
-    found = dict(_flat({key: value for key, value in told.items() if key != "note"}))
+    metadata = run.metadata.as_json()
+    found = dict(_flat({key: value for key, value in metadata.items() if key != "note"}))
     found |= {"bench": str(run.bench), "simulated": "yes" if run.simulated else "no", "seed": str(run.seed)}
     for each in run.equipment:
         found[each.role] = f"{each.model}, {each.serial_number or each.inventory_number or 'no serial number'}"

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.plans.executor import Execution, Observer
     from vcfbench.plans.step import Operator
-    from vcfbench.procedures.procedure import AnyProcedure, Made
+    from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
     from vcfbench.runs.asked import DryRun, Prepared
-    from vcfbench.runs.results import CameTo
+    from vcfbench.runs.results import Evaluation
     from vcfbench.runs.run import Run
 
     Preparing = Callable[[Asked, Checked], Prepared]
@@ -92,13 +92,13 @@ def run(
     with _PREPARING:
         from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
-        told = asked_in_python(settings or {})
+        asked_settings = asked_in_python(settings or {})
         said = metadata_of(metadata)
     asked = Asked(
         procedure,
         bench,
         seed,
-        told,
+        asked_settings,
         None if runs is None else Path(runs),
         speed,
         observers,
@@ -137,7 +137,7 @@ class _Course(Struct):
     header: Mapping[str, Any] = field(default_factory=dict)
     directory: RunDirectory | None = None
     execution: Execution | None = None
-    came_to: CameTo | None = None
+    came_to: Evaluation | None = None
     error: BenchError | None = None
     observers: Mapping[str, Shielded] = field(default_factory=dict)
     kept: Path | None = None
@@ -326,8 +326,8 @@ class _Record(Struct):
         kept = self.course.directory
         on_disk = SimulatedJournal if self.prepared.description.simulated else Journal
         self.journal = MemoryJournal() if kept is None else on_disk(kept.journal)
-        told = {"began_s": began_s, "planned_s": done_s + self.planned.bench_seconds}
-        self.course.header = self._header("" if kept is None else kept.run, identities, told)
+        times = {"began_s": began_s, "planned_s": done_s + self.planned.bench_seconds}
+        self.course.header = self._header("" if kept is None else kept.run, identities, times)
         self.journal.header(self.course.header)
         return self.journal
 
@@ -354,7 +354,7 @@ class _Record(Struct):
             "metadata": course.checked.metadata.as_json(),
             "equipment": [each.as_json() for each in equipment],
             **profile_of(description),
-            **self.prepared.told(),
+            **self.prepared.header_entries(),
         }
 
     def close(self, display_lost: str | None) -> None:
@@ -394,12 +394,12 @@ class _Record(Struct):
 
             course.kept = DeviceStore(kept.store).add(kept.record).path
 
-    def _made(self, came_to: CameTo) -> Made:
-        from vcfbench.procedures.procedure import Made  # noqa: PLC0415
+    def _made(self, came_to: Evaluation) -> Provenance:
+        from vcfbench.procedures.procedure import Provenance  # noqa: PLC0415
 
         assert self.course.directory is not None  # noqa: S101  # there is a journal
         description, verdict = self.prepared.description, came_to.verdict
-        return Made(
+        return Provenance(
             bench=description.name,
             run=self.course.directory.run,
             simulated=description.simulated,

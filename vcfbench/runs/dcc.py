@@ -185,8 +185,12 @@ def _measured(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> No
 
 def _equipment(parent: ET.Element, each: Equipment) -> None:
     _say(parent, "name", each.role.replace("_", " "))
-    told = {"calibrated": each.calibrated, "calibration due": each.calibration_due, "certificate": each.certificate}
-    said = [f"{name}: {value}" for name, value in told.items() if value is not None]
+    calibration = {
+        "calibrated": each.calibrated,
+        "calibration due": each.calibration_due,
+        "certificate": each.certificate,
+    }
+    said = [f"{name}: {value}" for name, value in calibration.items() if value is not None]
     if each.overdue:
         said.append("the calibration was OVERDUE on the day of the run")
     if said:
@@ -206,11 +210,11 @@ def _equipment(parent: ET.Element, each: Equipment) -> None:
 
 
 def _conditions(parent: ET.Element, run: Run) -> None:
-    told = (
+    quantities = (
         ("temperature of the room", run.metadata.ambient_temperature_c, r"\degreecelsius"),
         ("relative humidity", run.metadata.humidity_percent, r"\percent"),
     )
-    known = [(name, value, unit) for name, value, unit in told if value is not None]
+    known = [(name, value, unit) for name, value, unit in quantities if value is not None]
     if known:
         conditions = _under(parent, "influenceConditions")
         for name, value, unit in known:

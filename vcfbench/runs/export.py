@@ -235,8 +235,8 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
     import msgspec  # noqa: PLC0415
 
     header = read_header(directory.journal)
-    told = metadata_from(header).as_json()
-    tags = {f"tag.{key}": value for key, value in told.pop("tags", {}).items()}
+    metadata = metadata_from(header).as_json()
+    tags = {f"tag.{key}": value for key, value in metadata.pop("tags", {}).items()}
     equipment = [each.as_json() for each in equipment_of(header)]
     bench = header.get("bench", {})
     plain = {
@@ -247,7 +247,7 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
         "bench": bench.get("name"),
         "simulated": str(header.get("simulated")).lower(),
         "seed": header.get("seed"),
-        **told,
+        **metadata,
         **tags,
         **{f"laboratory.{key}": value for key, value in (bench.get("laboratory") or {}).items()},
         "equipment": msgspec.json.encode(equipment).decode(),

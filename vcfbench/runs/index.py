@@ -114,7 +114,7 @@ class RunIndex:
         why: str | None = None
         for tries_left in reversed(range(_TRIES)):
             try:
-                with self._told():
+                with self._errors_named():
                     why = self._prepare(rebuild=rebuild) or why
                     return self._refreshed(why, rebuild=rebuild)
             except _Again as again:
@@ -145,7 +145,7 @@ class RunIndex:
             wanted.append(sql.exists().where(same & (tag.c.key == _fit(key)) & (tag.c.value == _fit(value))))
         query = sql.select(runs).where(*wanted).order_by(runs.c.started_utc, runs.c.run)
         try:
-            with self._told(), self._engine.connect() as connection:
+            with self._errors_named(), self._engine.connect() as connection:
                 return tuple(self._summary(row) for row in connection.execute(query).mappings())
         except _Again as again:
             raise ConfigError(f"index {self.name}: {again}", hint="vcfbench runs index --rebuild") from again
@@ -275,7 +275,7 @@ class RunIndex:
             connection.execute(self._tables.tags.insert(), tags)
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _errors_named(self) -> Iterator[None]:
         """Raise what the database says as ConfigError, or as _Again where a second try may help."""
         errors = self._sql.exc
         try:
@@ -357,7 +357,7 @@ def _instant(instant: datetime) -> str:
 
 
 def _row(store: str, name: str, seen: str, summary: RunSummary) -> dict[str, Any]:
-    told = {key: getattr(summary, key) for key in _TEXTS}
+    texts = {key: getattr(summary, key) for key in _TEXTS}
     return {
         "store": store,
         "run": name,
@@ -367,7 +367,7 @@ def _row(store: str, name: str, seen: str, summary: RunSummary) -> dict[str, Any
         "status": summary.status.value,
         "seed": summary.seed,
         "points": summary.points,
-        **{key: None if value is None else _fit(str(value)) for key, value in told.items()},
+        **{key: None if value is None else _fit(str(value)) for key, value in texts.items()},
         "tags": {_fit(key): _fit(value) for key, value in summary.tags.items()},
         "results": {name: [each.value, each.u, each.unit] for name, each in summary.results.items()},
     }

@@ -23,21 +23,21 @@ class ResultValue:
     """One number of a run's results.
 
     `name` is that of its field, with dots between where fields are nested; `u` the standard uncertainty, None where it
-    is not known; `told_u95` the half width of the 95 % interval where the results say it; `of` says what it is.
+    is not known; `stated_u95` the half width of the 95 % interval where the results say it; `of` says what it is.
     """
 
     name: str
     value: float
     unit: str = ""
     u: float | None = None
-    told_u95: float | None = None
+    stated_u95: float | None = None
     of: str = ""
 
     @property
     def u95(self) -> float | None:
         """Expanded uncertainty for 95 %: as the results say it, else 2 u; None where no uncertainty is known."""
-        if self.told_u95 is not None:
-            return self.told_u95
+        if self.stated_u95 is not None:
+            return self.stated_u95
         return None if self.u is None else _USUAL_FACTOR * self.u
 
     @property
@@ -66,8 +66,10 @@ def _stated(results: Mapping[str, Any]) -> Iterator[ResultValue]:
     values = statement.get("values") if isinstance(statement, dict) else None
     for each in values if isinstance(values, list) else ():
         if isinstance(each, dict) and isinstance(each.get("name"), str) and _number(each.get("value")) is not None:
-            told = (_number(each.get("u")), _number(each.get("u95")))
-            yield ResultValue(each["name"], each["value"], str(each.get("unit", "")), *told, str(each.get("of", "")))
+            uncertainties = (_number(each.get("u")), _number(each.get("u95")))
+            yield ResultValue(
+                each["name"], each["value"], str(each.get("unit", "")), *uncertainties, str(each.get("of", ""))
+            )
 
 
 def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:

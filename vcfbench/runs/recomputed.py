@@ -11,12 +11,12 @@ from vcfbench.record.schema import Status
 if TYPE_CHECKING:
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
-    from vcfbench.runs.results import CameTo
+    from vcfbench.runs.results import Evaluation
 
 __all__ = ["came_to_of", "printable"]
 
 
-def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, str | None]:
+def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
     """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
     from vcfbench.runs.results import nothing, stored  # noqa: PLC0415
 
@@ -32,7 +32,7 @@ def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[CameTo, 
         return nothing(record.points), f"{why}; {error.what}"
 
 
-def _computed(directory: RunDirectory, record: JournalRecord) -> CameTo:
+def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     """Compute the results again.
 
     Raises:

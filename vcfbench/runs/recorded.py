@@ -133,8 +133,8 @@ def _error(record: JournalRecord) -> BenchError | None:
     if record.damage is not None:
         return ConfigError(f"the record is damaged: {record.damage}")
     if record.footer is not None:
-        told = record.footer.get("error")
-        return None if told is None else _of_kind(told.get("kind"), told.get("what"))
+        recorded = record.footer.get("error")
+        return None if recorded is None else _of_kind(recorded.get("kind"), recorded.get("what"))
     if record.errors:
         return _of_kind(record.errors[-1].get("error_kind"), record.errors[-1].get("error"))
     return None

@@ -89,20 +89,20 @@ def _pairs(rows: Sequence[tuple[str, Any]], *, verbatim: bool = False) -> Table:
 
 def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     yield Heading("Identification", 2)
-    told, laboratory = run.metadata, header.get("bench", {}).get("laboratory") or {}
+    metadata, laboratory = run.metadata, header.get("bench", {}).get("laboratory") or {}
     rows = [
-        ("device under test", told.dut),
+        ("device under test", metadata.dut),
         ("run", run.name or "not recorded"),
         ("procedure", run.procedure),
         ("what it is", header.get("title")),
         ("status", run.status.value),
         ("laboratory", ", ".join(filter(None, map(laboratory.get, ("name", "address", "email")))) or None),
-        ("operator", told.operator),
-        *((f"tag {key}", value) for key, value in told.tags.items()),
+        ("operator", metadata.operator),
+        *((f"tag {key}", value) for key, value in metadata.tags.items()),
     ]
     yield _pairs(rows, verbatim=True)
-    if told.note is not None:
-        yield Text(f"Note: {told.note}", verbatim=True)
+    if metadata.note is not None:
+        yield Text(f"Note: {metadata.note}", verbatim=True)
 
 
 def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
@@ -124,9 +124,9 @@ def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     yield _pairs(rows)
 
 
-def _clock(told: object) -> str | None:
+def _clock(utc: object) -> str | None:
     """Return a time of day of a record to the second."""
-    return None if told is None else f"{str(told)[:19].replace('T', ' ')} UTC"
+    return None if utc is None else f"{str(utc)[:19].replace('T', ' ')} UTC"
 
 
 def _with_unit(value: float | None, unit: str) -> str | None:
@@ -162,8 +162,8 @@ def _method(run: Run) -> Iterator[Part]:
 def method_of(run: Run) -> str:
     """Return in words what was done, as the record says, else the procedure that is known here, else the title."""
     header = run.header
-    told = header.get("method") or _method_known(run.procedure) or header.get("title")
-    return str(told or f"The procedure {run.procedure}, of which the record says no more.")
+    method = header.get("method") or _method_known(run.procedure) or header.get("title")
+    return str(method or f"The procedure {run.procedure}, of which the record says no more.")
 
 
 def _method_known(name: str) -> str:
@@ -223,8 +223,8 @@ def _remarks(run: Run) -> Iterator[Part]:
 
 
 def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
-    told = {key: value for key, value in header.get("settings", {}).items() if key != "station"}
-    tables = results_table(told, head="setting")
+    settings = {key: value for key, value in header.get("settings", {}).items() if key != "station"}
+    tables = results_table(settings, head="setting")
     if tables:
         yield Heading("Settings", 2)
         yield from tables
@@ -260,7 +260,7 @@ def command_of(header: Mapping[str, Any]) -> str | None:
     for key, value in options.items():
         name = f"--{key.replace('_', '-')}"
         if key == "settings" and isinstance(value, dict):
-            words += chain.from_iterable(("--set", f"{each}={told}") for each, told in value.items())
+            words += chain.from_iterable(("--set", f"{each}={setting}") for each, setting in value.items())
         elif key == "metadata" and isinstance(value, dict):
             words += _metadata_words(value)
         elif value is True:
@@ -270,8 +270,8 @@ def command_of(header: Mapping[str, Any]) -> str | None:
     return shlex.join(words)
 
 
-def _metadata_words(told: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in told.items():
+def _metadata_words(metadata: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in metadata.items():
         if isinstance(value, dict):
             yield from chain.from_iterable(("--tag", f"{tag}={words}") for tag, words in value.items())
         else:
@@ -285,8 +285,8 @@ def _sha256_of_bench(header: Mapping[str, Any]) -> str | None:
     if not header.get("bench"):
         return None
     path = header.get("options", {}).get("bench")
-    told = hashlib.sha256(msgspec.json.encode(plain(header["bench"]), order="sorted")).hexdigest()
-    return f"{path or 'the one that comes along'}, its values SHA-256 {told}"
+    digest = hashlib.sha256(msgspec.json.encode(plain(header["bench"]), order="sorted")).hexdigest()
+    return f"{path or 'the one that comes along'}, its values SHA-256 {digest}"
 
 
 def _sha256(run: Run) -> str:

@@ -37,7 +37,7 @@ STORED_SETTINGS: Final = "settings"
 """Title of the table of settings below results that are shown as they were stored."""
 
 
-class CameTo(Struct, frozen=True):
+class Evaluation(Struct, frozen=True):
     """What the points of a run came to; `results` None where they came to nothing."""
 
     results: Any
@@ -47,12 +47,12 @@ class CameTo(Struct, frozen=True):
     """What they were made of, where they were computed: a journal of a million readings is not read once more."""
 
 
-def nothing(points: Sequence[Point]) -> CameTo:
+def nothing(points: Sequence[Point]) -> Evaluation:
     """Return what a run without results came to: its points."""
-    return CameTo(None, None, Report([points_table(points)]))
+    return Evaluation(None, None, Report([points_table(points)]))
 
 
-def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> CameTo:
+def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> Evaluation:
     """Compute the results of `procedure`, judge them by `limits`, and make their report.
 
     Raises:
@@ -66,7 +66,7 @@ def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], mea
         raise
     except Exception as error:  # the arithmetic is anybody's
         raise ConfigError(mistake_in(error)) from error
-    return CameTo(results, verdict, _report(procedure, settings, measured, results), measured)
+    return Evaluation(results, verdict, _report(procedure, settings, measured, results), measured)
 
 
 def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results: Any) -> Report:
@@ -78,11 +78,11 @@ def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results:
         failed = f"it returned a {type(made).__name__}"
     except Exception as error:  # noqa: BLE001  # it is anybody's, and the results are there
         failed = mistake_in(error)
-    told = Text(f"the report of {procedure.name} failed: {failed}")
-    return Report([*generic_report(settings, measured, results).parts, told])
+    notice = Text(f"the report of {procedure.name} failed: {failed}")
+    return Report([*generic_report(settings, measured, results).parts, notice])
 
 
-def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
+def stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     """Return what the record keeps of its results, where they cannot be computed again.
 
     Raises:
@@ -100,10 +100,14 @@ def stored(directory: RunDirectory, record: JournalRecord) -> CameTo:
         parts = report_from(kept).parts
     else:
         parts = (points_table(points), *results_table(results, "results, as they were stored"))
-    told = record.header.get("settings")
-    own = {key: each for key, each in told.items() if key != "station"} if isinstance(told, dict) else told
+    kept_settings = record.header.get("settings")
+    own = (
+        {key: each for key, each in kept_settings.items() if key != "station"}
+        if isinstance(kept_settings, dict)
+        else kept_settings
+    )
     settings = results_table(own, STORED_SETTINGS, "setting")
-    return CameTo(results, _stored_verdict(answer), Report([*parts, *settings]))
+    return Evaluation(results, _stored_verdict(answer), Report([*parts, *settings]))
 
 
 def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Mapping[str, Raw]]:
@@ -115,17 +119,17 @@ def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Map
     import msgspec  # noqa: PLC0415  # as below
 
     try:
-        told = _decoder().decode(read_file(path, "the result of a run", MOST_TABLE))
+        answer = _decoder().decode(read_file(path, "the result of a run", MOST_TABLE))
     except (msgspec.DecodeError, RecursionError) as error:
         raise ConfigError(f"{shown(path)}: expected the result of a run: {error}") from None
     same = (
-        (len(told.points), told.bench_seconds) == (outline.points, outline.bench_seconds or 0.0)
+        (len(answer.points), answer.bench_seconds) == (outline.points, outline.bench_seconds or 0.0)
         if outline.marks is None
-        else told.points == outline.marks
+        else answer.points == outline.marks
     )
-    if told.procedure != outline.procedure or not same:
+    if answer.procedure != outline.procedure or not same:
         raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
-    return None if told.acceptance is None else _stored_verdict({"acceptance": told.acceptance}), told.results
+    return None if answer.acceptance is None else _stored_verdict({"acceptance": answer.acceptance}), answer.results
 
 
 @cache
@@ -154,9 +158,9 @@ def _decoded(path: Path) -> dict[str, Any]:
 
 def _stored_verdict(answer: Mapping[str, Any]) -> Acceptance | None:
     """Return the verdict that was stored, None if there is none."""
-    told = answer.get("acceptance")
+    acceptance = answer.get("acceptance")
     try:
-        return None if told is None else Acceptance(tuple(map(_stored_limit, told["limits"])))
+        return None if acceptance is None else Acceptance(tuple(map(_stored_limit, acceptance["limits"])))
     except (KeyError, TypeError):
         return None
 

@@ -264,11 +264,11 @@ class Resumed(Prepared, frozen=True, kw_only=True):
                 said = ", ".join(str(then.get(each)) for each in _WHO)
                 raise ConfigError(f"another {role} is on the bench: {', '.join(now)}; the record has {said}")
 
-    def told(self) -> dict[str, Any]:
+    def header_entries(self) -> dict[str, Any]:
         """Return what the header says beside what every header does: what this run was resumed from."""
         earlier, taken = self.earlier.record, self.taken
         before = earlier.header.get("resumed_from")
-        told = {
+        resumed_from = {
             "run": self.earlier.directory.run,
             "directory": str(self.earlier.directory.path.resolve()),
             "status": earlier.status.value,
@@ -279,7 +279,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             "resumed_utc": utc_now().isoformat(timespec="microseconds"),
             "before": [*before.get("before", ()), {**before, "before": []}] if isinstance(before, dict) else [],
         }
-        return {**Prepared.told(self), "resumed_from": told}
+        return {**Prepared.header_entries(self), "resumed_from": resumed_from}
 
     def perform(self, executor: Executor) -> Execution:
         """Take over what was done, bring the bench to where it was, and go on; no more than that if nothing is left."""

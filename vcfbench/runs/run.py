@@ -195,28 +195,28 @@ class Run:
 
 def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
     """Return for each break in the run of `header` in words which of its `points` were measured before it."""
-    told = header.get("resumed_from")
-    if not isinstance(told, dict):
+    resumed_from = header.get("resumed_from")
+    if not isinstance(resumed_from, dict):
         return ()
     in_process = header.get("simulated") and header.get("bench", {}).get("served") is None
     anew = "; the simulated world began anew" if in_process else ""
     return tuple(
         f"{_measured(each, points)} before the break of {_clock(each, 'ended_utc')}, in {each.get('run')}; "
         f"the bench was started up again at {_clock(each, 'resumed_utc')}{anew}"
-        for each in (*told.get("before", ()), told)
+        for each in (*resumed_from.get("before", ()), resumed_from)
     )
 
 
-def _measured(told: Mapping[str, Any], points: int) -> str:
+def _measured(earlier: Mapping[str, Any], points: int) -> str:
     """Say how much was measured before a break: points, where the run has some."""
     if points:
-        return f"of {points} points {told.get('points')} were measured"
-    return f"{told.get('measurements')} records were taken"
+        return f"of {points} points {earlier.get('points')} were measured"
+    return f"{earlier.get('measurements')} records were taken"
 
 
-def _clock(told: Mapping[str, Any], name: str) -> str:
+def _clock(earlier: Mapping[str, Any], name: str) -> str:
     """Return a time of day to the second."""
-    return f"{str(told.get(name))[:19].replace('T', ' ')} UTC"
+    return f"{str(earlier.get(name))[:19].replace('T', ' ')} UTC"
 
 
 def _readings(record: JournalRecord) -> Iterator[RawReading]:

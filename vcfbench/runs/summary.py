@@ -134,13 +134,13 @@ def selection_of(
     return Selection(dut=dut, since=_instant(since), status=ended, procedure=procedure, tags=dict(tags or {}))
 
 
-def _instant(told: str | datetime | None) -> datetime | None:
-    if told is None:
+def _instant(utc: str | datetime | None) -> datetime | None:
+    if utc is None:
         return None
     try:
-        instant = told if isinstance(told, datetime) else datetime.fromisoformat(told)
+        instant = utc if isinstance(utc, datetime) else datetime.fromisoformat(utc)
     except ValueError:
-        raise ConfigError(f"since: expected a date, as in 2026-01-15, came {told!r}") from None
+        raise ConfigError(f"since: expected a date, as in 2026-01-15, came {utc!r}") from None
     return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
 
 
@@ -170,7 +170,7 @@ def summary_of(directory: RunDirectory) -> RunSummary:
 
 def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
     verdict, results = stored_outcome(directory.path / "result.json", outline)
-    told = outline.metadata
+    metadata = outline.metadata
     return RunSummary(
         run=directory.run,
         directory=directory.path,
@@ -180,10 +180,10 @@ def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
         bench=outline.bench,
         seed=outline.seed,
         points=outline.points,
-        dut=told.dut or outline.device,
-        operator=told.operator,
-        note=told.note,
-        tags=ReadOnly(told.tags),
+        dut=metadata.dut or outline.device,
+        operator=metadata.operator,
+        note=metadata.note,
+        tags=ReadOnly(metadata.tags),
         results=ReadOnly(dict(_stored_results(results))),
         verdict=None if verdict is None else verdict.word,
     )
@@ -194,7 +194,7 @@ def _read(directory: RunDirectory) -> RunSummary:
     from vcfbench.runs.recomputed import came_to_of  # noqa: PLC0415  # few records need it
 
     record = directory.read()
-    header, told = record.header, metadata_from(record.header)
+    header, metadata = record.header, metadata_from(record.header)
     came_to, _ = came_to_of(directory, record)
     verdict = came_to.verdict
     return RunSummary(
@@ -206,10 +206,10 @@ def _read(directory: RunDirectory) -> RunSummary:
         bench=header.get("bench", {}).get("name"),
         seed=header.get("seed"),
         points=len(record.points),
-        dut=told.dut,
-        operator=told.operator,
-        note=told.note,
-        tags=told.tags,
+        dut=metadata.dut,
+        operator=metadata.operator,
+        note=metadata.note,
+        tags=metadata.tags,
         results=ReadOnly(dict(_stored_results(_encoded(came_to.results)))),
         verdict=None if verdict is None else verdict.word,
         damage=record.damage,

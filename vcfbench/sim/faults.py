@@ -51,7 +51,7 @@ from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
-from vcfbench.sim.scpi import INFINITY, ScpiError, ScpiInstrument
+from vcfbench.sim.scpi import INFINITY, ScpiError, ScpiTwin
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -356,7 +356,7 @@ _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]]
 def require_possible(device: Any, fault: Fault) -> None:
     """Raise ValueError if `device`, the instrument of `fault`, cannot suffer it."""
     needed = _ON_THE_BENCH.get(fault.kind, ("write",))[0]
-    if not hasattr(device, needed) or (fault.kind == "error" and not isinstance(device, ScpiInstrument)):
+    if not hasattr(device, needed) or (fault.kind == "error" and not isinstance(device, ScpiTwin)):
         raise ValueError(f"{fault.instrument} knows no {fault.kind!r}")
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.sim.s_curve import Piece, ramp
+from vcfbench.sim.s_curve import JerkSegment, ramp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.flutter import Flutter
     from vcfbench.sim.parameters import TableMechanics
 
-__all__ = ["MEMORY_S", "RateSegment", "Ripple", "Swing", "TableMotion"]
+__all__ = ["MEMORY_S", "RateRipple", "RateSegment", "Swing", "TableMotion"]
 
 ARCSEC = math.pi / 648000.0
 _SLIGHT = 1e-4
@@ -88,7 +88,7 @@ class RateSegment(Struct, frozen=True):
         )
 
 
-class Ripple(Struct, frozen=True):
+class RateRipple(Struct, frozen=True):
     """A part of the angle error: `arcsec` sin(`harmonic` angle + `phase_rad`)."""
 
     arcsec: float
@@ -154,7 +154,7 @@ class _Profile(Struct, frozen=True):
         return self.slope_deg_s2 + sum((a * s * cmath.exp(s * t)).real for a, s in self.terms)
 
 
-def _bent(piece: Piece) -> tuple[float, tuple[tuple[complex, complex], ...]]:
+def _bent(piece: JerkSegment) -> tuple[float, tuple[tuple[complex, complex], ...]]:
     """Return 1/2 jerk t^2 of a piece as a constant and exponentials, which is what a segment may have."""
     if not piece.jerk_deg_s3:
         return 0.0, ()
@@ -192,7 +192,7 @@ class TableMotion:
         self._lag_s = 2 * damping / natural
         self._pole = complex(-damping * natural, natural * math.sqrt(1 - damping**2))
         harmonics = (mechanics.ripple_arcsec, mechanics.ripple_harmonic, mechanics.ripple_phase_rad)
-        self._ripples = [Ripple(*each) for each in zip(*harmonics, strict=True)]
+        self._ripples = [RateRipple(*each) for each in zip(*harmonics, strict=True)]
         self._profiles: list[_Profile] = []
         self._segments = [RateSegment(clock.now(), math.inf, 0.0, 0.0, 0.0, ())]
         self._past: list[RateSegment] = []
@@ -202,7 +202,7 @@ class TableMotion:
         """Whether the servo holds the table to the profile."""
         return self._servo_closed
 
-    def add_ripple(self, *ripples: Ripple) -> None:
+    def add_ripple(self, *ripples: RateRipple) -> None:
         """Let the table have more ripple from the next command on: what its motor does, beside the mechanics."""
         self._ripples += ripples
 
@@ -391,7 +391,7 @@ class TableMotion:
         return complex(rate, (self._pole.real * rate - slope) / self._pole.imag)
 
     def _plan_demand(
-        self, now: float, angle: float, pieces: Sequence[Piece], goal: float, *, loop: tuple[float, float]
+        self, now: float, angle: float, pieces: Sequence[JerkSegment], goal: float, *, loop: tuple[float, float]
     ) -> None:
         """Plan the pieces of a ramp from now on, then the goal's rate for ever."""
         off_deg = self._fluttered_deg(now)

@@ -80,16 +80,16 @@ class _Group(Struct, frozen=True):
         Raises:
             ValueError: what was expected instead.
         """
-        for name, told in self.quantities().items():
+        for name, quantity in self.quantities().items():
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
-                if not told.allowed.holds(number):
-                    raise ValueError(str(told.allowed))
+                if not quantity.allowed.holds(number):
+                    raise ValueError(str(quantity.allowed))
 
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:
         """Return what each parameter is, by its name."""
-        return {name: told.__metadata__[0] for name, told in cls.__annotations__.items()}
+        return {name: quantity.__metadata__[0] for name, quantity in cls.__annotations__.items()}
 
 
 class DriveMode(_Group, frozen=True):
@@ -441,7 +441,9 @@ class BenchParameters(Struct, frozen=True):
     def rows(self) -> list[ParameterRow]:
         """Return every parameter with its dotted path, unit, meaning and source."""
         return [
-            ParameterRow(f"{group}.{name}", getattr(getattr(self, group), name), told.unit, told.meaning, told.source)
+            ParameterRow(
+                f"{group}.{name}", getattr(getattr(self, group), name), quantity.unit, quantity.meaning, quantity.source
+            )
             for group in self.__struct_fields__
-            for name, told in getattr(self, group).quantities().items()
+            for name, quantity in getattr(self, group).quantities().items()
         ]

@@ -11,13 +11,13 @@ import math
 
 from msgspec import Struct
 
-__all__ = ["Piece", "braking_deg", "peak_deg_s", "ramp", "ramp_s"]
+__all__ = ["JerkSegment", "braking_deg", "peak_deg_s", "ramp", "ramp_s"]
 
 
 _NOTHING_S = 1e-12
 
 
-class Piece(Struct, frozen=True):
+class JerkSegment(Struct, frozen=True):
     """A time of constant jerk: how long it lasts, rate and acceleration at its start, jerk; s, deg."""
 
     lasts_s: float
@@ -37,7 +37,7 @@ class Piece(Struct, frozen=True):
 
 def ramp(
     rate_deg_s: float, acceleration_deg_s2: float, goal_deg_s: float, *, most_deg_s2: float, jerk_deg_s3: float
-) -> list[Piece]:
+) -> list[JerkSegment]:
     """Return the way from a rate that changes by `acceleration_deg_s2` now to `goal_deg_s`, none where it is there.
 
     Within `most_deg_s2` and `jerk_deg_s3`, both above 0; an infinite jerk forgets the acceleration of now. One that is
@@ -45,7 +45,9 @@ def ramp(
     """
     if math.isinf(jerk_deg_s3):
         change = goal_deg_s - rate_deg_s
-        return [Piece(abs(change) / most_deg_s2, rate_deg_s, math.copysign(most_deg_s2, change))] if change else []
+        return (
+            [JerkSegment(abs(change) / most_deg_s2, rate_deg_s, math.copysign(most_deg_s2, change))] if change else []
+        )
     a, j = acceleration_deg_s2, jerk_deg_s3
     way = math.copysign(1.0, goal_deg_s - rate_deg_s - a * abs(a) / (2.0 * j))  # beyond what it reaches by itself
     now, change = way * a, way * (goal_deg_s - rate_deg_s)
@@ -56,7 +58,7 @@ def ramp(
     pieces, rate = [], rate_deg_s
     for lasts, starts, jerk in zip((steep, max(along, 0.0), peak / j), (now, peak, peak), jerks, strict=True):
         if lasts > _NOTHING_S:
-            pieces.append(Piece(lasts, rate, way * starts, way * jerk))
+            pieces.append(JerkSegment(lasts, rate, way * starts, way * jerk))
             rate = pieces[-1].rate_at(lasts)
     return pieces
 

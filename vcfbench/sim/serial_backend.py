@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 import serial
 from msgspec import Struct
 
-from vcfbench.sim.serial_line import Frame, Line, Parity
+from vcfbench.sim.serial_line import CharacterFrame, LineEnd, Parity
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
@@ -69,7 +69,7 @@ class Port(Protocol):
 class _Settable(Protocol):
     """A far end that speed and framing mean something to."""
 
-    def configure(self, frame: Frame, *, handshake: bool) -> None: ...
+    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None: ...
 
 
 class _Port(Struct, frozen=True):
@@ -132,7 +132,7 @@ def _lookup(url: str) -> Port:
 class SimulatedSerial(serial.SerialBase):
     """A serial port whose other end is a simulated device.
 
-    Where that is a :class:`~vcfbench.sim.serial_line.Line`, speed, framing, `dsrdtr`, DTR, DSR and breaks are
+    Where that is a :class:`~vcfbench.sim.serial_line.LineEnd`, speed, framing, `dsrdtr`, DTR, DSR and breaks are
     what they are on a real line; elsewhere they are accepted and have no effect.
     """
 
@@ -233,10 +233,10 @@ class SimulatedSerial(serial.SerialBase):
         return True
 
     @property
-    def _line(self) -> Line | None:
+    def _line(self) -> LineEnd | None:
         """The line that knows the time and the pins, if there is one."""
         device = self._port_behind.device
-        return device if isinstance(device, Line) else None
+        return device if isinstance(device, LineEnd) else None
 
     def _pull(self) -> None:
         while data := self._port_behind.device.read(65536)[0]:
@@ -256,7 +256,7 @@ class SimulatedSerial(serial.SerialBase):
         device = self._settable
         if device is not None:
             parity = _PARITIES.get(self.parity, "none")
-            frame = Frame(float(self.baudrate), self.bytesize, parity, float(self.stopbits))
+            frame = CharacterFrame(float(self.baudrate), self.bytesize, parity, float(self.stopbits))
             device.configure(frame, handshake=bool(self.dsrdtr))
 
     def _update_rts_state(self) -> None:

@@ -8,7 +8,7 @@ is device clear.
 *Unverified*: that a character with an error is not taken; that what does not fit is error 521 (512, an overrun, is what
 the receiver's circuit would find), once until there is room again; that a break is a framing error.
 
-A rate table has none of that: its line (:class:`PlainLine`) has three wires, and each character that comes whole is
+A rate table has none of that: its line (:class:`ThreeWireLine`) has three wires, and each character that comes whole is
 taken.
 """
 
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 __all__ = [
     "BUFFER",
     "MARGIN",
-    "Far",
-    "Frame",
-    "Heard",
-    "Line",
+    "CharacterFrame",
+    "FarInstrument",
+    "FarTable",
+    "HandshakeLine",
+    "LineEnd",
     "Parity",
-    "PlainFar",
-    "PlainLine",
-    "SerialLine",
+    "ReceivedCharacter",
+    "ThreeWireLine",
     "heard",
 ]
 
@@ -53,7 +53,7 @@ _CLEAR = 3
 _WHOLE = 1 << 25
 
 
-class Frame(Struct, frozen=True):
+class CharacterFrame(Struct, frozen=True):
     """How an end of the line sends and expects characters."""
 
     baud: float = 9600.0
@@ -75,32 +75,32 @@ class Frame(Struct, frozen=True):
     def _parity(self, data: list[int]) -> list[int]:
         return [] if self.parity == "none" else [sum(data) % 2 ^ (self.parity == "odd")]
 
-    def received(self, bits: list[int]) -> Heard:
+    def received(self, bits: list[int]) -> ReceivedCharacter:
         """Return what `bits`, without start bit and with one stop bit, stand for."""
         data, rest = bits[: self.data_bits], bits[self.data_bits :]
         byte = sum(bit << place for place, bit in enumerate(data))
         if not rest[-1]:
-            return Heard(byte, _FRAMING)
-        return Heard(byte, 0 if rest[:-1] == self._parity(data) else _PARITY)
+            return ReceivedCharacter(byte, _FRAMING)
+        return ReceivedCharacter(byte, 0 if rest[:-1] == self._parity(data) else _PARITY)
 
 
-class Heard(NamedTuple):
+class ReceivedCharacter(NamedTuple):
     """A character as it came, and its error: 511 framing, 513 parity, 0 none."""
 
     byte: int
     error: int
 
 
-def heard(data: bytes, sender: Frame, receiver: Frame) -> list[Heard]:
+def heard(data: bytes, sender: CharacterFrame, receiver: CharacterFrame) -> list[ReceivedCharacter]:
     """Return what `receiver` makes of `data` sent without a pause: it samples each bit in its middle, by its own clock.
 
     A second stop bit is not looked at, as in every receiver.
     """
     if sender == receiver:
         mask = (1 << receiver.data_bits) - 1
-        return [Heard(byte & mask, 0) for byte in data]
+        return [ReceivedCharacter(byte & mask, 0) for byte in data]
     edges = _edges(data, sender)
-    found: list[Heard] = []
+    found: list[ReceivedCharacter] = []
     start_s = _falling(edges, -1.0)
     while not math.isinf(start_s):
         length = receiver.data_bits + (receiver.parity != "none") + 1
@@ -110,7 +110,7 @@ def heard(data: bytes, sender: Frame, receiver: Frame) -> list[Heard]:
     return found
 
 
-def _edges(data: bytes, sender: Frame) -> list[tuple[float, int]]:
+def _edges(data: bytes, sender: CharacterFrame) -> list[tuple[float, int]]:
     """Return the instants at which the line changes, and to what; it is high before and after."""
     edges: list[tuple[float, int]] = []
     for index, byte in enumerate(data):
@@ -139,14 +139,14 @@ class _Traffic:
     __slots__ = ("_waiting", "next_s")
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Heard, float]] = deque()
+        self._waiting: deque[tuple[ReceivedCharacter, float]] = deque()
         self.next_s = math.inf
         """When the one that is being sent will be there; inf while none is."""
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, characters: list[Heard], duration_s: float) -> None:
+    def add(self, characters: list[ReceivedCharacter], duration_s: float) -> None:
         """Have `characters` sent within `duration_s`."""
         self._waiting.extend((each, duration_s / len(characters)) for each in characters)
 
@@ -155,7 +155,7 @@ class _Traffic:
         if self._waiting and math.isinf(self.next_s):
             self.next_s = now_s + self._waiting[0][1]
 
-    def take(self) -> Heard:
+    def take(self) -> ReceivedCharacter:
         """Return the one that is there now."""
         self.next_s = math.inf
         return self._waiting.popleft()[0]
@@ -174,7 +174,7 @@ class _Engine(Protocol):
     def report(self, error: ScpiError) -> None: ...
 
 
-class Far(Protocol):
+class FarInstrument(Protocol):
     """What is at the far end: every simulated SCPI instrument."""
 
     @property
@@ -199,7 +199,7 @@ class Far(Protocol):
         ...
 
 
-class PlainFar(Protocol):
+class FarTable(Protocol):
     """What is at the far end of a plain line: every simulated rate table."""
 
     def write(self, data: bytes) -> None:
@@ -219,7 +219,7 @@ class PlainFar(Protocol):
         ...
 
 
-class Line:
+class LineEnd:
     """A :class:`~vcfbench.sim.device.Device`: what is at the end of a serial line, seen from the controller.
 
     Args:
@@ -228,8 +228,8 @@ class Line:
         frame: what its port is set to; the controller's is the same until it is configured.
     """
 
-    def __init__(self, instrument: PlainFar, clock: Clock, frame: Frame | None = None) -> None:
-        self.frame = Frame() if frame is None else frame
+    def __init__(self, instrument: FarTable, clock: Clock, frame: CharacterFrame | None = None) -> None:
+        self.frame = CharacterFrame() if frame is None else frame
         self._far = instrument
         self._clock = clock
         self._controller = self.frame
@@ -241,7 +241,7 @@ class Line:
 
     # --- the controller's end -----------------------------------------------------------------------------
 
-    def configure(self, frame: Frame, *, handshake: bool) -> None:
+    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None:
         """Set the controller's end; with `handshake` it sends only while the instrument's DTR is true."""
         self._advance()
         self._controller = frame
@@ -289,7 +289,7 @@ class Line:
     def send_break(self) -> None:
         """Hold the line low for longer than a character."""
         self._advance()
-        self._receive(Heard(0, _FRAMING))
+        self._receive(ReceivedCharacter(0, _FRAMING))
 
     # --- the seam: vcfbench.sim.device.Device -------------------------------------------------------------
 
@@ -358,7 +358,7 @@ class Line:
         """The instrument's DTR."""
         raise NotImplementedError
 
-    def _receive(self, character: Heard) -> None:
+    def _receive(self, character: ReceivedCharacter) -> None:
         """Take a character that has arrived at the instrument."""
         raise NotImplementedError
 
@@ -367,7 +367,7 @@ class Line:
         raise NotImplementedError
 
 
-class PlainLine(Line):
+class ThreeWireLine(LineEnd):
     """Three wires to what takes every character as it comes, whatever it is sending: a rate table.
 
     A character with an error is dropped (unverified of every table).
@@ -377,7 +377,7 @@ class PlainLine(Line):
     def _takes(self) -> bool:
         return True
 
-    def _receive(self, character: Heard) -> None:
+    def _receive(self, character: ReceivedCharacter) -> None:
         if not character.error:
             self._far.write(bytes([character.byte]))
 
@@ -387,10 +387,10 @@ class PlainLine(Line):
         self._to_instrument.go_on(now_s)
 
 
-class SerialLine(Line):
+class HandshakeLine(LineEnd):
     """The line of a SCPI instrument with the personality RS232: with its small buffer and its handshake."""
 
-    def __init__(self, instrument: Far, clock: Clock, frame: Frame | None = None) -> None:
+    def __init__(self, instrument: FarInstrument, clock: Clock, frame: CharacterFrame | None = None) -> None:
         super().__init__(instrument, clock, frame)
         self.instrument = instrument
         self._buffer = bytearray()
@@ -406,7 +406,7 @@ class SerialLine(Line):
         """The instrument's DTR."""
         return len(self._buffer) < BUFFER and not self._to_controller
 
-    def _receive(self, character: Heard) -> None:
+    def _receive(self, character: ReceivedCharacter) -> None:
         """Take a character into the input buffer."""
         if character.error:
             self._complain(character.error)

@@ -23,7 +23,7 @@ from pyvisa.util import LibraryPath
 
 from vcfbench.sim import visa_serial
 from vcfbench.sim.attendance import AttendedClock
-from vcfbench.sim.serial_line import SerialLine
+from vcfbench.sim.serial_line import HandshakeLine
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -128,7 +128,7 @@ class _Session:
         self.sends_end = True
         """Whether END comes with the last byte of a write."""
         self.learn_ends()
-        self.line = place.device if isinstance(place.device, SerialLine) else None
+        self.line = place.device if isinstance(place.device, HandshakeLine) else None
         if self.line is not None:
             visa_serial.configure(self.line, self.attributes)
 

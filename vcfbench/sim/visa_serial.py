@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from pyvisa.constants import ControlFlow, LineState, Parity, ResourceAttribute
 
-from vcfbench.sim.serial_line import Frame
+from vcfbench.sim.serial_line import CharacterFrame
 from vcfbench.sim.serial_line import Parity as LineParity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.sim.serial_line import SerialLine
+    from vcfbench.sim.serial_line import HandshakeLine
 
 __all__ = ["changed", "configure", "pin"]
 
@@ -27,20 +27,20 @@ _SETTINGS = {
 _PARITIES: dict[int, LineParity] = {Parity.even: "even", Parity.odd: "odd"}
 
 
-def configure(line: SerialLine, attributes: Mapping[int, Any]) -> None:
+def configure(line: HandshakeLine, attributes: Mapping[int, Any]) -> None:
     """Set the controller's end of `line` as the session's attributes say."""
-    told = {name: attributes.get(name, usual) for name, usual in _SETTINGS.items()}
-    frame = Frame(
-        float(told[ResourceAttribute.asrl_baud_rate]),
-        int(told[ResourceAttribute.asrl_data_bits]),
-        _PARITIES.get(told[ResourceAttribute.asrl_parity], "none"),
-        told[ResourceAttribute.asrl_stop_bits] / 10,
+    settings = {name: attributes.get(name, usual) for name, usual in _SETTINGS.items()}
+    frame = CharacterFrame(
+        float(settings[ResourceAttribute.asrl_baud_rate]),
+        int(settings[ResourceAttribute.asrl_data_bits]),
+        _PARITIES.get(settings[ResourceAttribute.asrl_parity], "none"),
+        settings[ResourceAttribute.asrl_stop_bits] / 10,
     )
-    handshake = bool(told[ResourceAttribute.asrl_flow_control] & ControlFlow.dtr_dsr)
+    handshake = bool(settings[ResourceAttribute.asrl_flow_control] & ControlFlow.dtr_dsr)
     line.configure(frame, handshake=handshake)
 
 
-def changed(line: SerialLine, attributes: Mapping[int, Any], attribute: int) -> None:
+def changed(line: HandshakeLine, attributes: Mapping[int, Any], attribute: int) -> None:
     """Let a setting that was changed have its effect."""
     if attribute in _SETTINGS:
         configure(line, attributes)
@@ -50,7 +50,7 @@ def changed(line: SerialLine, attributes: Mapping[int, Any], attribute: int) -> 
         line.send_break()
 
 
-def pin(line: SerialLine, attribute: int) -> LineState | None:
+def pin(line: HandshakeLine, attribute: int) -> LineState | None:
     """Return the state of a pin, None for what is none; the cable joins CTS to RTS, which is always true."""
     states = {
         ResourceAttribute.asrl_dsr_state: line.dsr,

@@ -146,7 +146,7 @@ class Study(Struct, frozen=True, kw_only=True):
 
     def fingerprint(self) -> str:
         """Return what tells this study from every other: all that its results depend on, but for which seeds."""
-        told = {
+        inputs = {
             "version": installed_version(),
             "procedure": self.procedure,
             "code": _code_of(self.procedure),
@@ -156,7 +156,7 @@ class Study(Struct, frozen=True, kw_only=True):
             "cases": [case.values for case in self.cases],
             "metrics": self.metrics,
         }
-        return hashlib.sha256(msgspec.json.encode(told, order="sorted")).hexdigest()
+        return hashlib.sha256(msgspec.json.encode(inputs, order="sorted")).hexdigest()
 
     def planned(self, case: Case, seed: int) -> Prepared:
         """Prepare one run and walk its plan against the limits; nothing is opened.

@@ -14,7 +14,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.studies.asked import Study, read_study, study_of
 from vcfbench.studies.journal import Begun, kept, rows_of
-from vcfbench.studies.one_run import Work, perform
+from vcfbench.studies.one_run import PlannedRun, perform
 from vcfbench.studies.result import beside, of_rows
 from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.studies.journal import StudyJournal
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
     from vcfbench.studies.result import StudyResult
 
-    Rows = Mapping[tuple[int, int], Row]
+    Rows = Mapping[tuple[int, int], RunRow]
 
 __all__ = ["Plan", "Progress", "Quiet", "conduct", "plan_of", "study"]
 
@@ -45,7 +45,7 @@ class Progress(Protocol):
     def begun(self, had: int, total: int) -> None:
         """Take note that runs begin; `had` of `total` were done before."""
 
-    def done(self, row: Row) -> None:
+    def done(self, row: RunRow) -> None:
         """Take note of a run that is done."""
 
 
@@ -58,11 +58,11 @@ class Quiet:
     def begun(self, had: int, total: int) -> None:
         """Take no notice."""
 
-    def done(self, row: Row) -> None:
+    def done(self, row: RunRow) -> None:
         """Take no notice."""
 
 
-class How(Struct, frozen=True):
+class StudyOptions(Struct, frozen=True):
     """How a study is done: `output` is the file of its table, None writes nothing; `workers` None: all processors."""
 
     output: Path | None = None
@@ -117,7 +117,7 @@ def study(
     Raises:
         BenchError: the study cannot be done as asked (raised before anything runs), or no run was completed.
     """
-    how = How(
+    how = StudyOptions(
         None if output is None else Path(output),
         workers,
         scheduler,
@@ -128,7 +128,7 @@ def study(
     return conduct(asked, how, progress or Quiet())
 
 
-def conduct(asked: Study, how: How, progress: Progress) -> StudyResult:
+def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
     """Do the study as :func:`study` does, which see."""
     _require(how)
     for number, _ in enumerate(asked.check(), start=1):
@@ -150,14 +150,14 @@ def conduct(asked: Study, how: How, progress: Progress) -> StudyResult:
     return result
 
 
-def _journal(how: How, begun: Begun) -> AbstractContextManager[tuple[StudyJournal | None, Rows]]:
+def _journal(how: StudyOptions, begun: Begun) -> AbstractContextManager[tuple[StudyJournal | None, Rows]]:
     """Return the journal and the rows in it; none, and none, where nothing is to be written."""
     if how.output is None:
         return nullcontext((None, {}))
     return kept(journal_of(how.output), begun, restart=how.restart)
 
 
-def plan_of(asked: Study, how: How, progress: Progress) -> Plan:
+def plan_of(asked: Study, how: StudyOptions, progress: Progress) -> Plan:
     """Check the study as before its runs, and time one of the first case, in memory; nothing is written."""
     _require(how)
     for number, _ in enumerate(asked.check(), start=1):
@@ -166,7 +166,7 @@ def plan_of(asked: Study, how: How, progress: Progress) -> Plan:
     if how.output is not None and journal_of(how.output).exists() and not how.restart:
         rows, _ = rows_of(journal_of(how.output), begun_by(asked))
         had = sum(key in rows for key in asked.runs)
-    work = Work(asked.of(0), asked.seeds[0])
+    work = PlannedRun(asked.of(0), asked.seeds[0])
     perform(work)  # what a process loads once
     clock = WallClock()
     perform(work)
@@ -191,7 +191,7 @@ def begun_by(asked: Study) -> Begun:
     )
 
 
-def _require(how: How) -> None:
+def _require(how: StudyOptions) -> None:
     """See that the study can be done as asked, before anything runs."""
     if how.workers is not None and not 1 <= how.workers <= 1024:
         raise ConfigError(f"--workers {how.workers}: expected 1 to 1024")
@@ -203,13 +203,13 @@ def _require(how: How) -> None:
         raise ConfigError(f"--keep-records {shown(how.keep_records)}: expected a directory")
 
 
-def _workers(how: How) -> int:
+def _workers(how: StudyOptions) -> int:
     from vcfbench.studies.workers import processors  # noqa: PLC0415
 
     return processors() if how.workers is None else how.workers
 
 
-def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: How) -> Iterator[Row]:
+def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -> Iterator[RunRow]:
     """Do the missing runs where they are to be done, and yield each row when it is there."""
     from vcfbench.studies.workers import here, in_processes, on_cluster  # noqa: PLC0415
 
@@ -225,15 +225,17 @@ def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: How) -> Iterato
         yield from here(works)
 
 
-def _work(asked: Study, case: int, seed: int, keep: Path | None) -> Work:
-    return Work(asked.of(case), seed, None if keep is None else keep.resolve() / f"case-{case:04}" / f"seed-{seed}")
+def _work(asked: Study, case: int, seed: int, keep: Path | None) -> PlannedRun:
+    return PlannedRun(
+        asked.of(case), seed, None if keep is None else keep.resolve() / f"case-{case:04}" / f"seed-{seed}"
+    )
 
 
-def _kept(rows: Iterator[Row], journal: StudyJournal | None) -> Iterator[Row]:
+def _kept(rows: Iterator[RunRow], journal: StudyJournal | None) -> Iterator[RunRow]:
     """Yield `rows`, and write them to the journal in batches; those of a process that died are not kept."""
     from vcfbench.studies.workers import LOST  # noqa: PLC0415
 
-    batch: list[Row] = []
+    batch: list[RunRow] = []
     clock, written_s = WallClock(), 0.0
     try:
         for row in rows:

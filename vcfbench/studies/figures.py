@@ -11,7 +11,7 @@ from vcfbench.studies.summary import headlines
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
     from vcfbench.studies.summary import CaseSummary
 
 __all__ = ["picture"]
@@ -22,7 +22,7 @@ _WIDTH = 0.5
 """Of the band over which the runs of a case are spread, in cases."""
 
 
-def picture(title: str, rows: Sequence[Row], cases: Sequence[CaseSummary]) -> bytes:
+def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) -> bytes:
     """Return a picture as SVG: a panel a metric, runs as points, mean and standard deviation of each case beside them.
 
     The same rows give the same bytes.
@@ -58,7 +58,7 @@ def _places(cases: Sequence[CaseSummary]) -> tuple[Mapping[int, float], str]:
 
 
 def _panel(
-    axes: Any, name: str, rows: Sequence[Row], cases: Sequence[CaseSummary], places: Mapping[int, float]
+    axes: Any, name: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary], places: Mapping[int, float]
 ) -> None:
     spots = sorted(places.values())
     step = min((right - left for left, right in pairwise(spots)), default=1.0) or 1.0

@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import opened, shown, try_lock
-from vcfbench.studies.one_run import Row
+from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.vary import Drawn  # noqa: TC001  # msgspec reads the annotation
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Begun(Struct, frozen=True, tag="study", tag_field="type"):
 
 
 _HEAD = msgspec.json.Decoder(Begun)
-_ROW = msgspec.json.Decoder(Row)
+_ROW = msgspec.json.Decoder(RunRow)
 
 
 class StudyJournal:
@@ -61,7 +61,7 @@ class StudyJournal:
         self.path = path
         self._file = file
 
-    def add(self, rows: Iterable[Row]) -> None:
+    def add(self, rows: Iterable[RunRow]) -> None:
         """Write rows and see them to the disk."""
         self._write(rows)
 
@@ -75,7 +75,7 @@ class StudyJournal:
 
 
 @contextmanager
-def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJournal, dict[tuple[int, int], Row]]]:
+def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJournal, dict[tuple[int, int], RunRow]]]:
     """Open the journal at `path`, and yield it with the rows that are there, by case and seed.
 
     Raises:
@@ -106,7 +106,7 @@ def _require_alone(file: IO[bytes], path: Path) -> None:
         raise BenchError(words, hint="wait for its end, or choose another -o")
 
 
-def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], Row], int]:
+def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], RunRow], int]:
     """Return the rows that are there of the study that `begun` says, and how many bytes of the journal are whole.
 
     Raises:
@@ -122,7 +122,7 @@ def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], Row], int]:
     return had, whole
 
 
-def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], Row]]:
+def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], RunRow]]:
     """Return the first line of a study's journal and every row, by case and seed.
 
     Raises:
@@ -134,9 +134,9 @@ def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], Row]]:
     return begun, rows
 
 
-def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], Row], int]:
+def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]:
     """Return first line, rows, and how many bytes they have: what comes after is a line that was cut off."""
-    rows: dict[tuple[int, int], Row] = {}
+    rows: dict[tuple[int, int], RunRow] = {}
     whole = 0
     with opened(path, "the journal of a study") as file:
         first = file.readline()

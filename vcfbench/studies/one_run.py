@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
     from vcfbench.studies.asked import Study
 
-__all__ = ["Row", "Work", "failed", "perform"]
+__all__ = ["PlannedRun", "RunRow", "failed", "perform"]
 
 
-class Work(Struct, frozen=True):
+class PlannedRun(Struct, frozen=True):
     """A run that is to be done: a study with one case, and a seed; its record goes into `keep`, None keeps none."""
 
     study: Study
@@ -29,7 +29,7 @@ class Work(Struct, frozen=True):
         return self.study.cases[0].number, self.seed
 
 
-class Row(Struct, frozen=True):
+class RunRow(Struct, frozen=True):
     """What a run came to: ``complete`` with its metrics, or ``failed`` with a message."""
 
     case: int
@@ -41,7 +41,7 @@ class Row(Struct, frozen=True):
     metrics: dict[str, Any] = field(default_factory=dict)
 
 
-def perform(work: Work) -> Row:
+def perform(work: PlannedRun) -> RunRow:
     """Do one run; whatever goes wrong in it is in the row.
 
     Raises:
@@ -63,9 +63,9 @@ def perform(work: Work) -> Row:
     except Exception as error:  # noqa: BLE001  # a procedure is anybody's; the other runs go on
         return failed(work, f"{type(error).__name__}: {error}")
     verdict = None if run.verdict is None else run.verdict.word
-    return Row(*work.key, run.status.value, None, verdict, run.bench_seconds, metrics)
+    return RunRow(*work.key, run.status.value, None, verdict, run.bench_seconds, metrics)
 
 
-def failed(work: Work, message: str) -> Row:
+def failed(work: PlannedRun, message: str) -> RunRow:
     """Return the row of a run that came to nothing."""
-    return Row(*work.key, "failed", message)
+    return RunRow(*work.key, "failed", message)

@@ -10,14 +10,14 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from vcfbench.report.outlet import Outlet
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
 
-__all__ = ["BarProgress", "LineProgress"]
+__all__ = ["BarProgress", "StudyLineProgress"]
 
 _LINE_S = 10.0
 
 
-class LineProgress:
+class StudyLineProgress:
     """A plain line when runs begin, every ten seconds, and at the end. `kept` runs of `total` are done."""
 
     def __init__(self, outlet: Outlet) -> None:
@@ -52,7 +52,7 @@ class LineProgress:
         self._clock, self._said_s = WallClock(), 0.0
         self.say(f"{total} runs{f', {had} of them done before' if had else ''}")
 
-    def done(self, row: Row) -> None:
+    def done(self, row: RunRow) -> None:
         """Say how far it is, now and then."""
         self.kept += 1
         self._broken += row.status != "complete"
@@ -67,7 +67,7 @@ class LineProgress:
         return f"{left_s:.0f} s left{broken}"
 
 
-class BarProgress(LineProgress):
+class BarProgress(StudyLineProgress):
     """A bar with the time that is left; it goes when all is done."""
 
     def __init__(self, outlet: Outlet) -> None:
@@ -105,7 +105,7 @@ class BarProgress(LineProgress):
         self._bar.update(self._task, description="runs", completed=had, total=total)
         self._bar.reset(self._task, completed=had, total=total)
 
-    def done(self, row: Row) -> None:
+    def done(self, row: RunRow) -> None:
         """Move the bar."""
         self.kept += 1
         self._broken += row.status != "complete"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.studies.journal import Begun
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
     from vcfbench.studies.table import ColumnOf
 
 __all__ = ["StudyResult", "beside", "load_study"]
@@ -37,7 +37,7 @@ class StudyResult:
     title: str
     procedure: str
     bench: str
-    rows: tuple[Row, ...]
+    rows: tuple[RunRow, ...]
     values: Mapping[int, Mapping[str, Any]]
     drawn: Mapping[int, Mapping[str, Any]]
     table_path: Path | None = None
@@ -76,8 +76,8 @@ class StudyResult:
 
     def as_json(self) -> dict[str, Any]:
         """Return what ``summary.json`` holds."""
-        told = {"title": self.title, "procedure": self.procedure, "bench": self.bench, "runs": len(self.rows)}
-        return {**told, "cases": msgspec.to_builtins(self.summary)}
+        members = {"title": self.title, "procedure": self.procedure, "bench": self.bench, "runs": len(self.rows)}
+        return {**members, "cases": msgspec.to_builtins(self.summary)}
 
     def write(self, path: Path) -> tuple[Path, ...]:
         """Write the table to `path` (``.parquet`` or ``.csv``), summary and picture beside it; return all of them.
@@ -113,7 +113,7 @@ def beside(path: Path, ending: str) -> Path:
 
 
 def of_rows(
-    begun: Begun, rows: Sequence[Row], drawn: Mapping[int, Mapping[str, Any]], path: Path | None
+    begun: Begun, rows: Sequence[RunRow], drawn: Mapping[int, Mapping[str, Any]], path: Path | None
 ) -> StudyResult:
     """Return what `rows` come to; `begun` says of which study they are."""
     ordered = tuple(sorted(rows, key=lambda row: (row.case, row.seed)))

@@ -13,7 +13,7 @@ from vcfbench.studies.table import in_words
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
 
 __all__ = ["CaseSummary", "MetricSummary", "headlines", "summaries", "summary_table"]
 
@@ -53,15 +53,15 @@ class CaseSummary(Struct, frozen=True):
     metrics: dict[str, MetricSummary]
 
 
-def summaries(rows: Sequence[Row], values: Mapping[int, Mapping[str, Any]]) -> tuple[CaseSummary, ...]:
+def summaries(rows: Sequence[RunRow], values: Mapping[int, Mapping[str, Any]]) -> tuple[CaseSummary, ...]:
     """Return the summary of every case of the sorted `rows`; `values` are those of each case, by label."""
-    cases: dict[int, list[Row]] = {}
+    cases: dict[int, list[RunRow]] = {}
     for row in rows:
         cases.setdefault(row.case, []).append(row)
     return tuple(_case(number, dict(values.get(number, {})), of_case) for number, of_case in cases.items())
 
 
-def _case(number: int, values: dict[str, Any], rows: Sequence[Row]) -> CaseSummary:
+def _case(number: int, values: dict[str, Any], rows: Sequence[RunRow]) -> CaseSummary:
     judged = [row.verdict == "pass" for row in rows if row.verdict is not None]
     names = dict.fromkeys(name for row in rows for name in row.metrics if not name.endswith(PARTS))
     return CaseSummary(
@@ -74,7 +74,7 @@ def _case(number: int, values: dict[str, Any], rows: Sequence[Row]) -> CaseSumma
     )
 
 
-def _metric(name: str, rows: Sequence[Row]) -> MetricSummary | None:
+def _metric(name: str, rows: Sequence[RunRow]) -> MetricSummary | None:
     import numpy as np  # noqa: PLC0415  # the list of commands is shown without it
 
     def numbers(of: str) -> list[float]:

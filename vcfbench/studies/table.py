@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from vcfbench.studies.one_run import Row
+    from vcfbench.studies.one_run import RunRow
 
 __all__ = ["ColumnOf", "columns_of", "require_writable", "write_table", "written"]
 
@@ -32,7 +32,7 @@ class ColumnOf(Struct, frozen=True):
     values: tuple[Any, ...]
 
 
-def columns_of(rows: Sequence[Row], varied: Sequence[Mapping[str, Any]]) -> tuple[ColumnOf, ...]:
+def columns_of(rows: Sequence[RunRow], varied: Sequence[Mapping[str, Any]]) -> tuple[ColumnOf, ...]:
     """Return the columns of `rows`: case, seed, what was varied (by label, a mapping a row), how it ended, metrics."""
     labels = list(dict.fromkeys(label for values in varied for label in values))
     metrics = list(dict.fromkeys(name for row in rows for name in row.metrics))

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, LinkLost
 from vcfbench.extras import need
-from vcfbench.studies.one_run import Row, perform
+from vcfbench.studies.one_run import RunRow, perform
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
 
-    from vcfbench.studies.one_run import Work
+    from vcfbench.studies.one_run import PlannedRun
 
 __all__ = ["LOST", "here", "in_processes", "on_cluster", "processors"]
 
@@ -46,25 +46,25 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def here(works: Iterable[Work]) -> Iterator[Row]:
+def here(works: Iterable[PlannedRun]) -> Iterator[RunRow]:
     """Do the runs in this process, one after another."""
     yield from map(perform, works)
 
 
-def in_processes(works: Iterable[Work], workers: int) -> Iterator[Row]:
+def in_processes(works: Iterable[PlannedRun], workers: int) -> Iterator[RunRow]:
     """Do the runs in so many processes, and yield each row when it is there.
 
     Raises:
         BenchError: processes die again and again without a run done.
     """
-    queue: deque[Work] = deque(works)
-    suspects: deque[Work] = deque()
+    queue: deque[PlannedRun] = deque(works)
+    suspects: deque[PlannedRun] = deque()
     breaks, most = 0, _FIRST_BREAKS
     tries: Counter[tuple[int, int]] = Counter()
     while queue or suspects:
         alone = bool(suspects)
         with _pool(1 if alone else workers) as pool:
-            lost: list[Work] = []
+            lost: list[PlannedRun] = []
             for row in _done(pool, suspects if alone else queue, 1 if alone else 2 * workers, lost):
                 breaks, most = 0, _MOST_BREAKS
                 yield row
@@ -77,14 +77,14 @@ def in_processes(works: Iterable[Work], workers: int) -> Iterator[Row]:
         for work in lost:
             tries[work.key] += alone
             if tries[work.key] >= _TRIES:
-                yield Row(*work.key, LOST, f"its process died {_TRIES} times")
+                yield RunRow(*work.key, LOST, f"its process died {_TRIES} times")
             else:
                 suspects.appendleft(work) if alone else suspects.append(work)
 
 
-def _done(pool: ProcessPoolExecutor, queue: deque[Work], window: int, lost: list[Work]) -> Iterator[Row]:
+def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int, lost: list[PlannedRun]) -> Iterator[RunRow]:
     """Yield the rows of `queue`, at most `window` of them under way; what was when a process died goes into `lost`."""
-    running: dict[Any, Work] = {}
+    running: dict[Any, PlannedRun] = {}
     while queue or running:
         try:
             while queue and len(running) < window:
@@ -108,7 +108,7 @@ def _done(pool: ProcessPoolExecutor, queue: deque[Work], window: int, lost: list
             return
 
 
-def _left(running: dict[Any, Work], lost: list[Work]) -> Iterator[Row]:
+def _left(running: dict[Any, PlannedRun], lost: list[PlannedRun]) -> Iterator[RunRow]:
     """Yield what was done before the pool broke; the rest is lost."""
     for future, work in running.items():
         try:
@@ -151,7 +151,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def on_cluster(works: Iterable[Work], address: str) -> Iterator[Row]:
+def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:
     """Do the runs on the Dask cluster whose scheduler is at `address`, and yield each row when it is there.
 
     Raises:
@@ -173,8 +173,8 @@ def on_cluster(works: Iterable[Work], address: str) -> Iterator[Row]:
             raise LinkLost(f"--scheduler {address}: the cluster answers no more: {error}") from error
 
 
-def _clustered(client: Any, distributed: Any, works: Iterator[Work]) -> Iterator[Row]:
-    keys: dict[str, Work] = {}
+def _clustered(client: Any, distributed: Any, works: Iterator[PlannedRun]) -> Iterator[RunRow]:
+    keys: dict[str, PlannedRun] = {}
 
     def submitted() -> Iterator[Any]:
         for work in works:
@@ -190,7 +190,7 @@ def _clustered(client: Any, distributed: Any, works: Iterator[Work]) -> Iterator
         try:
             yield future.result()
         except distributed.KilledWorker:
-            yield Row(*work.key, LOST, "its workers died")
+            yield RunRow(*work.key, LOST, "its workers died")
         for another in more:
             done.add(another)
             break

@@ -277,12 +277,12 @@ def _telling_problems(case: ConformanceCase) -> Iterator[str]:
         driver, wire, _ = _opened(case)
         wire.state, wire.sent = state, b""
         try:
-            told = driver.command_safe()
+            outcome = driver.command_safe()
         except Exception as error:  # noqa: BLE001  # the driver under test is anyone's code
-            told = error
-        if not isinstance(told, UnprovedCommand):
-            yield f"on a wire that is {state}, command_safe() told {told!r}"
-        elif drives and state != "broken" and not (told.sent and wire.sent):
+            outcome = error
+        if not isinstance(outcome, UnprovedCommand):
+            yield f"on a wire that is {state}, command_safe() told {outcome!r}"
+        elif drives and state != "broken" and not (outcome.sent and wire.sent):
             yield f"on a wire that is {state}, command_safe() sent nothing"
         elif b"?" in wire.sent:
             yield f"on a wire that is {state}, command_safe() asked {wire.sent!r}"

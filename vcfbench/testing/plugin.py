@@ -92,7 +92,7 @@ def _vcfbench_lab(request: pytest.FixtureRequest) -> Iterator[SimulatedLab]:
     from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
 
     with ExitStack() as stack:
-        with _mistakes_told():
+        with _mistakes_reported():
             asked = _asked(request)
             opened = open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
             lab = stack.enter_context(opened)
@@ -132,7 +132,7 @@ def open_simulated_bench(request: pytest.FixtureRequest) -> Callable[..., Abstra
     from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
 
     def open_one(**changes: Any) -> AbstractContextManager[SimulatedLab]:
-        with _mistakes_told():
+        with _mistakes_reported():
             asked = {**_asked(request), **changes}
             return open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
 
@@ -145,7 +145,7 @@ def served_bench(request: pytest.FixtureRequest) -> Iterator[ServedLab]:
     from vcfbench.testing.benches import serve_simulated  # noqa: PLC0415  # heavy, and only now needed
 
     with ExitStack() as stack:
-        with _mistakes_told():
+        with _mistakes_reported():
             asked = _asked(request)
             faults = None if asked["faults"] is None else _script(request, asked["faults"])
             described = _described(request, asked)
@@ -163,7 +163,7 @@ def expected_exchange() -> Callable[..., AbstractContextManager[Any]]:
 
 
 @contextmanager
-def _mistakes_told() -> Iterator[None]:
+def _mistakes_reported() -> Iterator[None]:
     """Say in one sentence what is wrong with what a test asks for; where in this plugin that was seen helps nobody."""
     from vcfbench.errors import ConfigError  # noqa: PLC0415  # nothing of the package before it is needed
 

@@ -116,7 +116,7 @@ class FaultyWire:
         self.resource = resource
         self.clock = WallClock()
         self.spoilt_s: list[float] = []
-        self.told = bytearray()
+        self.received = bytearray()
         self.answered = 0
         self._fault: WireFault | None = None
         self._left: int | None = 0
@@ -137,7 +137,7 @@ class FaultyWire:
         with self._lock:
             self._fault, self._left, self._random = fault, fault.replies, Random(fault.seed)  # noqa: S311
             self.spoilt_s.clear()
-            self.told.clear()
+            self.received.clear()
             self.answered = 0
         self._nudge()
 
@@ -244,7 +244,7 @@ class FaultyWire:
         if not data:
             self._program_left(link)
             return
-        self.told += data
+        self.received += data
         link.tell(data)
 
     def _said(self, link: _Link) -> None:
@@ -553,12 +553,12 @@ def faulty_wire(resource: str) -> Iterator[FaultyWire]:
 
 
 def _wire(resource: str) -> FaultyWire:
-    if told := _SOCKET.fullmatch(resource):
-        return _TcpWire(told["host"], int(told["port"]), "TCPIP0::127.0.0.1::{}::SOCKET".format)
-    if told := _URL.fullmatch(resource):
-        return _TcpWire(told["host"], int(told["port"]), "socket://127.0.0.1:{}".format)
-    if told := _ASRL.fullmatch(resource):
-        return _TerminalWire(told["path"], "ASRL{}::INSTR".format)
+    if match := _SOCKET.fullmatch(resource):
+        return _TcpWire(match["host"], int(match["port"]), "TCPIP0::127.0.0.1::{}::SOCKET".format)
+    if match := _URL.fullmatch(resource):
+        return _TcpWire(match["host"], int(match["port"]), "socket://127.0.0.1:{}".format)
+    if match := _ASRL.fullmatch(resource):
+        return _TerminalWire(match["path"], "ASRL{}::INSTR".format)
     if resource.startswith("/"):
         return _TerminalWire(resource, str)
     raise ValueError(f"resource: expected a socket or a serial line, came {resource!r}")

@@ -14,7 +14,7 @@ from vcfbench.sim.scpi import (
     Limits,
     Number,
     ScpiEngine,
-    ScpiInstrument,
+    ScpiTwin,
     real,
 )
 
@@ -42,7 +42,7 @@ class M1Errors:
         return cls(random.uniform(-1e-4, 1e-4))
 
 
-class SimulatedM1(ScpiInstrument):
+class SimulatedM1(ScpiTwin):
     """The meter at the end of its leads, which see a node of the gyroscope's PCB."""
 
     errors_class: ClassVar[type] = M1Errors

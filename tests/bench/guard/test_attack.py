@@ -122,23 +122,23 @@ class NoPcb:
     def drive_v_vc(self, source: object) -> None: ...
 
 
-def peak_v(told: Guarded) -> float:
+def peak_v(guarded: Guarded) -> float:
     """The highest voltage of the generator's setting into an open circuit, as its high and low level say."""
-    load_ohm = float(told.ask("OUTP:LOAD?"))
+    load_ohm = float(guarded.ask("OUTP:LOAD?"))
     factor = 1.0 if load_ohm > 1e30 else (load_ohm + 50.0) / load_ohm
-    if told.ask("FUNC?") == "DC":
-        return factor * abs(float(told.ask("VOLT:OFFS?")))
-    return factor * max(abs(float(told.ask("VOLT:HIGH?"))), abs(float(told.ask("VOLT:LOW?"))))
+    if guarded.ask("FUNC?") == "DC":
+        return factor * abs(float(guarded.ask("VOLT:OFFS?")))
+    return factor * max(abs(float(guarded.ask("VOLT:HIGH?"))), abs(float(guarded.ask("VOLT:LOW?"))))
 
 
 @settings(max_examples=100, deadline=None)
 @given(messages(GENERATOR))
 def test_no_words_make_the_generator_exceed_the_limit(typed: list[str]) -> None:
     world = NoPcb()
-    told = Guarded("rate_source", Conversation(Agilent33220ATwin(world, GeneratorErrors.none()), world.clock), BENCH)
+    guarded = Guarded("rate_source", Conversation(Agilent33220ATwin(world, GeneratorErrors.none()), world.clock), BENCH)
     for message in typed:
-        told.say(message)
-        assert peak_v(told) <= MAX_V * (1 + 1e-3), message  # settings are rounded to four digits
+        guarded.say(message)
+        assert peak_v(guarded) <= MAX_V * (1 + 1e-3), message  # settings are rounded to four digits
 
 
 @settings(max_examples=100, deadline=None)
@@ -147,14 +147,14 @@ def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
     world = FakeWorld()
     supply = E3631ATwin(world, errors=SupplyErrors.none(), interface="gpib")  # type: ignore[arg-type]
     world.clock.attend(supply)
-    told = Guarded("power", Conversation(supply, world.clock), BENCH)
+    guarded = Guarded("power", Conversation(supply, world.clock), BENCH)
     for message in typed:
-        told.say(message)
+        guarded.say(message)
         for name, sign in (("P6V", 0.0), ("P25V", 1.0), ("N25V", -1.0)):
-            volts, amps = (float(text) for text in told.ask(f"APPL? {name}").strip('"').split(","))
+            volts, amps = (float(text) for text in guarded.ask(f"APPL? {name}").strip('"').split(","))
             inside = sign != 0.0 and 9.5 <= sign * volts <= 10.5
             assert volts == 0.0 or inside, message
-            if volts and told.ask("OUTP?") == "1":
+            if volts and guarded.ask("OUTP?") == "1":
                 assert amps <= 0.2, message
 
 
@@ -170,7 +170,7 @@ def test_no_words_make_the_supply_leave_the_rails(typed: list[str]) -> None:
 )
 def test_a_unit_that_is_changed_on_the_way_counts(message: str) -> None:
     world = NoPcb()
-    told = Guarded("rate_source", Conversation(Agilent33220ATwin(world, GeneratorErrors.none()), world.clock), BENCH)
-    told.say("OUTP:LOAD INF;:VOLT 5")
-    told.say(message)
-    assert peak_v(told) <= MAX_V * (1 + 1e-3)
+    guarded = Guarded("rate_source", Conversation(Agilent33220ATwin(world, GeneratorErrors.none()), world.clock), BENCH)
+    guarded.say("OUTP:LOAD INF;:VOLT 5")
+    guarded.say(message)
+    assert peak_v(guarded) <= MAX_V * (1 + 1e-3)

@@ -8,7 +8,7 @@ from vcfbench.bench.guard.message import (
     AMPERE,
     VOLT,
     VPP,
-    Part,
+    MessagePart,
     Unreadable,
     header_pattern,
     quantity,
@@ -111,6 +111,6 @@ def test_switches() -> None:
 
 def test_parameters_are_counted() -> None:
     with pytest.raises(Unreadable, match="VOLT takes 1 parameters, not 2"):
-        Part("VOLT", query=False, arguments=("1", "2")).require(1)
+        MessagePart("VOLT", query=False, arguments=("1", "2")).require(1)
     with pytest.raises(Unreadable, match="VOLT lacks a parameter"):
-        Part("VOLT", query=False, arguments=()).argument(0)
+        MessagePart("VOLT", query=False, arguments=()).argument(0)

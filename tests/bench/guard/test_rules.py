@@ -200,10 +200,10 @@ def test_generator_beyond_the_limits(message: str, words: str) -> None:
 
 
 def test_the_load_that_the_generator_is_told_is_not_the_one_that_it_has() -> None:
-    told = {**GENERATOR, "OUTP:LOAD?": "+5.0000000000000E+01", "FUNC?": "DC"}
-    judge("rate_source", "VOLT:OFFS 5", told)
-    assert "peak voltage 10.2 V" in refused("rate_source", "VOLT:OFFS 5.1", told)
-    judge("rate_source", "OUTP:LOAD INF;:VOLT:OFFS 10", told)
+    state = {**GENERATOR, "OUTP:LOAD?": "+5.0000000000000E+01", "FUNC?": "DC"}
+    judge("rate_source", "VOLT:OFFS 5", state)
+    assert "peak voltage 10.2 V" in refused("rate_source", "VOLT:OFFS 5.1", state)
+    judge("rate_source", "OUTP:LOAD INF;:VOLT:OFFS 10", state)
 
 
 def test_what_an_earlier_program_left_counts_when_the_output_goes_on() -> None:

@@ -333,8 +333,8 @@ def test_replies_with_error_code_and_length(header: Header, layout: str, configu
         (":Utility:Lockout ON", framed(layout, "OK")),
         (":Status:STB?", framed(layout, "0")),
     ]
-    told: Header = "auto" if configured == "auto" else header
-    with expected_exchange(table(header=told), exchanges) as driver:
+    setting: Header = "auto" if configured == "auto" else header
+    with expected_exchange(table(header=setting), exchanges) as driver:
         assert driver.rate_deg_s() == 1.5
         driver._command(driver._dialect.claim)
         assert isinstance(driver._dialect, AclDialect)

@@ -132,12 +132,12 @@ def test_an_axis_that_is_counted_from_0() -> None:
     units = "units = { rate_quantum = 0.001, rate_max = 100, axes = [1, 2, 3], first_axis = FIRST }"
     text = LEAST.replace("units = {", f"{units}#").replace("LINK", "").replace(" ACK", "")
     text = text.replace("V{rate", "A{axis}V{rate").replace('"S"', '"A{axis}S{on_2}"')
-    for first, told in ((0, "1"), (1, "2")):
+    for first, sent in ((0, "1"), (1, "2")):
         profile = parse_profile(text.replace("FIRST", str(first)), "lab.toml")
         dialect = ConfigurableDialect(profile, axis=2)
-        assert dialect.message("A{axis}V{rate:.3f}", {"rate": 12.0}) == f"A{told}V12.000\r\n".encode()
-        assert dialect.stop_words(None)[-1].endswith(f"A{told}S1\r\n".encode())
-        on = line((f"A{told}V12.000", None), ("R", "1.5,2.0"))
+        assert dialect.message("A{axis}V{rate:.3f}", {"rate": 12.0}) == f"A{sent}V12.000\r\n".encode()
+        assert dialect.stop_words(None)[-1].endswith(f"A{sent}S1\r\n".encode())
+        on = line((f"A{sent}V12.000", None), ("R", "1.5,2.0"))
         dialect.demand_rate(on, 12.0, float("inf"), soon(on))
 
 

@@ -88,9 +88,9 @@ class Bench:
         self.twin = Muffled(TWINS[name](self.world, errors=errors), self.clock)
         self.clock.attend(self.twin)
         serial_backend.register("dialects", self.twin, self.clock)  # type: ignore[arg-type]
-        told = {**LIMITS, **settings, **({"steps_per_deg": 640000 / 360} if name == "zaber" else {})}
+        asked_settings = {**LIMITS, **settings, **({"steps_per_deg": 640000 / 360} if name == "zaber" else {})}
         self.driver: Any = open_instrument(
-            "rate_table", name, "sim://dialects", library="", clock=self.clock, settings=told
+            "rate_table", name, "sim://dialects", library="", clock=self.clock, settings=asked_settings
         )
 
     def wait(self, seconds: float) -> None:
@@ -128,9 +128,9 @@ def test_angles_count_the_way_the_table_turns(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
     bench.reach(10.0)
-    told, true = bench.driver.angle_deg(), bench.world.table.angle_deg()
+    read_deg, true = bench.driver.angle_deg(), bench.world.table.angle_deg()
     bench.wait(1.0)
-    turned = (bench.driver.angle_deg() - told + 180.0) % 360.0 - 180.0
+    turned = (bench.driver.angle_deg() - read_deg + 180.0) % 360.0 - 180.0
     assert turned == pytest.approx(bench.world.table.angle_deg() - true, abs=3.0)
     assert turned > 8.0
 

@@ -222,7 +222,7 @@ def test_sign_and_magnitude_is_no_complement() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrap", "told", "meant"),
+    ("wrap", "read_deg", "meant"),
     [
         ("continuous", 725.0, 725.0),
         ("0..360", 725.0, 5.0),
@@ -231,8 +231,8 @@ def test_sign_and_magnitude_is_no_complement() -> None:
         ("over 360 minus 720", 360.0, 360.0),
     ],
 )
-def test_wrapped_angles(wrap: Wrap, told: float, meant: float) -> None:
-    assert unwrapped(told, wrap) == meant
+def test_wrapped_angles(wrap: Wrap, read_deg: float, meant: float) -> None:
+    assert unwrapped(read_deg, wrap) == meant
 
 
 def test_what_is_no_number_is_an_error_and_not_zero() -> None:

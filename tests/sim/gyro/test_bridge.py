@@ -15,8 +15,8 @@ from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import flutter_density, noise_matrices, rate_response
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
-from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
-from vcfbench.sim.instruments.hp34401a.ac import Response, detect
+from vcfbench.sim.gyro.noise import FlickerNoise, NoiseState, NoisyChain
+from vcfbench.sim.instruments.hp34401a.ac import AcResponse, detect
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ FILTERED, INTEGRAL = 10, 12 + COUNT
 
 
 def noisy() -> NoisyChain:
-    return NoisyChain(locked_chain(PAPER), Flicker.of(PAPER.noise), WHITE)
+    return NoisyChain(locked_chain(PAPER), FlickerNoise.of(PAPER.noise), WHITE)
 
 
 def white_only() -> BenchParameters:
@@ -109,7 +109,7 @@ def test_noise_within_a_step_has_the_covariance_of_noise_that_nobody_cut() -> No
 @pytest.mark.exhaustive
 def test_a_stretch_that_is_halved_before_it_is_looked_at_has_the_same_noise() -> None:
     """40 s, looked at where two of its parts meet and far from them: variance, and covariance over 10 ms."""
-    chain, white = NoisyChain(locked_chain(PAPER), Flicker(np.array([1.0] * COUNT), 0.0), WHITE), white_only()
+    chain, white = NoisyChain(locked_chain(PAPER), FlickerNoise(np.array([1.0] * COUNT), 0.0), WHITE), white_only()
     instants = np.array([0.3, 0.31, 19.995, 20.005, 33.0, 33.01])
     drawn = np.array([stepped(chain, 40.0, seed)[0].filtered(instants) for seed in range(40)])
     a, _, s = stationary(white)
@@ -286,7 +286,7 @@ def turned(bench: BenchParameters, rate_deg_s: float) -> tuple[VirtualClock, Wor
 def test_ac_volts_of_the_output_are_those_of_the_closed_form() -> None:
     """20 readings with the 20 Hz filter: the root of the density times the response squared, within five errors."""
     frequencies = np.arange(0.05, 400.0, 0.05)
-    response = Response(20.0, MeterErrors.none().ac)
+    response = AcResponse(20.0, MeterErrors.none().ac)
     wanted = math.sqrt((density(white_only(), frequencies) * np.abs(response.at(frequencies)) ** 2).sum() * 0.05)
     clock, world = powered(white_only(), 9)
     trace = world.trace(2.0)

@@ -16,7 +16,7 @@ from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.gyro.means import output_integral
-from vcfbench.sim.gyro.noise import Flicker, NoisyChain
+from vcfbench.sim.gyro.noise import FlickerNoise, NoisyChain
 from vcfbench.sim.gyro.signals import ExponentialSum
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
@@ -91,7 +91,7 @@ def test_variance_within_an_aperture_is_what_its_mean_does_not_have(duration_s: 
     weighed = (duration_s - lags) * np.array(covariances)
     wanted = covariances[0] - 2 * np.trapezoid(weighed, lags) / duration_s**2
     white = math.radians(STILL.noise.angle_random_walk_deg_sqrt_s)
-    chain = NoisyChain(locked_chain(STILL), Flicker(np.array([1.0]), 0.0), white)
+    chain = NoisyChain(locked_chain(STILL), FlickerNoise(np.array([1.0]), 0.0), white)
     assert chain.variance_v2(duration_s) == pytest.approx(wanted, rel=1e-3, abs=1e-8 * covariances[0])
 
 

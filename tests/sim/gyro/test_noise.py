@@ -15,7 +15,7 @@ from vcfbench.sim.gyro.chain import ChainDesign, Forcing
 from vcfbench.sim.gyro.course import chain_at
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.drive import locked
-from vcfbench.sim.gyro.noise import STEPS_KEPT, Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise import STEPS_KEPT, FlickerNoise, NoiseState, NoisyChain
 from vcfbench.sim.gyro.noise_course import NOISE_STEP_K
 from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.signals import real_terms
@@ -32,7 +32,7 @@ COUNT = PAPER.noise.flicker_processes
 
 
 def noisy() -> NoisyChain:
-    return NoisyChain(locked_chain(PAPER), Flicker.of(PAPER.noise), WHITE)
+    return NoisyChain(locked_chain(PAPER), FlickerNoise.of(PAPER.noise), WHITE)
 
 
 def van_loan(interval_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ def test_half_a_step_of_temperature_hardly_changes_the_noise(temperature_c: floa
     sizes = []
     for each in (temperature_c, temperature_c + 0.5 * NOISE_STEP_K):
         drive = locked(PAPER.drive_loop.amplitude_m, resonance_at(PAPER.drive_mode, PAPER.thermal, each).natural_rad_s)
-        chain = NoisyChain(chain_at(ChainDesign(PAPER), PAPER, each, drive), Flicker.of(PAPER.noise), WHITE)
+        chain = NoisyChain(chain_at(ChainDesign(PAPER), PAPER, each, drive), FlickerNoise.of(PAPER.noise), WHITE)
         sizes.append([math.sqrt(chain.covariance(0.2)[-1, -1]), math.sqrt(chain.variance_v2(0.2))])
     np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-3)
 
@@ -128,7 +128,7 @@ def test_drawn_steps_have_the_covariance_they_claim() -> None:
 
 def test_flicker_stays_stationary_while_the_drive_does_not_run() -> None:
     """6000 draws, each carried on over a correlation time: a variance is known to 1.8 %; five times that."""
-    flicker, random = Flicker.of(PAPER.noise), np.random.default_rng(11)
+    flicker, random = FlickerNoise.of(PAPER.noise), np.random.default_rng(11)
     before = [flicker.drawn(random) for _ in range(6000)]
     after = np.array([flicker.later(rates, 8.0, random) for rates in before])
     assert after.var(axis=0) == pytest.approx(np.full(COUNT, flicker.deviation_rad_s**2), rel=0.09)
@@ -335,7 +335,7 @@ def test_the_variance_of_flutter_is_that_of_what_it_shows_once_the_chain_has_set
 
 def test_flutter_in_one_step_or_in_many_gathers_as_much() -> None:
     chain, lines = locked_chain(PAPER), flutter_of(2)
-    shaking, silent = Shaking(chain, lines), NoisyChain(chain, Flicker(np.empty(0), 0.0), 0.0)
+    shaking, silent = Shaking(chain, lines), NoisyChain(chain, FlickerNoise(np.empty(0), 0.0), 0.0)
     random = np.random.default_rng(0)
 
     def gathered(parts: int) -> tuple[np.ndarray, float]:

@@ -9,7 +9,7 @@ from vcfbench.clock import VirtualClock, sleep
 
 if TYPE_CHECKING:
     from vcfbench.sim.device import Device
-    from vcfbench.sim.motion import Ripple, Swing
+    from vcfbench.sim.motion import RateRipple, Swing
 
 
 class IdealMotion:
@@ -80,7 +80,7 @@ class IdealMotion:
     def oscillating(self) -> bool:
         return False
 
-    def add_ripple(self, *ripples: Ripple) -> None:
+    def add_ripple(self, *ripples: RateRipple) -> None:
         raise NotImplementedError("an ideal table has no ripple")
 
     def oscillate(self, swing: Swing) -> None:

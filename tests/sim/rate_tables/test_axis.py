@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.rate_tables.axis import Axis, TableErrors
+from vcfbench.sim.rate_tables.axis import TableAxis, TableErrors
 from vcfbench.sim.world import World
 
 QUIET = TableErrors.none()
@@ -22,7 +22,7 @@ def world() -> tuple[VirtualClock, World]:
 @pytest.mark.parametrize("goal", [50.0, -120.0])
 def test_the_rate_read_back_is_the_mean_over_its_estimator_a_delay_ago(goal: float) -> None:
     clock, made = world()
-    axis = Axis(made, replace(QUIET, readback_delay_s=2e-3, rate_estimate_s=20e-3))
+    axis = TableAxis(made, replace(QUIET, readback_delay_s=2e-3, rate_estimate_s=20e-3))
     clock.sleep_until(1.0)
     made.table.demand_rate(goal, 100.0)
     clock.sleep_until(1.1)
@@ -35,7 +35,7 @@ def test_the_rate_read_back_is_the_mean_over_its_estimator_a_delay_ago(goal: flo
 
 def test_the_angle_read_back_is_late_by_its_delay() -> None:
     clock, made = world()
-    axis = Axis(made, replace(QUIET, readback_delay_s=5e-3))
+    axis = TableAxis(made, replace(QUIET, readback_delay_s=5e-3))
     made.table.demand_rate(80.0, 400.0)
     clock.sleep_until(2.0)
     assert made.table.angle_deg() - axis.angle_deg() == pytest.approx(80.0 * 5e-3, rel=1e-9)
@@ -63,7 +63,7 @@ def test_times_that_the_motion_is_not_remembered_for_are_refused() -> None:
 
 def test_none_says_what_is_now() -> None:
     clock, made = world()
-    axis = Axis(made, QUIET)
+    axis = TableAxis(made, QUIET)
     made.table.demand_rate(80.0, 400.0)
     clock.sleep_until(0.1)
     assert (axis.angle_deg(), axis.rate_deg_s()) == (made.table.angle_deg(), made.table.rate_deg_s())

@@ -11,7 +11,7 @@ from tests.sim.rate_tables.ideal import exchange
 from tests.sim.rate_tables.real import RealWorld
 from vcfbench.sim.rate_tables.acl import TableErrors
 from vcfbench.sim.rate_tables.atl import AtlTable
-from vcfbench.sim.rate_tables.axis import Axis
+from vcfbench.sim.rate_tables.axis import TableAxis
 from vcfbench.sim.rate_tables.esp import EspTable
 from vcfbench.sim.rate_tables.ruya import RuyaTable
 from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
@@ -38,7 +38,7 @@ def test_zaber_and_esp_and_atl_reach_their_positions() -> None:
     for command in (b"JOG10\r", b"HOM\r"):
         table.write(command)
         world.clock.sleep_until(world.clock.now() + 20.0)
-    assert math.isclose(Axis(world, TableErrors.none()).angle_deg(), 0.0, abs_tol=2e-4)
+    assert math.isclose(TableAxis(world, TableErrors.none()).angle_deg(), 0.0, abs_tol=2e-4)
 
 
 def test_a_stop_ends_a_move() -> None:

@@ -19,7 +19,7 @@ from vcfbench.sim.rate_tables.esp import EspTable
 from vcfbench.sim.rate_tables.mn_as import MnAsTable
 from vcfbench.sim.rate_tables.ruya import RuyaTable
 from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
-from vcfbench.sim.serial_line import Frame, PlainLine
+from vcfbench.sim.serial_line import CharacterFrame, ThreeWireLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,7 +57,7 @@ class Desk:
         world = IdealWorld()
         self.world = world
         self.table = MAKE[name](world)
-        self.line = PlainLine(self.table, world.clock, self.table.frame)
+        self.line = ThreeWireLine(self.table, world.clock, self.table.frame)
         self.clock = AttendedClock(world.clock, [self.line])
         self.character_s = 10 / BAUD[name]
 
@@ -66,7 +66,7 @@ class Desk:
         return self.line.read(1 << 20)[0]
 
     def open_at(self, baud: float) -> None:
-        self.line.configure(Frame(float(baud), stop_bits=1.0), handshake=False)
+        self.line.configure(CharacterFrame(float(baud), stop_bits=1.0), handshake=False)
 
     def instants(self, message: bytes, seconds: float = 1.0) -> list[float]:
         """Return when each character of the answer to `message` arrives, counted from the write."""
@@ -81,7 +81,7 @@ class Desk:
 
 @pytest.mark.parametrize("name", MAKE)
 def test_its_port_is_set_as_its_clients_open_it(name: str) -> None:
-    assert Desk(name).table.frame == Frame(float(BAUD[name]), 8, "none", 1.0)
+    assert Desk(name).table.frame == CharacterFrame(float(BAUD[name]), 8, "none", 1.0)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_at_the_wrong_speed_nothing_turns(name: str) -> None:
 def test_a_parity_bit_is_taken_for_the_stop_bit_or_not_at_all() -> None:
     """7E1 and 8N1 have as many bits: half of the characters come with a wrong eighth bit."""
     desk = Desk("acl")
-    desk.line.configure(Frame(9600.0, 7, "even", 1.0), handshake=False)
+    desk.line.configure(CharacterFrame(9600.0, 7, "even", 1.0), handshake=False)
     desk.line.write(b":Mode? 1\r")
     assert b"Off" not in desk.wait(0.5)
 
@@ -176,5 +176,7 @@ def test_a_parity_bit_is_taken_for_the_stop_bit_or_not_at_all() -> None:
 def test_the_page_tells_the_speeds() -> None:
     page = (Path(__file__).parents[3] / "docs/rate-tables.md").read_text(encoding="utf-8")
     section = page.partition("### The line")[2].partition("\n### ")[0]
-    told = {row[1]: float(row[2].replace(" ", "")) for row in re.finditer(r"\n\| `(\w+)` \| ([\d ]+) \|", section)}
-    assert told == BAUD
+    documented = {
+        row[1]: float(row[2].replace(" ", "")) for row in re.finditer(r"\n\| `(\w+)` \| ([\d ]+) \|", section)
+    }
+    assert documented == BAUD

@@ -24,8 +24,8 @@ PERIOD_S, OWN_S = 0.1, 0.001
 RUYA = embedded_text("ideal").replace('dialect = "acl"', 'dialect = "ruya"')
 
 
-def with_errors(told: str) -> str:
-    return RUYA.replace('rate_table = "none"', f"rate_table = {{ {told} }}")
+def with_errors(errors: str) -> str:
+    return RUYA.replace('rate_table = "none"', f"rate_table = {{ {errors} }}")
 
 
 def with_stream(jitter_s: float = 0.0, lost: float = 0.0) -> StreamErrors:
@@ -46,8 +46,8 @@ def listened(table: Any, world: IdealWorld, seconds: float) -> list[tuple[float,
 
 def sequence(statuses: Sequence[tuple[float, bytes]]) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Return the numbers of the statuses, counted on beyond 99."""
-    told = np.array([int(data[4:6]) for _, data in statuses])
-    return np.cumsum(np.r_[told[0], np.diff(told) % 100])
+    numbers = np.array([int(data[4:6]) for _, data in statuses])
+    return np.cumsum(np.r_[numbers[0], np.diff(numbers) % 100])
 
 
 def test_without_imperfections_each_comes_at_its_instant() -> None:
@@ -123,15 +123,15 @@ def test_they_are_changed_from_outside() -> None:
     assert listened(table, world, 5.0) == []
 
 
-@pytest.mark.parametrize("told", ["stream_jitter_s = 0.11", "stream_lost = -0.1", "stream_lost = 2.0"])
-def test_a_bench_file_says_no_more_than_there_is(told: str) -> None:
+@pytest.mark.parametrize("errors", ["stream_jitter_s = 0.11", "stream_lost = -0.1", "stream_lost = 2.0"])
+def test_a_bench_file_says_no_more_than_there_is(errors: str) -> None:
     with pytest.raises(ConfigError, match="a number at least 0"):
-        parse_bench(with_errors(told), "bench")
+        parse_bench(with_errors(errors), "bench")
 
 
 def test_a_table_that_loses_every_third_status_is_turned() -> None:
-    told = with_errors("stream_jitter_s = 0.01, stream_lost = 0.3")
-    with open_bench(parse_bench(told, "bench")) as bench:
+    text = with_errors("stream_jitter_s = 0.01, stream_lost = 0.3")
+    with open_bench(parse_bench(text, "bench")) as bench:
         table = bench.rate_table
         assert table is not None
         table.enable()

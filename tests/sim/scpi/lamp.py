@@ -22,7 +22,7 @@ from vcfbench.sim.scpi import (
     Pending,
     Register,
     ScpiEngine,
-    ScpiInstrument,
+    ScpiTwin,
     Status,
     Text,
     Word,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-class Lamp(ScpiInstrument):
+class Lamp(ScpiTwin):
     """Remembers what it is told."""
 
     def __init__(self, interface: Interface = GPIB, dialect: Dialect | None = None) -> None:

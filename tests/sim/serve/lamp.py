@@ -15,7 +15,7 @@ from vcfbench.sim.scpi import (
     Number,
     Pending,
     ScpiEngine,
-    ScpiInstrument,
+    ScpiTwin,
     block,
     quoted,
     real,
@@ -34,7 +34,7 @@ MOST_SLICES = 100_000
 PICTURE = bytes(range(256)) * 1024  # newlines and every other byte in it
 
 
-class Lamp(ScpiInstrument):
+class Lamp(ScpiTwin):
     """READ? takes a second; WAIT? takes a trigger; PICTure? is a block; LEVel is a number from 0 to 10 V.
 
     THINk? takes no bench time, but works on until `thought`, a hundred thousand slices at most.

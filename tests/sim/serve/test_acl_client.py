@@ -83,10 +83,10 @@ def test_the_eight_bytes_are_error_code_and_length(lab: ServedLab) -> None:
         assert struct.unpack("<II", client.say(":interlock:reset 2")[:8]) == (2, 0)
 
 
-@pytest.mark.parametrize(("told", "layout"), [("u32be2", ">II"), ("none", "")])
-def test_the_bench_file_says_otherwise(told: str, layout: str) -> None:
+@pytest.mark.parametrize(("header", "layout"), [("u32be2", ">II"), ("none", "")])
+def test_the_bench_file_says_otherwise(header: str, layout: str) -> None:
     bench = simulated(parameters="ideal", errors="none")
-    bench = structs.replace(bench, rate_table=structs.replace(bench.rate_table, reply_header=told))
+    bench = structs.replace(bench, rate_table=structs.replace(bench.rate_table, reply_header=header))
     with serve_simulated(bench) as served, connected(served) as client:
         reply = client.say("*IDN?")
         body = reply[struct.calcsize(layout) :].decode().strip()

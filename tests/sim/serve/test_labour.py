@@ -11,7 +11,7 @@ from tests.sim.serve.lamp import ALL, IDENTITY, MOST_SLICES, Lamp, served_lamp, 
 from tests.sim.serve.test_raw import Wire, wires
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.serve import Control, RemoteClock, ServedClock, ServerSettings
 from vcfbench.sim.world import World
 
@@ -98,7 +98,7 @@ def test_a_waveform_in_slices_has_the_bytes_of_one_at_once() -> None:
         world.set_rail("positive", 10.0)
         world.set_rail("negative", -10.0)
         clock.sleep_until(2.0)
-        scope = Dso7104B(world, {1: "drive"}, ScopeErrors.none())
+        scope = Dso7104BTwin(world, {1: "drive"}, ScopeErrors.none())
         if sliced:
             scope.engine.hand_over = lambda: None
         for line in (

@@ -15,7 +15,7 @@ from tests.sim.serve.test_tables import CONNECT, POSITION, WIRES, StillWorld
 from vcfbench.sim.rate_tables.aaaa import AaaaTable
 from vcfbench.sim.rate_tables.dd16 import Dd16Table, TableErrors
 from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.serial_line import Frame
+from vcfbench.sim.serial_line import CharacterFrame
 from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, RemoteClock, Rs232, ServedClock, ServerSettings
 from vcfbench.sim.serve.lockstep_port import LockstepPort
 
@@ -139,7 +139,7 @@ def test_on_a_real_line_each_character_takes_its_time(rs232: Rs232) -> None:
     """16 bytes at 9600 Bd, 5 ms, and the first byte back; the second question comes after the first."""
     for served, control in table_bench(Dd16Table, rs232):
         port = port_of(served, control, "pty")
-        port.configure(Frame(9600.0, stop_bits=1.0), handshake=False)
+        port.configure(CharacterFrame(9600.0, stop_bits=1.0), handshake=False)
         port.write(CONNECT)
         port.write(POSITION)
         assert control.request("now") == 0.0
@@ -159,7 +159,7 @@ def test_a_real_line_answers_at_its_own_speed_only() -> None:
     for served, control in table_bench(Dd16Table, "real"):
         port = port_of(served, control, "pty")
         for baud in (19200.0, 4800.0, 9600.0):
-            port.configure(Frame(baud, stop_bits=1.0), handshake=False)
+            port.configure(CharacterFrame(baud, stop_bits=1.0), handshake=False)
             port.write(CONNECT)
             until_s = port.clock.now() + 1.0
             data = b""
@@ -174,7 +174,7 @@ def test_status_on_a_real_line_comes_at_its_pace() -> None:
     """A status of 23 bytes at 38 400 Bd every 0.1 s, after 1 ms of the controller's own."""
     for served, control in table_bench(AaaaTable, "real"):
         port = port_of(served, control, "pty")
-        port.configure(Frame(38_400.0, stop_bits=1.0), handshake=False)
+        port.configure(CharacterFrame(38_400.0, stop_bits=1.0), handshake=False)
         control.request("sleep_until", instant_s=1.05)
         port.read(1000)
         ends = list[float]()

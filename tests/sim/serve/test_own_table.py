@@ -55,10 +55,10 @@ def acme(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 @pytest.fixture(params=[1, 2])
 def bench(request: pytest.FixtureRequest, tmp_path: Path) -> BenchDescription:
-    told = re.search(r'parse_profile\(\s*"""\n(.*?)"""', block("rate-tables.md", "first_axis = 0"), re.DOTALL)
-    assert told is not None
+    documented = re.search(r'parse_profile\(\s*"""\n(.*?)"""', block("rate-tables.md", "first_axis = 0"), re.DOTALL)
+    assert documented is not None
     profile = tmp_path / "acme.toml"
-    profile.write_text(dedent(told[1]).replace("\\\\", "\\"), encoding="utf-8")
+    profile.write_text(dedent(documented[1]).replace("\\\\", "\\"), encoding="utf-8")
     table = f'dialect = "{profile.as_posix()}"\naxis = {request.param}'
     return parse_bench(embedded_text("ideal").replace('dialect = "acl"', table), "bench")
 

@@ -14,7 +14,7 @@ from tests.sim.serve.lamp import ALL, Served, serving
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.served import build_served
 from vcfbench.sim.serve import MAX_SPEED, Control, ServedClock, ServerSettings
-from vcfbench.sim.serve.raw import Stream
+from vcfbench.sim.serve.raw import ByteStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,7 +84,7 @@ def test_an_endless_read_that_nobody_takes_does_not_pile_up() -> None:
     """The line fills up, then the meter waits with its own memory full; what is taken then is whole."""
     with served_meter(MAX_SPEED) as served, talking(served, "pty") as meter:
         meter.write("TRIG:COUN INF;:READ?")
-        clients = [each for each in served.server.instruments["meter"].clients if isinstance(each, Stream)]
+        clients = [each for each in served.server.instruments["meter"].clients if isinstance(each, ByteStream)]
         eventually(lambda: any(each.blocked for each in clients))
         assert max(each._outbox.size for each in clients) < 1 << 14
         taken = meter.read_bytes(20_000)

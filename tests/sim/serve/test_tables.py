@@ -81,8 +81,8 @@ def statuses() -> Iterator[Served]:
 def test_a_frame_is_cut_by_its_length_whatever_bytes_it_has() -> None:
     table = Dd16Table(StillWorld(ServedClock()), TableErrors.none())
     noise, damaged = b"\r\n", CONNECT[:15] + b"\0"
-    told = (b"", CONNECT[:15], CONNECT, CONNECT + noise, noise + CONNECT, noise, damaged + CONNECT)
-    assert [table.message_size(data) for data in told] == [0, 0, 16, 16, 2, 2, 1]
+    received = (b"", CONNECT[:15], CONNECT, CONNECT + noise, noise + CONNECT, noise, damaged + CONNECT)
+    assert [table.message_size(data) for data in received] == [0, 0, 16, 16, 2, 2, 1]
 
 
 def test_the_frames_of_two_clients_do_not_mix(frames: Served) -> None:

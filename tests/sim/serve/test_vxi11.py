@@ -464,12 +464,12 @@ def test_service_is_requested_when_the_answer_is_there(interrupted: Interrupted)
 
 
 def test_every_link_that_asked_for_it_is_told_and_no_other(served: Served, interrupted: Interrupted) -> None:
-    with callers(served.port("vxi11"), 2) as (told, other):
-        first, second, third = (told.link()[1] for _ in range(3))
-        told.interrupts(interrupted.port)
+    with callers(served.port("vxi11"), 2) as (interrupted_client, other):
+        first, second, third = (interrupted_client.link()[1] for _ in range(3))
+        interrupted_client.interrupts(interrupted.port)
         for link, handle in ((first, b"a"), (second, b"bcdef"), (third, b"x")):
-            told.enable(link, handle)
-        told.enable(third, None)
+            interrupted_client.enable(link, handle)
+        interrupted_client.enable(third, None)
         fourth = other.link()[1]
         other.enable(fourth, b"has no channel")
         other.write(fourth, REQUESTS)

@@ -17,23 +17,23 @@ from pymeasure.instruments.temptronic import ATS545
 
 def seen(resource: str) -> dict[str, Any]:
     stream = ATS545(VISAAdapter(resource, visa_library="@py", read_termination="\n", write_termination="\n"))
-    told: dict[str, Any] = {"id": stream.id, "errors": int(stream.error_code)}
+    read: dict[str, Any] = {"id": stream.id, "errors": int(stream.error_code)}
     stream.configure(dut_type=None, soak_time=3, temp_window=0.5, temp_limit_air_low=-50, temp_limit_air_high=120)
-    told["limits"] = [stream.temperature_limit_air_low, stream.temperature_limit_air_high]
-    told["window"] = [stream.temperature_setpoint_window, stream.temperature_soak_time]
+    read["limits"] = [stream.temperature_limit_air_low, stream.temperature_limit_air_high]
+    read["window"] = [stream.temperature_setpoint_window, stream.temperature_soak_time]
     stream.ramp_rate = 600
-    told["before"] = [stream.air_temperature, int(stream.auxiliary_condition_code)]
+    read["before"] = [stream.air_temperature, int(stream.auxiliary_condition_code)]
     stream.start()
     stream.set_point_number, stream.temperature_setpoint = 0, 60
-    told["not yet"] = [stream.at_temperature(), stream.not_at_temperature()]
+    read["not yet"] = [stream.at_temperature(), stream.not_at_temperature()]
     stream.wait_for_settling(60)
-    told["there"] = [stream.at_temperature(), stream.air_temperature, stream.temperature, stream.temperature_setpoint]
-    told["flow"] = [int(stream.auxiliary_condition_code) & 32, stream.main_air_flow_rate > 0.0]
+    read["there"] = [stream.at_temperature(), stream.air_temperature, stream.temperature, stream.temperature_setpoint]
+    read["flow"] = [int(stream.auxiliary_condition_code) & 32, stream.main_air_flow_rate > 0.0]
     stream.set_point_number, stream.temperature_setpoint = 2, -30
-    told["cold"] = [stream.set_point_number, stream.temperature_setpoint]
+    read["cold"] = [stream.set_point_number, stream.temperature_setpoint]
     stream.shutdown()
-    told["after"] = [int(stream.auxiliary_condition_code) & 32, int(stream.error_code)]
-    return told
+    read["after"] = [int(stream.auxiliary_condition_code) & 32, int(stream.error_code)]
+    return read
 
 
 sys.stdout.write(json.dumps(seen(sys.argv[1])) + "\n")

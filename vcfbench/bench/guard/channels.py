@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
 __all__ = ["ChannelRules", "channel_rules"]
@@ -64,7 +64,7 @@ class ChannelRules:
 
     def __init__(self, window: RailWindow) -> None:
         self._window = window
-        self._rules: dict[str, Callable[[_State, Part], None]] = {
+        self._rules: dict[str, Callable[[_State, MessagePart], None]] = {
             "APPLy": self._apply,
             "INSTrument[:SELect]": self._select,
             "INSTrument:NSELect": self._select_number,
@@ -82,7 +82,7 @@ class ChannelRules:
                     self._window.require_level(name, _of_rail(name, state.volts[name]))
                     self._window.require_current(name, state.amps[name])
 
-    def _apply(self, state: _State, part: Part) -> None:
+    def _apply(self, state: _State, part: MessagePart) -> None:
         name = _identified(part.argument(0))
         if len(part.arguments) > 1:
             self._set_volts(state, name, part.arguments[1])
@@ -90,18 +90,18 @@ class ChannelRules:
             self._set_amps(state, name, part.arguments[2])
 
     @staticmethod
-    def _select(state: _State, part: Part) -> None:
+    def _select(state: _State, part: MessagePart) -> None:
         state.selected = _identified(part.argument(0))
 
     @staticmethod
-    def _select_number(state: _State, part: Part) -> None:
+    def _select_number(state: _State, part: MessagePart) -> None:
         state.selected = _numbered(part.argument(0))
 
-    def _volts(self, state: _State, part: Part) -> None:
+    def _volts(self, state: _State, part: MessagePart) -> None:
         for name in _listed(state, part):
             self._set_volts(state, name, part.arguments[0])
 
-    def _amps(self, state: _State, part: Part) -> None:
+    def _amps(self, state: _State, part: MessagePart) -> None:
         for name in _listed(state, part):
             self._set_amps(state, name, part.arguments[0])
 
@@ -116,21 +116,21 @@ class ChannelRules:
         state.amps[name] = amps
 
     @staticmethod
-    def _switch(state: _State, part: Part) -> None:
+    def _switch(state: _State, part: MessagePart) -> None:
         for name in _listed(state, part):
             state.on[name] = switch(part.arguments[0])
 
     @staticmethod
-    def _pair(_state: _State, part: Part) -> None:
+    def _pair(_state: _State, part: MessagePart) -> None:
         if part.argument(0) != "OFF":
             raise Unreadable("what two outputs do as one is not known here")
 
 
-def _passes(part: Part) -> bool:
+def _passes(part: MessagePart) -> bool:
     return is_one_of(part, _HARMLESS) or _switches_off(part)
 
 
-def _switches_off(part: Part) -> bool:
+def _switches_off(part: MessagePart) -> bool:
     is_switch = header_pattern("OUTPut[:STATe]").fullmatch(part.path) is not None
     return is_switch and bool(part.arguments) and part.argument(0) in {"OFF", "0"}
 
@@ -153,7 +153,7 @@ def _numbered(text: str) -> str:
     return _OUTPUTS[int(text) - 1]
 
 
-def _listed(state: _State, part: Part) -> tuple[str, ...]:
+def _listed(state: _State, part: MessagePart) -> tuple[str, ...]:
     """Return the outputs of a channel list behind the first parameter, the selected one where there is none.
 
     The commas in the list have made parameters of it.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
 __all__ = ["GeneratorRules", "TrueformRules", "generator_rules", "trueform_rules"]
@@ -143,7 +143,7 @@ class GeneratorRules:
     def __init__(self, max_v: float, functions: tuple[str, ...] = _FUNCTIONS) -> None:
         self._max_v = max_v
         self._functions = functions
-        self._rules: dict[str, Callable[[_State, Part], None]] = {
+        self._rules: dict[str, Callable[[_State, MessagePart], None]] = {
             "[SOURce:]FUNCtion": self._function,
             "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]": self._amplitude,
             "[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet": self._offset,
@@ -162,12 +162,12 @@ class GeneratorRules:
             if rule != self._unit:  # which changes nothing but what the next amplitude means
                 at_most("peak voltage", state.peak_v(), self._max_v, "V (open circuit)")
 
-    def _rule(self, part: Part) -> Callable[[_State, Part], None]:
+    def _rule(self, part: MessagePart) -> Callable[[_State, MessagePart], None]:
         if part.path.startswith("APPL"):
             return self._apply
         return rule_of(self._rules, part)
 
-    def _apply(self, state: _State, part: Part) -> None:
+    def _apply(self, state: _State, part: MessagePart) -> None:
         """Take frequency, amplitude, offset; what is left out may be the present value or the default: the worse."""
         word = part.path.partition(":")[2]
         state.function = self._known_function(word)
@@ -181,24 +181,24 @@ class GeneratorRules:
         if len(given) > 2:
             state.offset_v = self._volts(state, given[2])
 
-    def _function(self, state: _State, part: Part) -> None:
+    def _function(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         state.function = self._known_function(part.argument(0))
 
-    def _amplitude(self, state: _State, part: Part) -> None:
+    def _amplitude(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         state.vpp = self._vpp(state, part.arguments[0])
 
-    def _offset(self, state: _State, part: Part) -> None:
+    def _offset(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         state.offset_v = self._volts(state, part.arguments[0])
 
-    def _high(self, state: _State, part: Part) -> None:
+    def _high(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         high = self._volts(state, part.arguments[0])
         self._span(state, min(state.levels_v()[0], high - state.smallest_vpp()), high)
 
-    def _low(self, state: _State, part: Part) -> None:
+    def _low(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         low = self._volts(state, part.arguments[0])
         self._span(state, low, max(state.levels_v()[1], low + state.smallest_vpp()))
@@ -208,23 +208,23 @@ class GeneratorRules:
         state.vpp, state.offset_v = high_v - low_v, (high_v + low_v) / 2.0
 
     @staticmethod
-    def _unit(state: _State, part: Part) -> None:
+    def _unit(state: _State, part: MessagePart) -> None:
         part.require(1)
         state.in_vpp = part.argument(0) == "VPP"
 
     @staticmethod
-    def _depth(_state: _State, part: Part) -> None:
+    def _depth(_state: _State, part: MessagePart) -> None:
         """Above 100 % the envelope exceeds the amplitude."""
         part.require(1)
         at_most("modulation depth", quantity(part.arguments[0], {"": 1.0, "PCT": 1.0}, {"MINimum": 0.0}), 100.0, "%")
 
     @staticmethod
-    def _switch(_state: _State, part: Part) -> None:
+    def _switch(_state: _State, part: MessagePart) -> None:
         part.require(1)
         switch(part.arguments[0])
 
     @staticmethod
-    def _load(state: _State, part: Part) -> None:
+    def _load(state: _State, part: MessagePart) -> None:
         """Another load changes what is shown, not what is put out (sibling's guide 33210A p. 168)."""
         part.require(1)
         before = state.factor
@@ -236,7 +236,7 @@ class GeneratorRules:
         state.vpp = None if state.vpp is None else state.vpp * scale
 
     @staticmethod
-    def _reset(state: _State, _part: Part) -> None:
+    def _reset(state: _State, _part: MessagePart) -> None:
         state.function, state.vpp, state.offset_v, state.load_ohm = "SIN", _DEFAULT_VPP, 0.0, _SOURCE_OHM
         state.in_vpp = True
 
@@ -258,11 +258,11 @@ class GeneratorRules:
         return quantity(text, VOLT, {"MINimum": -largest, "MAXimum": largest, "DEFault": 0.0})
 
 
-def _passes(part: Part) -> bool:
+def _passes(part: MessagePart) -> bool:
     return is_one_of(part, _HARMLESS) or _switches_off(part)
 
 
-def _switches_off(part: Part) -> bool:
+def _switches_off(part: MessagePart) -> bool:
     """Tell whether `part` opens the output relay, which must never need a look at anything first."""
     is_switch = header_pattern("OUTPut[:STATe]").fullmatch(part.path) is not None
     return is_switch and len(part.arguments) == 1 and part.argument(0) in {"OFF", "0"}

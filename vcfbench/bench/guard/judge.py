@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.bench.guard.message import Unreadable
-from vcfbench.bench.guard.rules import Ask, Beyond, OnlyQuestions
+from vcfbench.bench.guard.rules import Ask, BeyondLimit, OnlyQuestions
 from vcfbench.bench.guard.table import table_rules
 from vcfbench.errors import LimitError
 from vcfbench.models import find_model, resolve
@@ -37,7 +37,7 @@ class RoleGuard:
         """Raise LimitError when `message` may not be sent."""
         try:
             self._rules.judge(message, ask)
-        except Beyond as refusal:
+        except BeyondLimit as refusal:
             raise self._refused(str(refusal), message) from None
         except Unreadable as refusal:
             words = f"it could move or energise something, and cannot be judged: {refusal}"

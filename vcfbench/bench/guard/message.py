@@ -16,7 +16,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["AMPERE", "OHM", "VOLT", "VPP", "Part", "Unreadable", "header_pattern", "quantity", "read_message", "switch"]
+__all__ = [
+    "AMPERE",
+    "OHM",
+    "VOLT",
+    "VPP",
+    "MessagePart",
+    "Unreadable",
+    "header_pattern",
+    "quantity",
+    "read_message",
+    "switch",
+]
 
 _HEADER = re.compile(r"\s*(:?)(\*?[A-Za-z][A-Za-z0-9_]*(?::[A-Za-z][A-Za-z0-9_]*)*)(\??)(?:\s+(.*?))?\s*", re.DOTALL)
 _QUANTITY = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*([A-Za-z]*)")
@@ -35,7 +46,7 @@ class Unreadable(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class MessagePart:
     """One command of a message: its whole path in capitals, whether it asks, its parameters as typed."""
 
     path: str
@@ -55,11 +66,11 @@ class Part:
             raise Unreadable(f"{self.path} takes {count} parameters, not {len(self.arguments)}")
 
 
-def read_message(text: str) -> tuple[Part, ...]:
+def read_message(text: str) -> tuple[MessagePart, ...]:
     """Return the commands of a message; raises Unreadable."""
     if not text.isascii() or not text.isprintable():
         raise Unreadable("only printable ASCII can be judged")
-    parts: list[Part] = []
+    parts: list[MessagePart] = []
     path: tuple[str, ...] = ()
     for piece in _split(text, ";"):
         if piece.strip():
@@ -68,7 +79,7 @@ def read_message(text: str) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _part(piece: str, path: tuple[str, ...]) -> tuple[Part, tuple[str, ...]]:
+def _part(piece: str, path: tuple[str, ...]) -> tuple[MessagePart, tuple[str, ...]]:
     found = _HEADER.fullmatch(piece)
     if found is None or "#" in (found[4] or ""):
         raise Unreadable(f"{piece.strip()!r} is not understood")
@@ -77,9 +88,9 @@ def _part(piece: str, path: tuple[str, ...]) -> tuple[Part, tuple[str, ...]]:
         raise Unreadable(f"{piece.strip()!r} has a quotation mark inside a parameter")
     nodes = tuple(found[2].upper().split(":"))
     if nodes[0].startswith("*"):
-        return Part(found[2].upper(), bool(found[3]), arguments), path
+        return MessagePart(found[2].upper(), bool(found[3]), arguments), path
     whole = nodes if found[1] else path + nodes
-    return Part(":".join(whole), bool(found[3]), arguments), whole[:-1]
+    return MessagePart(":".join(whole), bool(found[3]), arguments), whole[:-1]
 
 
 def _split(text: str, separator: str) -> list[str]:

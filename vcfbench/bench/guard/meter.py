@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.guard.message import Unreadable, header_pattern, read_message
-from vcfbench.bench.guard.rules import Beyond, is_one_of
+from vcfbench.bench.guard.rules import BeyondLimit, is_one_of
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
 __all__ = ["MeterRules", "meter_rules"]
@@ -43,14 +43,16 @@ class MeterRules:
         for part in read_message(message):
             function = _chosen(part)
             if function is not None and not any(header_pattern(each).fullmatch(function) for each in _QUIET):
-                raise Beyond(f"{part.path} could send a test current into the PCB: {function} is no quiet function")
+                raise BeyondLimit(
+                    f"{part.path} could send a test current into the PCB: {function} is no quiet function"
+                )
             if is_one_of(part, _RECALLING):
                 raise Unreadable(f"{part.path} brings back a state that nobody here knows")
             if part.path in _OTHER_LANGUAGES or (part.path == "*LANG" and not part.query):
                 raise Unreadable(f"{part.path} makes the meter speak another language")
 
 
-def _chosen(part: Part) -> str | None:
+def _chosen(part: MessagePart) -> str | None:
     """Return the function that `part` makes the meter measure, None when it chooses none."""
     if is_one_of(part, _CHOOSING):
         return part.path.partition(":")[2] or None  # CONFigure? alone asks

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.message import MessagePart
 
 __all__ = [
     "Ask",
-    "Beyond",
+    "BeyondLimit",
     "NoRules",
     "OnlyQuestions",
     "Rules",
@@ -34,7 +34,7 @@ Ask = Callable[[str], str]
 """Puts a question to the instrument and returns its answer."""
 
 
-class Beyond(Exception):
+class BeyondLimit(Exception):
     """The message would leave a limit of the bench; the words say which."""
 
 
@@ -42,7 +42,7 @@ class Rules(Protocol):
     """The rules of one kind of instrument."""
 
     def judge(self, message: str, ask: Ask) -> None:
-        """Raise Beyond or Unreadable when `message` may not be sent."""
+        """Raise BeyondLimit or Unreadable when `message` may not be sent."""
         ...
 
 
@@ -75,17 +75,17 @@ class OnlyQuestions:
 
 
 def at_most(what: str, value: float, limit: float, unit: str) -> None:
-    """Raise Beyond for a magnitude above `limit`; the last digit of a sum is forgiven."""
+    """Raise BeyondLimit for a magnitude above `limit`; the last digit of a sum is forgiven."""
     if not abs(value) <= limit * (1.0 + 1e-9):
-        raise Beyond(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
+        raise BeyondLimit(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
 
 
-def is_one_of(part: Part, spellings: Iterable[str]) -> bool:
+def is_one_of(part: MessagePart, spellings: Iterable[str]) -> bool:
     """Tell whether the header of `part` is one of those that are printed as `spellings`."""
     return any(header_pattern(each).fullmatch(part.path) for each in spellings)
 
 
-def rule_of(rules: Mapping[str, _Rule], part: Part) -> _Rule:
+def rule_of(rules: Mapping[str, _Rule], part: MessagePart) -> _Rule:
     """Return the rule for the header of `part`, of `rules` by header as printed; raises Unreadable."""
     for spelling, rule in rules.items():
         if header_pattern(spelling).fullmatch(part.path):
@@ -97,9 +97,9 @@ def acted_out(
     message: str,
     ask: Ask,
     asked: Callable[[Ask], _State],
-    rule_for: Callable[[Part], Callable[[_State, Part], None]],
-    passes: Callable[[Part], bool],
-) -> Iterator[tuple[_State, Callable[[_State, Part], None]]]:
+    rule_for: Callable[[MessagePart], Callable[[_State, MessagePart], None]],
+    passes: Callable[[MessagePart], bool],
+) -> Iterator[tuple[_State, Callable[[_State, MessagePart], None]]]:
     """Let each command of a message act on what the instrument is set to; yield that after each, and its rule.
 
     Args:
@@ -123,7 +123,7 @@ def acted_out(
         yield state, rule
 
 
-def refuse_self_test(part: Part) -> None:
+def refuse_self_test(part: MessagePart) -> None:
     """Refuse ``*TST?``: what an output does meanwhile is not in the manuals at hand (unverified)."""
     if part.query and part.path == "*TST":
         raise Unreadable("what the outputs do in a self-test is not known")

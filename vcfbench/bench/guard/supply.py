@@ -8,13 +8,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.guard.message import AMPERE, VOLT, Unreadable, quantity, switch
-from vcfbench.bench.guard.rules import Beyond, acted_out, at_most, is_one_of, rule_of
+from vcfbench.bench.guard.rules import BeyondLimit, acted_out, at_most, is_one_of, rule_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from vcfbench.bench.description import BenchDescription, Limits, RailWiring
-    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
 __all__ = ["RailWindow", "SupplyRules", "supply_rules"]
@@ -80,10 +80,12 @@ class RailWindow:
         if volts == 0.0:
             return
         if name not in self._polarity:
-            raise Beyond(f"{name} {volts:g} V: the output feeds no rail of the bench")
+            raise BeyondLimit(f"{name} {volts:g} V: the output feeds no rail of the bench")
         low, high = self._limits.of("min_rail_v"), self._limits.of("max_rail_v")
         if not low <= volts * self._polarity[name] <= high:
-            raise Beyond(f"{name} {volts:g} V is outside the bench's rail window of {low:g} to {high:g} V, either sign")
+            raise BeyondLimit(
+                f"{name} {volts:g} V is outside the bench's rail window of {low:g} to {high:g} V, either sign"
+            )
 
     def require_current(self, name: str, amps: float) -> None:
         """Raise Beyond for a current limit above that of the rails."""
@@ -98,7 +100,7 @@ class SupplyRules:
 
     def __init__(self, limits: Limits, rails: RailWiring) -> None:
         self._window = RailWindow(limits, rails)
-        self._rules: dict[str, Callable[[_State, Part], None]] = {
+        self._rules: dict[str, Callable[[_State, MessagePart], None]] = {
             "APPLy": self._apply,
             "INSTrument[:SELect]": self._select,
             "INSTrument:NSELect": self._select_number,
@@ -117,7 +119,7 @@ class SupplyRules:
             if state.on:
                 self._require_ready(state)
 
-    def _apply(self, state: _State, part: Part) -> None:
+    def _apply(self, state: _State, part: MessagePart) -> None:
         name = self._known(part.argument(0))
         state.selected = name
         if len(part.arguments) > 1:
@@ -125,47 +127,47 @@ class SupplyRules:
         if len(part.arguments) > 2:
             self._limit(state, name, quantity(part.arguments[2], AMPERE, _AMP_WORDS[name]))
 
-    def _select(self, state: _State, part: Part) -> None:
+    def _select(self, state: _State, part: MessagePart) -> None:
         state.selected = self._known(part.argument(0))
 
-    def _select_number(self, state: _State, part: Part) -> None:
+    def _select_number(self, state: _State, part: MessagePart) -> None:
         number = quantity(part.argument(0), {"": 1.0})
         if number not in {1.0, 2.0, 3.0}:
             raise Unreadable(f"there is no output {number:g}")
         state.selected = _OUTPUTS[int(number) - 1]
 
-    def _volts(self, state: _State, part: Part) -> None:
+    def _volts(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         name = self._known(state.selected)
         self._level(state, name, quantity(part.arguments[0], VOLT, _VOLT_WORDS[name]))
 
-    def _waiting_volts(self, state: _State, part: Part) -> None:
+    def _waiting_volts(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         name = self._known(state.selected)
         self._window.require_level(name, quantity(part.arguments[0], VOLT, _VOLT_WORDS[name]))
 
-    def _amps(self, state: _State, part: Part) -> None:
+    def _amps(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         name = self._known(state.selected)
         self._limit(state, name, quantity(part.arguments[0], AMPERE, _AMP_WORDS[name]))
 
-    def _waiting_amps(self, state: _State, part: Part) -> None:
+    def _waiting_amps(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         name = self._known(state.selected)
         self._window.require_current(name, quantity(part.arguments[0], AMPERE, _AMP_WORDS[name]))
 
-    def _switch(self, state: _State, part: Part) -> None:
+    def _switch(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         state.on = switch(part.arguments[0])
 
-    def _track(self, state: _State, part: Part) -> None:
+    def _track(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         state.tracking = switch(part.arguments[0])
         if state.tracking:  # enabling copies the +25 V level to -25 V (guide p. 92)
             self._level(state, "P25V", state.volts["P25V"])
 
     @staticmethod
-    def _reset(state: _State, _part: Part) -> None:
+    def _reset(state: _State, _part: MessagePart) -> None:
         state.selected, state.tracking, state.on = "P6V", False, False
         state.volts = {name: words["DEFault"] for name, words in _VOLT_WORDS.items()}
         state.amps = {name: words["DEFault"] for name, words in _AMP_WORDS.items()}
@@ -196,5 +198,5 @@ class SupplyRules:
                 self._window.require_current(name, state.amps[name])
 
 
-def _passes(part: Part) -> bool:
+def _passes(part: MessagePart) -> bool:
     return is_one_of(part, _HARMLESS)

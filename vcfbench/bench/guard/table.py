@@ -8,14 +8,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.guard.message import Unreadable, quantity, read_message
-from vcfbench.bench.guard.rules import Beyond, at_most
+from vcfbench.bench.guard.rules import BeyondLimit, at_most
 from vcfbench.models import find_language
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from vcfbench.bench.description import Limits, RateTableRole
-    from vcfbench.bench.guard.message import Part
+    from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask, Rules
 
 __all__ = ["AclRules", "ReadsAndStops", "reads_and_stops", "table_rules"]
@@ -77,7 +77,7 @@ class AclRules:
     def __init__(self, axis: int, limits: Limits) -> None:
         self._axis = axis
         self._limits = limits
-        self._rules: dict[str, Callable[[_State, Part], None]] = {
+        self._rules: dict[str, Callable[[_State, MessagePart], None]] = {
             "DEMAND:RATE": self._demand,
             "MODE:RATE": self._rate_mode,
             "INTERLOCK:CLOSE": self._close,
@@ -99,19 +99,19 @@ class AclRules:
             state = state or _State.asked(ask, self._axis)
             rule(state, part)
 
-    def _demand(self, state: _State, part: Part) -> None:
+    def _demand(self, state: _State, part: MessagePart) -> None:
         part.require(2)
         self._own(part.arguments[0])
         state.rate_deg_s = quantity(part.arguments[1], _NUMBER)
         self._require_ready(state)
 
-    def _rate_mode(self, state: _State, part: Part) -> None:
+    def _rate_mode(self, state: _State, part: MessagePart) -> None:
         part.require(1)
         self._own(part.arguments[0])
         state.mode = "RATE"
         self._require_ready(state)
 
-    def _close(self, state: _State, part: Part) -> None:
+    def _close(self, state: _State, part: MessagePart) -> None:
         """Check what the table does as soon as its servo is closed: a stale demand would be executed at once."""
         part.require(1)
         self._own(part.arguments[0])
@@ -119,23 +119,23 @@ class AclRules:
             raise Unreadable(f"the table is in mode {state.mode}, select rate mode first")
         self._require_ready(state)
 
-    def _limit_rate(self, _state: _State, part: Part) -> None:
+    def _limit_rate(self, _state: _State, part: MessagePart) -> None:
         at_most("rate limit", self._limited(part), self._limits.of("max_rate_deg_s"), "deg/s")
 
-    def _limit_acceleration(self, state: _State, part: Part) -> None:
+    def _limit_acceleration(self, state: _State, part: MessagePart) -> None:
         value = self._limited(part)
         self._require_acceleration(value)
         if part.argument(0) in {"R", "RATE"}:
             state.acceleration_deg_s2 = value
 
-    def _limit_jerk(self, _state: _State, part: Part) -> None:
+    def _limit_jerk(self, _state: _State, part: MessagePart) -> None:
         if not self._limited(part) > 0.0:
-            raise Beyond("a table whose jerk is 0 could not be stopped")
+            raise BeyondLimit("a table whose jerk is 0 could not be stopped")
 
-    def _limit_trip(self, _state: _State, part: Part) -> None:
+    def _limit_trip(self, _state: _State, part: MessagePart) -> None:
         at_most("over-rate trip", self._limited(part), _TRIP_MARGIN * self._limits.of("max_rate_deg_s"), "deg/s")
 
-    def _limited(self, part: Part) -> float:
+    def _limited(self, part: MessagePart) -> float:
         """Return the value of ``mode,axis,value``."""
         part.require(3)
         self._own(part.arguments[1])
@@ -143,7 +143,7 @@ class AclRules:
 
     def _own(self, axis: str) -> None:
         if axis != str(self._axis):
-            raise Beyond(f"axis {axis} is not the bench's, which is {self._axis}")
+            raise BeyondLimit(f"axis {axis} is not the bench's, which is {self._axis}")
 
     def _require_ready(self, state: _State) -> None:
         at_most("rate", state.rate_deg_s, self._limits.of("max_rate_deg_s"), "deg/s")
@@ -152,7 +152,7 @@ class AclRules:
     def _require_acceleration(self, value: float) -> None:
         at_most("acceleration limit of the table", value, self._limits.of("max_acceleration_deg_s2"), "deg/s^2")
         if not value > 0.0:  # ACL manual: it inhibits every change of rate, stopping included
-            raise Beyond("a table whose acceleration is 0 could not be stopped")
+            raise BeyondLimit("a table whose acceleration is 0 could not be stopped")
 
 
 class ReadsAndStops:

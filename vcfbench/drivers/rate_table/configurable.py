@@ -149,10 +149,10 @@ class ConfigurableDialect:
         before = (_torn_end(self.profile) + stop[0], *stop[1:])
         if acceleration_deg_s2 is None or not self.profile.commands.get("set_accel"):
             return before
-        told = self._table_acceleration(acceleration_deg_s2)
-        if told is None:  # not one that this table can be told: it stops as it is
+        commanded = self._table_acceleration(acceleration_deg_s2)
+        if commanded is None:  # not one that this table can be told: it stops as it is
             return before
-        return (*before, *self._words(("set_accel",), {"acc": told}), *stop)
+        return (*before, *self._words(("set_accel",), {"acc": commanded}), *stop)
 
     def _words(self, names: tuple[str, ...], values: Mapping[str, Value]) -> tuple[bytes, ...]:
         steps = [step for name in names for step in self.profile.commands.get(name, ()) for _ in range(step.repeat)]
@@ -309,7 +309,7 @@ class ConfigurableDialect:
         }
         values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
         if acceleration_deg_s2 != math.inf:
-            values["acc"] = self._told_acceleration(line, acceleration_deg_s2)
+            values["acc"] = self._commanded_acceleration(line, acceleration_deg_s2)
         if self.profile.units.travel is not None:
             values["travel_end"] = self.profile.units.travel[1 if rate >= 0.0 else 0]
         return values
@@ -327,21 +327,21 @@ class ConfigurableDialect:
             )
         return rate
 
-    def _told_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
-        told = self._table_acceleration(acceleration_deg_s2)
-        if told is None:
+    def _commanded_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
+        commanded = self._table_acceleration(acceleration_deg_s2)
+        if commanded is None:
             what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
             raise self._limit(line, what)
-        return told
+        return commanded
 
     def _table_acceleration(self, acceleration_deg_s2: float) -> float | None:
         """Return the acceleration in the table's units, not above what was asked; None if it cannot be told that."""
         units, highest = self.profile.units, self.profile.safety.max_acceleration_deg_s2
-        told = acceleration_deg_s2 * self._acceleration_per_deg
-        if units.acceleration_quantum is not None and math.isfinite(told):
-            told = math.floor(told / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
-        bad = not 0.0 < acceleration_deg_s2 <= highest or not told > 0.0
-        return None if bad or not units.acceleration_min <= told <= units.acceleration_max else told
+        commanded = acceleration_deg_s2 * self._acceleration_per_deg
+        if units.acceleration_quantum is not None and math.isfinite(commanded):
+            commanded = math.floor(commanded / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
+        bad = not 0.0 < acceleration_deg_s2 <= highest or not commanded > 0.0
+        return None if bad or not units.acceleration_min <= commanded <= units.acceleration_max else commanded
 
     def _limit(self, line: TableLine, what: str) -> LimitError:
         return LimitError(f"{what}, nothing was sent", **located(line))

@@ -74,7 +74,7 @@ class RateTableDriver:
         self._stop_acceleration_deg_s2 = limits.max_acceleration_deg_s2
         self._demanded_deg_s = 0.0
         self._fastest_deg_s = 0.0  # that it may be turning at, as far as is known
-        self._told_acceleration = False
+        self._acceleration_commanded = False
         self._last_read = LastRead(line.clock)
         self._ask(dialect.identify)
 
@@ -146,7 +146,7 @@ class RateTableDriver:
         if not self._enabled:  # a demand now would be waiting for the servo, and be executed when it closes
             raise self._interlock("the servo is open, nothing was sent")
         self._stop_acceleration_deg_s2 = acceleration_deg_s2
-        self._told_acceleration = True
+        self._acceleration_commanded = True
         self._demand(rate_deg_s, acceleration_deg_s2, self._line.deadline())
 
     def _require_limits(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
@@ -232,7 +232,7 @@ class RateTableDriver:
     def _stop_words(self) -> tuple[bytes, ...]:
         """Return the words that stop it; with more acceleration than it has, within the limit, where that is slow."""
         needed_deg_s2 = self._fastest_deg_s / _BRAKING_S
-        quick = self._told_acceleration and needed_deg_s2 <= self._stop_acceleration_deg_s2
+        quick = self._acceleration_commanded and needed_deg_s2 <= self._stop_acceleration_deg_s2
         if quick or self._fastest_deg_s < self._rest_tolerance_deg_s:
             return self._dialect.stop_words(None)
         fast_deg_s2 = max(needed_deg_s2, self._stop_acceleration_deg_s2)

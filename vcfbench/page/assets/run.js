@@ -7,7 +7,7 @@ const isLive = base.endsWith("/live");
 const MOST = 3000;
 const FOLDED_FROM = 24;
 
-const run = { about: {}, planned_s: null, headings: [], steps: [], points: [], lines: [], log: [], t_s: 0, end: null, doing: null, told_ms: 0, count: 0 };
+const run = { about: {}, planned_s: null, headings: [], steps: [], points: [], lines: [], log: [], t_s: 0, end: null, doing: null, heard_ms: 0, count: 0 };
 let zoomed = null;
 let source = null;
 let asking = false;
@@ -114,8 +114,8 @@ function drawReadings(drawn) {
 // ---- words
 
 function drawState(bench) {
-  const [told, read] = bench.table.replace(/^table /, "").split(", ");
-  byId("table").textContent = told + (read && !told.includes("deg") ? " deg/s" : "");
+  const [demanded, read] = bench.table.replace(/^table /, "").split(", ");
+  byId("table").textContent = demanded + (read && !demanded.includes("deg") ? " deg/s" : "");
   byId("table-read").textContent = read || "\u00a0";
   byId("rails").textContent = bench.rails.replace(/^rails /, "").replace(/(\d) ([-+])/, "$1, $2");
   byId("v_vc").textContent = bench.v_vc.replace(/^V_Vc /, "");
@@ -132,7 +132,7 @@ function drawAbout() {
 
 function drawProgress() {
   if (run.end || !run.about.run) return;
-  const since = (performance.now() - run.told_ms) / 1e3 / (run.pace || 1);
+  const since = (performance.now() - run.heard_ms) / 1e3 / (run.pace || 1);
   // of a run in another process steps are known when they are done
   const t = run.t_s + (isLive ? Math.min(since, run.doing ? run.doing.duration_s : 0) : since);
   byId("status").textContent = "running";
@@ -178,7 +178,7 @@ function drawSteps() {
     const list = made("ol");
     for (const step of group.steps.slice(-200)) {
       const line = made("li", `${span(step.t_s)}  ${step.what}`);
-      if (step.told) line.append(" → ", made("b", step.told));
+      if (step.result) line.append(" → ", made("b", step.result));
       list.append(line);
     }
     if (isNow && run.doing) list.append(made("li", run.doing.what, "now"));
@@ -281,7 +281,7 @@ function take(news) {
   run.began_s = news.began_s;
   if (run.seen_ms === undefined && (news.doing || !isLive)) { run.seen_ms = now; run.seen_s = news.t_s; }
   if (run.seen_ms !== undefined && news.t_s - run.seen_s > 2) run.pace = (now - run.seen_ms) / 1e3 / (news.t_s - run.seen_s);
-  Object.assign(run, { t_s: news.t_s, doing: news.doing, end: news.end, told_ms: now });
+  Object.assign(run, { t_s: news.t_s, doing: news.doing, end: news.end, heard_ms: now });
   if (!run.end && news.doing) byId("doing").textContent = news.doing.what;
   else if (!run.end && !isLive && news.steps.length) byId("doing").textContent = `done: ${news.steps[news.steps.length - 1].what}`;
   if (!run.end) byId("reading").textContent = news.last_v === null ? "\u00a0" : `last reading ${signed(news.last_v, 6)} V`;

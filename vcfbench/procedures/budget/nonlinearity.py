@@ -10,7 +10,7 @@ from msgspec import Struct, structs
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.procedures.budget.line import noises_of
 from vcfbench.procedures.budget.statement import Circumstances, stated_value
-from vcfbench.procedures.budget.worst_residual import Residuals, Spread
+from vcfbench.procedures.budget.worst_residual import Residuals, ResidualSpread
 from vcfbench.procedures.sweep.window_noise import OutputSum, WindowNoise
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.known_levels import KnownLevels
     from vcfbench.procedures.budget.line import Floats, Line
     from vcfbench.procedures.budget.statement import StatedValue, Statement
-    from vcfbench.procedures.budget.worst_residual import Largest
+    from vcfbench.procedures.budget.worst_residual import LargestResidual
 
 __all__ = ["CurvedLine", "ValueModel", "with_nonlinearity"]
 
@@ -129,7 +129,7 @@ class WorstResidual(Struct, frozen=True):
     effects: Mapping[str, float]
     rates_deg_s: tuple[float, ...]
     """Where the largest may be."""
-    by_trials: Largest | None
+    by_trials: LargestResidual | None
     """None where it is one alone."""
     only_bound: str
 
@@ -142,7 +142,7 @@ class WorstResidual(Struct, frozen=True):
         common = np.array([curved.effects[each.name] * each.u for each in shared]).reshape(-1, len(steady))
         rectangular = np.array([each.distribution is Distribution.RECTANGULAR for each in shared], dtype=bool)
         white = noise.by_readings(curved.weights)
-        spread = Spread(curved.residuals.ppm, white, noise.dof, normal, common, rectangular)
+        spread = ResidualSpread(curved.residuals.ppm, white, noise.dof, normal, common, rectangular)
         places, k = spread.near_largest(), int(np.abs(curved.residuals.ppm).argmax())
         sign = float(np.sign(curved.residuals.ppm[k]))
         own = [

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.budget.line import Line
 
-__all__ = ["Largest", "Residuals", "Spread"]
+__all__ = ["LargestResidual", "ResidualSpread", "Residuals"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 Places: TypeAlias = "NDArray[np.intp]"
@@ -70,7 +70,7 @@ def _means(rate_deg_s: Floats) -> Floats:
     return np.asarray(members / members.sum(axis=1, keepdims=True))
 
 
-class Largest(Struct, frozen=True):
+class LargestResidual(Struct, frozen=True):
     """How far errors move the largest of several residuals, ppm."""
 
     u: float
@@ -79,7 +79,7 @@ class Largest(Struct, frozen=True):
     """What errors alone stay below with 95 %, where there is no non-linearity."""
 
 
-class Spread(Struct, frozen=True):
+class ResidualSpread(Struct, frozen=True):
     """How the residuals vary together, ppm; `residuals` (n,) as found."""
 
     residuals: Floats
@@ -109,12 +109,12 @@ class Spread(Struct, frozen=True):
         near[k] = True
         return np.flatnonzero(near)
 
-    def largest(self) -> Largest:
+    def largest(self) -> LargestResidual:
         """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
         errors = self._drawn(np.random.default_rng(0))
         moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
         off = np.abs(moved - moved.mean())
-        return Largest(float(moved.std()), _quantile_95(off), _quantile_95(np.abs(errors).max(axis=1)))
+        return LargestResidual(float(moved.std()), _quantile_95(off), _quantile_95(np.abs(errors).max(axis=1)))
 
     def _drawn(self, rng: np.random.Generator) -> Floats:
         """Return errors of the residuals, a row a trial."""

@@ -41,12 +41,20 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context, StepResult
-    from vcfbench.procedures.procedure import AnyProcedure, Made
-    from vcfbench.record.devices import Kept
+    from vcfbench.procedures.procedure import AnyProcedure, Provenance
+    from vcfbench.record.devices import NewEntry
     from vcfbench.report.document import Report
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["CHARACTERIZE", "BeginPart", "CharacterizeResult", "CharacterizeSettings", "Part", "PartResult", "plan"]
+__all__ = [
+    "CHARACTERIZE",
+    "BeginPart",
+    "CertificatePart",
+    "CharacterizeResult",
+    "CharacterizeSettings",
+    "PartResult",
+    "plan",
+]
 
 _OFF_S = 10.0
 """Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""
@@ -54,7 +62,7 @@ _SCALE_FACTOR = "scale_factor_v_per_deg_s"
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class CertificatePart:
     """A procedure as a part of the whole: what a data sheet wants of it where nobody says otherwise.
 
     `roles` must be on the bench beside those that the procedure needs.
@@ -79,27 +87,35 @@ def _known_by(own: ProcedureSettings) -> str:
 
 
 PARTS = (
-    Part("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
-    Part("polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"),
-    Part("power", {}, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"),
-    Part("turntable", {}, lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"),
-    Part(
+    CertificatePart("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
+    CertificatePart(
+        "polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"
+    ),
+    CertificatePart(
+        "power", {}, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"
+    ),
+    CertificatePart(
+        "turntable", {}, lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"
+    ),
+    CertificatePart(
         "virtual-coriolis",
         {},
         lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc {_known_by(own)}",
     ),
-    Part("kvc", {}, lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"),
-    Part("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
-    Part("resonance", {}, _said("ring-down and sweep, at rest")),
-    Part("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
-    Part(
+    CertificatePart(
+        "kvc", {}, lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"
+    ),
+    CertificatePart("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
+    CertificatePart("resonance", {}, _said("ring-down and sweep, at rest")),
+    CertificatePart("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
+    CertificatePart(
         "vibration",
         {},
         lambda own: f"{len(own.vibration_hz)} virtual vibrations of {own.vibration_amplitude_v:g} V, at rest",
         roles=("vibration_source",),
     ),
-    Part("zero", {"duration_s": 600.0}, lambda own: f"at rest, {own.duration_s:g} s"),
-    Part(
+    CertificatePart("zero", {"duration_s": 600.0}, lambda own: f"at rest, {own.duration_s:g} s"),
+    CertificatePart(
         "temperature",
         {},
         lambda own: f"{min(own.temperatures_c):g} to {max(own.temperatures_c):g} degC, by {own.by.value}",
@@ -444,7 +460,7 @@ def report(settings: CharacterizeSettings, _measured: Measured, found: Character
     return data_sheet_report(found.data_sheet, [(each.name, each.reason) for each in found.not_measured], rails)
 
 
-def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Made) -> Kept | None:
+def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Provenance) -> NewEntry | None:
     """Return what the first part that keeps something of the device keeps of it."""
     for part in found.parts:
         keep = PROCEDURES[part.name].entry

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.conformity import conformity, e_n
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.report.document import Text
 
 if TYPE_CHECKING:
@@ -64,18 +64,18 @@ def drift_of(scale_factor: Measurand, reference: Reference, limit_ppm: float | N
     return Drift(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u), limit_ppm, verdict)
 
 
-def _relative(found: Measurand) -> list[Part]:
+def _relative(found: Measurand) -> list[UncertaintyPart]:
     size = abs(found.value)
-    return [Part(part.source, 1e6 * part.u / size, part.dof, part.of) for part in found.parts]
+    return [UncertaintyPart(part.source, 1e6 * part.u / size, part.dof, part.of) for part in found.parts]
 
 
-def _relative_kept(reference: Reference) -> list[Part]:
+def _relative_kept(reference: Reference) -> list[UncertaintyPart]:
     kept: Measured = reference.scale_factor_v_per_deg_s
     size = abs(kept.value)
     if not kept.shares:
-        return [Part("the earlier entry", 1e6 * kept.u / size, kept.dof)]
+        return [UncertaintyPart("the earlier entry", 1e6 * kept.u / size, kept.dof)]
     return [
-        Part(f"then: {share.source}", 1e6 * share.u / size, share.dof, _owner(reference, share))
+        UncertaintyPart(f"then: {share.source}", 1e6 * share.u / size, share.dof, _owner(reference, share))
         for share in kept.shares
     ]
 
@@ -87,26 +87,28 @@ def _owner(reference: Reference, share: Share) -> str | None:
     return share.of
 
 
-def _difference(now: Sequence[Part], then: Sequence[Part]) -> tuple[list[Part], tuple[str, ...]]:
+def _difference(
+    now: Sequence[UncertaintyPart], then: Sequence[UncertaintyPart]
+) -> tuple[list[UncertaintyPart], tuple[str, ...]]:
     """Return the parts of the difference, and what of them has cancelled."""
-    owners: dict[str, list[Part]] = {}
+    owners: dict[str, list[UncertaintyPart]] = {}
     for part in then:
         if part.of is not None:
             owners.setdefault(_key(part), []).append(part)
-    left: list[Part] = [part for part in then if part.of is None]
+    left: list[UncertaintyPart] = [part for part in then if part.of is None]
     cancelled = []
     for part in now:
         same = owners.pop(_key(part), None) if part.of is not None else None
         if same is None:
             left.append(part)
             continue
-        left.append(Part(part.source, part.u - math.fsum(each.u for each in same), None, part.of))
+        left.append(UncertaintyPart(part.source, part.u - math.fsum(each.u for each in same), None, part.of))
         cancelled.append(f"{part.source} ({part.of})")
     left += [part for parts in owners.values() for part in parts]
     return left, tuple(cancelled)
 
 
-def _key(part: Part) -> str:
+def _key(part: UncertaintyPart) -> str:
     """Return what two parts must share to be one: the owner, and gain or offset of it."""
     return f"{part.of}: {part.source.rsplit(': ', maxsplit=1)[-1]}"
 

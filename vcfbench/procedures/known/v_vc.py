@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.plans.step import Routine
-    from vcfbench.procedures.procedure import Made
+    from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.schema import Point
 
 __all__ = [
@@ -154,7 +154,7 @@ class InstrumentAccuracy:
     u_offset_v: float
 
 
-def conditions(settings: KnownVvcSettings, made: Made) -> Conditions:
+def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
     """Return under what was measured, for what is kept of a device."""
     return Conditions(
         bench=made.bench,

@@ -28,7 +28,7 @@ from vcfbench.procedures.known.v_vc import (
     temperature_errors,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
 from vcfbench.procedures.null_comparison.blocks import (
     bias_at_rest,
     block_covariance,
@@ -39,7 +39,7 @@ from vcfbench.procedures.null_comparison.blocks import (
     nulled_levels,
 )
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.record.devices import Certificate, CurveShare, Kept, KvcCurve
+from vcfbench.record.devices import Certificate, CurveShare, KvcCurve, NewEntry
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.procedures.kvc.settings import KVcSettings
-    from vcfbench.procedures.procedure import Made
+    from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
@@ -194,10 +194,10 @@ def _u_earth(settings: KVcSettings) -> float:
     return _EARTH_DEG_S * math.sin(math.radians(settings.axis_tilt_deg)) / math.sqrt(2.0)
 
 
-def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> Part:
+def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> UncertaintyPart:
     """Return what a source puts into the uncertainty of k1."""
     u = math.sqrt(max(0.0, float(covariance[1, 1])))
-    return Part(name, u, _dof(name, levels.noise), whose(name, known_by))
+    return UncertaintyPart(name, u, _dof(name, levels.noise), whose(name, known_by))
 
 
 def whose(name: str, known_by: str) -> str | None:
@@ -221,11 +221,14 @@ def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows
     slope, meter = float(found[0]), meter_error(settings, "multimeter")
     dof = dof_of(levels.noise)
     parts = [
-        Part(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
-        Part(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
-        Part(RATE, abs(slope) * settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
-        *(Part(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
-        *(Part(name, abs(slope) * u) for name, u in PhaseErrors.of(settings.station.sources).u_scale_factor.items()),
+        UncertaintyPart(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
+        UncertaintyPart(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
+        UncertaintyPart(RATE, abs(slope) * settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
+        *(UncertaintyPart(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
+        *(
+            UncertaintyPart(name, abs(slope) * u)
+            for name, u in PhaseErrors.of(settings.station.sources).u_scale_factor.items()
+        ),
     ]
     return measurand(slope, "V/(deg/s)", parts)
 
@@ -263,7 +266,7 @@ def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
     )
 
 
-def certificate(settings: KVcSettings, results: KVcResult, made: Made) -> Kept | None:
+def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> NewEntry | None:
     """Return the certificate of the device that was named."""
     if settings.dut is None:
         return None
@@ -291,7 +294,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Made) -> Kept |
         unseen=UNSEEN,
         remarks=(f"V_Vc is known by {results.v_vc_by}", *results.holds_not),
     )
-    return Kept(known, settings.store.root)
+    return NewEntry(known, settings.store.root)
 
 
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:

@@ -14,7 +14,7 @@ from vcfbench.procedures.known.v_vc import (
     METER_OFFSET,
     meter_error,
 )
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.record.schema import pooled_std_v
 
 if TYPE_CHECKING:
@@ -72,11 +72,11 @@ def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: Bl
     meter = meter_error(settings, "multimeter")
     dof = dof_of(noise)
     parts = [
-        Part("readings at rest", noise.white_v / math.sqrt(count), dof),
-        Part("flicker", noise.u_zero_v, dof),
-        Part("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
-        Part(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
-        Part(METER_OFFSET, meter.u_offset_v, None, meter.name),
+        UncertaintyPart("readings at rest", noise.white_v / math.sqrt(count), dof),
+        UncertaintyPart("flicker", noise.u_zero_v, dof),
+        UncertaintyPart("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
+        UncertaintyPart(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
+        UncertaintyPart(METER_OFFSET, meter.u_offset_v, None, meter.name),
     ]
     return measurand(mean_v, "V", parts)
 

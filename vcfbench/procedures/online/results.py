@@ -29,7 +29,7 @@ from vcfbench.procedures.known.v_vc import (
     meter_error,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -378,21 +378,24 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     )
 
 
-def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Part], list[Part]]:
+def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[UncertaintyPart], list[UncertaintyPart]]:
     """Return what the readings put into the uncertainty of the scale factor, and what is common to all windows."""
     size = abs(gain.value / k_vc)
     meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
     own = [
-        Part(READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
-        Part("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
+        UncertaintyPart(READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
+        UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
     ]
     common = [
-        Part(METER_GAIN, size * meter.u_gain, None, meter.name),
-        Part(_RESPONSE, size * _u_response(settings, gain)),
-        *(Part(name, size * u) for name, u in PhaseErrors.of(settings.station.sources).u_self_calibrated.items()),
+        UncertaintyPart(METER_GAIN, size * meter.u_gain, None, meter.name),
+        UncertaintyPart(_RESPONSE, size * _u_response(settings, gain)),
+        *(
+            UncertaintyPart(name, size * u)
+            for name, u in PhaseErrors.of(settings.station.sources).u_self_calibrated.items()
+        ),
     ]
     if gain.u_v_vc:
-        common.append(Part(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
+        common.append(UncertaintyPart(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
     same_meter = False
     known = settings.known
     for name, of, dof, covariance in shares_of(known.k_vc):
@@ -400,9 +403,9 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Par
             same_meter = True  # its volts were those of the certificate: its errors are in the curve already
             continue
         u = size * math.sqrt(max(0.0, float(covariance[1, 1]))) / abs(k_vc)  # a share of none may round below 0
-        common.append(Part(f"certificate: {name}", u, dof, of or f"{known.source}: {name}"))
+        common.append(UncertaintyPart(f"certificate: {name}", u, dof, of or f"{known.source}: {name}"))
     if not same_meter:
-        common.append(Part(V_VC_GAIN, size * error.u_gain, None, error.name))
+        common.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.name))
     return own, common
 
 
@@ -431,13 +434,15 @@ def _disturbance(
     flicker, dof = _flicker(settings, run, means_v, variance_mean, size)
     of_second = math.fsum(each.variance(2, settings.burst_readings) for each in run.output) / count**2
     parts = [
-        Part("noise of the means", math.sqrt(white) / size, gain.dof),
-        Part("flicker between modulation and rest", flicker, dof),
-        Part("noise of the second harmonic", math.sqrt(of_second) / size, gain.dof),
+        UncertaintyPart("noise of the means", math.sqrt(white) / size, gain.dof),
+        UncertaintyPart("flicker between modulation and rest", flicker, dof),
+        UncertaintyPart("noise of the second harmonic", math.sqrt(of_second) / size, gain.dof),
     ]
     if not run.v_vc:
         offset_v = math.sqrt(2.0) * v_vc_error(settings).u_offset_v
-        parts.append(Part("offset of the generator, sine against direct voltage", gain.value * offset_v / size))
+        parts.append(
+            UncertaintyPart("offset of the generator, sine against direct voltage", gain.value * offset_v / size)
+        )
     return measurand(float(changes.mean()), "deg/s", parts), rectified_v / scale_factor, changes
 
 

@@ -30,7 +30,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.scale_factor import read_scale_factor
-from vcfbench.procedures.power.results import Drawn, RailsDrawn, RailsLogged, power_report, power_results
+from vcfbench.procedures.power.results import RailDraw, RailsDrawn, RailsLogged, power_report, power_results
 from vcfbench.procedures.power.settings import By, Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
@@ -114,7 +114,7 @@ def _log(context: Context, rails: tuple[ConfigureRail, ...], begun_s: float, sec
     while (round_s := clock.now()) < begun_s + seconds:
         for rail in rails:
             current_a = power.measure_current_a(rail.output)  # its time is that of the answer
-            drawn.append(Drawn(clock.now(), rail.output, None, current_a))
+            drawn.append(RailDraw(clock.now(), rail.output, None, current_a))
             outputs.append(Reading(clock.now(), context.believable(meter.read_voltage_v)))
         sleep(clock, max(0.0, round_s + _ROUND_S - clock.now()))
     return RailsLogged(begun_s, tuple(drawn), tuple(outputs))
@@ -122,7 +122,7 @@ def _log(context: Context, rails: tuple[ConfigureRail, ...], begun_s: float, sec
 
 def _predicted(rails: tuple[ConfigureRail, ...], seconds: float, gyro: LinearGyro) -> RailsLogged:
     times = [number * _ROUND_S for number in range(max(8, int(seconds / _ROUND_S)))]
-    drawn = tuple(Drawn(t_s, rail.output, None, 0.0) for t_s in times for rail in rails)
+    drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in rails)
     return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
 
 
@@ -154,14 +154,14 @@ class MeasureRails(Step):
             begun_s = clock.now()
             for rail in self.rails:
                 voltage_v, current_a = power.measure_voltage_v(rail.output), power.measure_current_a(rail.output)
-                drawn.append(Drawn(clock.now(), rail.output, voltage_v, current_a))
+                drawn.append(RailDraw(clock.now(), rail.output, voltage_v, current_a))
             sleep(clock, max(0.0, begun_s + self.interval_s - clock.now()))
         return RailsDrawn(tuple(drawn))
 
     def predict(self, gyro: LinearGyro) -> RailsDrawn:
         """Predict rails at their levels that draw nothing."""
         del gyro
-        drawn = [Drawn(0.0, rail.output, rail.voltage_v, 0.0) for _ in range(self.samples) for rail in self.rails]
+        drawn = [RailDraw(0.0, rail.output, rail.voltage_v, 0.0) for _ in range(self.samples) for rail in self.rails]
         return RailsDrawn(tuple(drawn))
 
 

@@ -13,7 +13,7 @@ from vcfbench.models import find_model, resolve
 from vcfbench.plans.step import Reading, StepResult
 from vcfbench.plans.steps import Acquire, Window
 from vcfbench.procedures.known.scale_factor import scale_factor_used
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from vcfbench.procedures.power.settings import PowerSettings
 
 __all__ = [
-    "Drawn",
     "PowerOn",
     "PowerResult",
     "RailCurrent",
+    "RailDraw",
     "RailEffect",
     "RailsDrawn",
     "RailsLogged",
@@ -52,7 +52,7 @@ NOT_HELD = (
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class RailDraw:
     """What one rail drew: bench time (s), the supply's output, voltage (V, None where it was not read), current (A)."""
 
     t_s: float
@@ -66,7 +66,7 @@ class RailsLogged(StepResult):
     """Currents and output from the bench time `t_s` on, at which a rail was told to come on, s."""
 
     t_s: float
-    drawn: tuple[Drawn, ...]
+    drawn: tuple[RailDraw, ...]
     outputs: tuple[Reading, ...]
 
     def describe(self) -> str:
@@ -78,7 +78,7 @@ class RailsLogged(StepResult):
 class RailsDrawn(StepResult):
     """Voltages and currents of the rails, read in turn."""
 
-    drawn: tuple[Drawn, ...]
+    drawn: tuple[RailDraw, ...]
 
     def describe(self) -> str:
         """Name the mean current of each."""
@@ -164,7 +164,7 @@ def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     ((_, steady),) = measured.found(RailsDrawn)
     rails = tuple(_current(settings, rail, output, steady, logged) for rail, output in _outputs(settings))
     parts = [
-        Part(f"{part.source}, {each.rail} rail", abs(each.voltage_v) * part.u, part.dof, part.of)
+        UncertaintyPart(f"{part.source}, {each.rail} rail", abs(each.voltage_v) * part.u, part.dof, part.of)
         for each in rails
         for part in each.current.parts
     ]
@@ -196,13 +196,15 @@ def _current(
     scatter = stdev(currents) / math.sqrt(len(currents))
     peak_a = max(each.current_a for _, log in logged for each in log.drawn if each.output == output)
     voltage_v = fmean(each.voltage_v for each in of if each.voltage_v is not None)
-    readings = Part("readings", max(scatter, _STEP_A / math.sqrt(12.0)), len(currents) - 1)
+    readings = UncertaintyPart("readings", max(scatter, _STEP_A / math.sqrt(12.0)), len(currents) - 1)
     return RailCurrent(
         rail,
         output,
         voltage_v,
         measurand(current_a, "A", [readings, *_ammeter(settings, output, current_a)]),
-        measurand(peak_a, "A", [Part("resolution", _STEP_A / math.sqrt(12.0)), *_ammeter(settings, output, peak_a)]),
+        measurand(
+            peak_a, "A", [UncertaintyPart("resolution", _STEP_A / math.sqrt(12.0)), *_ammeter(settings, output, peak_a)]
+        ),
     )
 
 
@@ -213,7 +215,7 @@ def _sheet(settings: PowerSettings) -> SupplySpecification | None:
     return sheet if isinstance(sheet, SupplySpecification) else None
 
 
-def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[Part]:
+def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[UncertaintyPart]:
     """Return what the supply's ammeter may be off; nothing where no data sheet tells it."""
     sheet = _sheet(settings)
     if sheet is None or output not in sheet.current:
@@ -222,8 +224,8 @@ def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[Par
     of = f"{settings.station.instruments['power'].name}, {output}"
     divisor = sheet.limit_sigmas or math.sqrt(3.0)
     return [
-        Part("ammeter's gain", gain * abs(current_a) / divisor, None, of),
-        Part("ammeter's offset", offset_a / divisor, None, of),
+        UncertaintyPart("ammeter's gain", gain * abs(current_a) / divisor, None, of),
+        UncertaintyPart("ammeter's offset", offset_a / divisor, None, of),
     ]
 
 
@@ -240,7 +242,7 @@ def _power_ons(
 
 
 def _power_on(
-    settings: PowerSettings, order: str, drawn: Sequence[Drawn], last: RailsLogged, scale: ScaleFactor
+    settings: PowerSettings, order: str, drawn: Sequence[RailDraw], last: RailsLogged, scale: ScaleFactor
 ) -> PowerOn:
     times = [each.t_s - last.t_s for each in last.outputs]
     rates = [each.voltage_v / scale.value for each in last.outputs]
@@ -271,7 +273,9 @@ def valid_output(times_s: Sequence[float], away_deg_s: Sequence[float], toleranc
         return None
     before_s = times_s[good - 1] if good else 0.0
     width_s = times_s[good] - before_s
-    return measurand(before_s + 0.5 * width_s, "s", [Part("time between readings", width_s / math.sqrt(12.0))])
+    return measurand(
+        before_s + 0.5 * width_s, "s", [UncertaintyPart("time between readings", width_s / math.sqrt(12.0))]
+    )
 
 
 def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) -> Iterator[RailEffect]:
@@ -323,7 +327,7 @@ def _slot_s(measured: Measured) -> float:
     return (begins[-1] - begins[0]) / (len(begins) - 1) * _A_STATE
 
 
-def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[Part]]:
+def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[UncertaintyPart]]:
     """Return by how much the rails were moved either way, V, as read back, and what that may be off, relative."""
     outputs = [output for rail, output in _outputs(settings) if rails in {rail, "both"}]
     half = [
@@ -334,16 +338,19 @@ def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tu
     step_v = fmean(half)
     if step_v <= 0.0:
         raise ConfigError(f"{rails}: the rails did not move, by their read-backs")
-    parts = [Part("step: resolution of the read-back", _STEP_V / math.sqrt(12.0 * 2.0) / step_v)]
+    parts = [UncertaintyPart("step: resolution of the read-back", _STEP_V / math.sqrt(12.0 * 2.0) / step_v)]
     sheet = _sheet(settings)
     if sheet is not None:
         gain = max(sheet.voltage[output][0] for output in outputs if output in sheet.voltage)
-        parts.append(Part("step: gain of the read-back", gain / (sheet.limit_sigmas or math.sqrt(3.0))))
+        parts.append(UncertaintyPart("step: gain of the read-back", gain / (sheet.limit_sigmas or math.sqrt(3.0))))
     return step_v, parts
 
 
 def _three(
-    blocks: Sequence[Block], noise: BlockNoise, step: tuple[float, list[Part]], unit_and_factor: tuple[str, float]
+    blocks: Sequence[Block],
+    noise: BlockNoise,
+    step: tuple[float, list[UncertaintyPart]],
+    unit_and_factor: tuple[str, float],
 ) -> tuple[Measurand, Measurand, Measurand]:
     """Return the slope over both halves, over the lower, over the upper."""
     unit, factor = unit_and_factor
@@ -358,8 +365,8 @@ def _three(
     )
     made = []
     for value, u in found:
-        readings = Part("readings and flicker", abs(factor) * u / math.sqrt(len(blocks)), noise.dof)
-        of_step = [Part(each.source, abs(factor * value) * each.u, each.dof, each.of) for each in step_parts]
+        readings = UncertaintyPart("readings and flicker", abs(factor) * u / math.sqrt(len(blocks)), noise.dof)
+        of_step = [UncertaintyPart(each.source, abs(factor * value) * each.u, each.dof, each.of) for each in step_parts]
         made.append(measurand(factor * value, unit, [readings, *of_step]))
     return made[0], made[1], made[2]
 

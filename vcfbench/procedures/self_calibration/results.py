@@ -31,10 +31,10 @@ from vcfbench.procedures.known.v_vc import (
     temperature_errors,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, Part, budget_table, measurand, said_of
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
 from vcfbench.procedures.null_comparison.blocks import bias_at_rest, block_covariance, blocks_of, dof_of, noise_of
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.record.devices import Kept, SelfCalibration
+from vcfbench.record.devices import NewEntry, SelfCalibration
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.procedures.procedure import Made
+    from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
     from vcfbench.record.devices import KvcCurve
     from vcfbench.record.schema import Point
@@ -274,12 +274,12 @@ def _u_of(by: Floats, covariance: Floats) -> Floats:
     return np.sqrt(np.maximum(0.0, np.diag(by @ covariance @ by.T)))
 
 
-def _signed(effect: _Effect, of: str | None, place: int) -> Part:
+def _signed(effect: _Effect, of: str | None, place: int) -> UncertaintyPart:
     name, u, dof = effect
-    return Part(name, float(u[place]), dof, of)
+    return UncertaintyPart(name, float(u[place]), dof, of)
 
 
-def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, made: Made) -> Kept | None:
+def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, made: Provenance) -> NewEntry | None:
     """Return the entry of the device that was named."""
     if settings.dut is None:
         return None
@@ -299,7 +299,7 @@ def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, 
         verdict=verdict,
         remarks=(f"K_Vc from {results.k_vc_from}", f"V_Vc is known by {results.v_vc_by}"),
     )
-    return Kept(record, settings.store.root)
+    return NewEntry(record, settings.store.root)
 
 
 def self_calibration_report(

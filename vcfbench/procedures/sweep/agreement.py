@@ -85,8 +85,8 @@ def require_agreement(points: Sequence[Point], settings: ProcedureSettings, drif
         MeasurementError: it did not; both points and the difference that is allowed are in the message.
     """
     noise_v = _noise_v(points)
-    told_v = settings.expected.zero_drift_v
-    drift_v = drift * _span_v(points) if told_v is None else told_v
+    stated_v = settings.expected.zero_drift_v
+    drift_v = drift * _span_v(points) if stated_v is None else stated_v
     latest = points[-1]
     for earlier in points[:-1]:
         if _setting(earlier) != _setting(latest):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.tails import t_of_largest
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.sweep.schedule import (
     Order,
     SweepSettings,
@@ -145,8 +145,8 @@ def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
     most = int(np.abs(differences).argmax())
     flicker_dof = None if math.isinf(noise.flicker_dof) else noise.flicker_dof
     parts = [
-        Part("readings", percent * math.sqrt(white[most, most]), noise.dof),
-        Part("flicker", percent * math.sqrt(flicker[most, most]), flicker_dof),
+        UncertaintyPart("readings", percent * math.sqrt(white[most, most]), noise.dof),
+        UncertaintyPart("flicker", percent * math.sqrt(flicker[most, most]), flicker_dof),
     ]
     largest = measurand(float(differences[most]), "%", parts)
     by_noise = t_of_largest(len(rates), math.inf) * float(u.max())

@@ -75,8 +75,8 @@ class WindowNoise(Struct, frozen=True):
         pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / dof
         white = cls(readings, pooled, float(dof), np.empty(0), None)
         known, successive = settings.station.sources, _successive_zeros(points)
-        told = known.bias_instability_deg_h
-        if told == 0.0 or (told is None and not successive.size):
+        stated = known.bias_instability_deg_h
+        if stated == 0.0 or (stated is None and not successive.size):
             return white
         begin, end = window_times(settings, points)
         middle, half = float(begin[0] + end[-1]) / 2.0, known.horizon_h * 1800.0
@@ -85,18 +85,18 @@ class WindowNoise(Struct, frozen=True):
         lags = times[:, None] - times
         lagged = PhaseNoise(flicker=abs(scale_factor) / 3600.0).covariance(lags.ravel()).reshape(lags.shape)
         unit = replace(white, length_s=end - begin, lagged=lagged)
-        told_dof = math.inf if known.bias_instability_dof is None else known.bias_instability_dof
-        flicker = None if told is None else Flicker(told, told_dof, known.bias_instability_from)
+        stated_dof = math.inf if known.bias_instability_dof is None else known.bias_instability_dof
+        flicker = None if stated is None else Flicker(stated, stated_dof, known.bias_instability_from)
         if successive.size:
             flicker = unit.own_flicker(successive, np.array([point.output_v for point in points]), flicker)
         if flicker is None or not flicker.deg_h:
             return white
         return replace(unit, lagged=flicker.deg_h**2 * lagged, flicker=flicker)
 
-    def own_flicker(self, successive: Floats, outputs_v: Floats, told: Flicker | None) -> Flicker | None:
+    def own_flicker(self, successive: Floats, outputs_v: Floats, stated: Flicker | None) -> Flicker | None:
         """Return B by the differences of successive zeros, (k, n), whose covariances here are those of 1 deg/h.
 
-        What is `told` is kept where these would not know it with enough degrees of freedom.
+        What is `stated` is kept where these would not know it with enough degrees of freedom.
         """
         white = self.by_readings(successive)
         unit = self.by_flicker(successive, [False] * len(successive))
@@ -104,12 +104,12 @@ class WindowNoise(Struct, frozen=True):
         def dof(square: float) -> float:
             return float((square * np.trace(unit)) ** 2 / np.sum((white + square * unit) ** 2))
 
-        if told is not None and dof(told.deg_h**2) < _ENOUGH_DOF:
-            return told
+        if stated is not None and dof(stated.deg_h**2) < _ENOUGH_DOF:
+            return stated
         excess = float(np.sum((successive @ outputs_v) ** 2) - np.trace(white))
         square = max(excess, 0.0) / float(np.trace(unit))
         if (found := dof(square)) < _LEAST_DOF:
-            return told
+            return stated
         return Flicker(math.sqrt(square), found, f"{len(successive)} differences of this run's zeros, dof {found:.1f}")
 
     @property

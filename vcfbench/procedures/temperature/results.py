@@ -18,7 +18,7 @@ from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureRea
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.known.scale_factor import scale_factor_used
-from vcfbench.procedures.measurand import Measurand, Part, measurand
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
 from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 
@@ -370,7 +370,7 @@ def _found(
 
     def made(number: int, unit: str, factor: float) -> Measurand:
         parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
-        common = Part("temperature, the same at all", abs(factor * moved[number]) * settings.u_temperature_k)
+        common = UncertaintyPart("temperature, the same at all", abs(factor * moved[number]) * settings.u_temperature_k)
         held = [part for part in (*parts, common) if part.u > 0.0]
         return measurand(float(factor * found[number]), unit, held)
 
@@ -384,11 +384,13 @@ def _found(
     )
 
 
-def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> Part:
+def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> UncertaintyPart:
     """Return what a cause does to a combination of the values."""
     variance = max(0.0, float(weights @ cause.covariance @ weights))
     u = cause.floor if mean and cause.floor is not None else math.sqrt(variance)
-    return Part(cause.source, abs(factor) * u, None if cause.dof is None or math.isinf(cause.dof) else cause.dof)
+    return UncertaintyPart(
+        cause.source, abs(factor) * u, None if cause.dof is None or math.isinf(cause.dof) else cause.dof
+    )
 
 
 def _hysteresis(

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
-    from vcfbench.procedures.procedure import Made
-    from vcfbench.record.devices import Kept
+    from vcfbench.procedures.procedure import Provenance
+    from vcfbench.record.devices import NewEntry
 
 __all__ = ["ZERO", "Mode", "ZeroSettings", "zero"]
 
@@ -213,7 +213,7 @@ def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
     return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value)
 
 
-def _entry(settings: ZeroSettings, results: ZeroResult, made: Made) -> Kept | None:
+def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> NewEntry | None:
     """Return what is kept of the device that was named; None where the record shows no flicker.
 
     The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
@@ -221,7 +221,7 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Made) -> Kept | No
     flicker = results.flicker
     if settings.dut is None or flicker is None:
         return None
-    from vcfbench.record.devices import Conditions, Kept, Measured, StaticNoise  # noqa: PLC0415  # few name a device
+    from vcfbench.record.devices import Conditions, Measured, NewEntry, StaticNoise  # noqa: PLC0415  # few name a device
 
     value, u = flicker
     scale_factor = results.scale_factor_v_per_deg_s
@@ -245,11 +245,11 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Made) -> Kept | No
             f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}",
         ),
     )
-    return Kept(record, Path(settings.devices))
+    return NewEntry(record, Path(settings.devices))
 
 
 def _report(settings: ZeroSettings, _measured: Measured, results: ZeroResult) -> Any:
-    return zero_report(results, bandwidth_told=settings.passed_hz is not None)
+    return zero_report(results, bandwidth_stated=settings.passed_hz is not None)
 
 
 ZERO = Procedure(

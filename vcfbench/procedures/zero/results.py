@@ -379,11 +379,11 @@ def _scaled(found: Estimate, factor: float, unit: str) -> Estimate:
     return Estimate(found.value * factor, found.u * abs(factor), found.dof, u_95, unit)
 
 
-def zero_report(results: ZeroResult, *, bandwidth_told: bool) -> Report:
+def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
     """Report a static record: how it was taken, what it comes to, the Allan table and its figure."""
     return Report(
         [
-            Text(_taken(results, bandwidth_told=bandwidth_told)),
+            Text(_taken(results, bandwidth_stated=bandwidth_stated)),
             _noise_table(results),
             _bias_table(results),
             _stability_table(results.stability_deg_h),
@@ -406,7 +406,7 @@ counted (type A). It does not hold the scale factor's, nor the meter's offset, n
 longer than the record. The mean holds the Earth's rate along the axis."""
 
 
-def _taken(results: ZeroResult, *, bandwidth_told: bool) -> str:
+def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
     scale = results.scale_factor_v_per_deg_s
     lines = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
     if results.mode == "gapless":
@@ -425,7 +425,7 @@ def _taken(results: ZeroResult, *, bandwidth_told: bool) -> str:
     )
     if results.mode == "dead-time":
         lines.append("NOT corrected: N and the curve hold what the dead time folds in")
-    elif not bandwidth_told and results.white_noise_seen > 1.0:
+    elif not bandwidth_stated and results.white_noise_seen > 1.0:
         lines.append(
             "corrected with a noise bandwidth of 1 / (2 integration time), the least that a reading can have: a sense "
             "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "

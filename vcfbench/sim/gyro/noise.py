@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Chain
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["BLOCK", "Flicker", "Interval", "NoiseState", "NoisyChain", "by_rows", "make_room", "turning_with"]
+__all__ = ["BLOCK", "FlickerNoise", "Interval", "NoiseState", "NoisyChain", "by_rows", "make_room", "turning_with"]
 
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 
-class Flicker(Struct, frozen=True):
+class FlickerNoise(Struct, frozen=True):
     """Ornstein-Uhlenbeck processes whose sum has the spectrum B^2/(2 pi f) (two-sided), correlation times 1:4:16..."""
 
     times_s: NDArray[np.float64]
     deviation_rad_s: float
 
     @classmethod
-    def of(cls, noise: NoiseSources) -> Flicker:
+    def of(cls, noise: NoiseSources) -> FlickerNoise:
         """Return the processes of a parameter set; variance B^2 ln(4) / pi each makes the sum's density right."""
         times = np.array([noise.flicker_shortest_s * 4.0**n for n in range(noise.flicker_processes)])
         deviation = math.radians(noise.bias_instability_deg_s) * math.sqrt(math.log(4) / math.pi)
@@ -136,7 +136,7 @@ class NoisyChain:
     oldest of `STEPS_KEPT` goes when another comes.
     """
 
-    def __init__(self, chain: Chain, flicker: Flicker, white_rad_sqrt_s: float) -> None:
+    def __init__(self, chain: Chain, flicker: FlickerNoise, white_rad_sqrt_s: float) -> None:
         """Take the white noise in phase with the Coriolis force, as much as in quadrature."""
         self._n = len(chain.eigenmodes)
         slow = -1 / flicker.times_s

@@ -16,7 +16,7 @@ from msgspec import Struct
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.course import chain_at
 from vcfbench.sim.gyro.drive import locked
-from vcfbench.sim.gyro.noise import Flicker, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise import FlickerNoise, NoiseState, NoisyChain
 from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.thermal import resonance_at
 
@@ -57,7 +57,7 @@ class NoiseCourse:
     def __init__(self, design: ChainDesign, bench: BenchParameters, seed: int, now_s: float) -> None:
         self._design = design
         self._random = np.random.default_rng(seed)
-        self._flicker = Flicker.of(bench.noise)
+        self._flicker = FlickerNoise.of(bench.noise)
         self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
         self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
         self._chains: dict[_Passing, NoisyChain] = {}

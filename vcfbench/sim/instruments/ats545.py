@@ -25,7 +25,7 @@ from vcfbench.sim.scpi import (
     Number,
     ScpiEngine,
     ScpiError,
-    ScpiInstrument,
+    ScpiTwin,
 )
 from vcfbench.sim.scpi import Limits as Range
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.world import World
 
-__all__ = ["StreamErrors", "TemptronicATS545Twin"]
+__all__ = ["AirStreamErrors", "TemptronicATS545Twin"]
 
 _FASTEST_K_S = 18.0
 """-55 to 125 degC in about 10 s, as the maker says of an unloaded nozzle."""
@@ -52,7 +52,7 @@ _LOCAL = re.compile(rb"%(?:RM|GL|LL)\r?\n?")
 """Remote and local on RS-232; taken everywhere, because drivers send them everywhere."""
 
 
-class StreamErrors(Struct, frozen=True):
+class AirStreamErrors(Struct, frozen=True):
     """Imperfections of one specimen."""
 
     air_offset_k: float
@@ -61,12 +61,12 @@ class StreamErrors(Struct, frozen=True):
     """The device's sensor reads too much, K."""
 
     @classmethod
-    def none(cls) -> StreamErrors:
+    def none(cls) -> AirStreamErrors:
         """Return an ideal specimen."""
         return cls(0.0, 0.0)
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> StreamErrors:
+    def drawn(cls, rng: np.random.Generator) -> AirStreamErrors:
         """Return a specimen whose 1 K of accuracy is two standard deviations."""
         return cls(*(float(each) for each in rng.normal(0.0, 0.5, 2)))
 
@@ -97,7 +97,7 @@ class _Settings(Struct):
     sensor: int = 0
 
 
-class TemptronicATS545Twin(ScpiInstrument):
+class TemptronicATS545Twin(ScpiTwin):
     """The stream of air.
 
     Args:
@@ -107,9 +107,11 @@ class TemptronicATS545Twin(ScpiInstrument):
         model: what it calls itself.
     """
 
-    errors_class: ClassVar = StreamErrors
+    errors_class: ClassVar = AirStreamErrors
 
-    def __init__(self, world: World, *, errors: StreamErrors, interface: str = "gpib", model: str = "ATS-545") -> None:
+    def __init__(
+        self, world: World, *, errors: AirStreamErrors, interface: str = "gpib", model: str = "ATS-545"
+    ) -> None:
         self._world, self._errors, self._model = world, errors, model
         self._clock = world.clock
         self._room_c = self._air_c = world.ambient_c()
@@ -126,7 +128,7 @@ class TemptronicATS545Twin(ScpiInstrument):
         """Take bytes; who has the front panel makes no difference here."""
         rest = _LOCAL.sub(b"", data)
         if rest or not data:
-            ScpiInstrument.write(self, rest, end=end)
+            ScpiTwin.write(self, rest, end=end)
 
     def identity(self) -> str:
         """Return the identity; of the real one only the maker's name is known."""

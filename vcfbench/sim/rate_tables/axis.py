@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from vcfbench.clock import Clock
-    from vcfbench.sim.motion import Ripple
+    from vcfbench.sim.motion import RateRipple
 
-__all__ = ["INTERLOCKS", "Axis", "Motion", "PositionMoves", "ServoAxis", "TableErrors", "TableWorld"]
+__all__ = ["INTERLOCKS", "PositionMoves", "ServoAxis", "TableAxis", "TableErrors", "TableWorld", "TrueMotion"]
 
 INTERLOCKS = ("interlock", "door", "emergency_stop", "drive_fault")
 """What can break the current that must flow for a drive to be on: master interlock, door switch, emergency stop, and
@@ -41,7 +41,7 @@ _SETTLE_S = 0.15
 """Pause at the end of a ramp for the rate loop, before the position is looked at again."""
 
 
-class Motion(Protocol):
+class TrueMotion(Protocol):
     """True motion of the table, as the World offers it."""
 
     @property
@@ -108,7 +108,7 @@ class Motion(Protocol):
         """Tell whether the profile is an oscillation."""
         ...
 
-    def add_ripple(self, *ripples: Ripple) -> None:
+    def add_ripple(self, *ripples: RateRipple) -> None:
         """Let the table have more ripple from the next command on."""
         ...
 
@@ -126,7 +126,7 @@ class TableWorld(Protocol):
         ...
 
     @property
-    def table(self) -> Motion:
+    def table(self) -> TrueMotion:
         """The table's true motion."""
         ...
 
@@ -175,7 +175,7 @@ class TableErrors(Struct, frozen=True):
         return cls(amplitude_deg, float(rng.uniform(0.0, 360.0)), 1e-5, 1e-5, 1e-3, 20e-3)
 
 
-class Axis:
+class TableAxis:
     """The axis as measured: encoder error and quantisation on the true motion."""
 
     def __init__(self, world: TableWorld, errors: TableErrors) -> None:
@@ -221,7 +221,7 @@ class PositionMoves:
     :meth:`advance` must be called at `due_s`: the corners of the trapezoid are commands given then.
     """
 
-    def __init__(self, world: TableWorld, axis: Axis) -> None:
+    def __init__(self, world: TableWorld, axis: TableAxis) -> None:
         self._clock = world.clock
         self._motion = world.table
         self._axis = axis
@@ -272,7 +272,7 @@ class PositionMoves:
         self._motion.demand_rate(rate_deg_s, self._acceleration_deg_s2, self._jerk_deg_s3)
 
 
-class ServoAxis(Axis):
+class ServoAxis(TableAxis):
     """An axis whose controller knows one acceleration and runs at a commanded rate while its drive is on.
 
     What shuts it down by itself is in `latched`, by name: those of `INTERLOCKS`, ``over_rate``, ``following_error``,

@@ -102,8 +102,8 @@ class EspTable(Interlocked, LineDevice):
             "SN": self._units,
             "SL": lambda value: self._soft_limit(0, value),
             "SR": lambda value: self._soft_limit(1, value),
-            "VU": lambda value: _told(value, _MAX_RATE_DEG_S),
-            "AU": lambda value: _told(value, _MAX_ACCELERATION_DEG_S2),
+            "VU": lambda value: _fixed_limit(value, _MAX_RATE_DEG_S),
+            "AU": lambda value: _fixed_limit(value, _MAX_ACCELERATION_DEG_S2),
             "WS": self._wait_for_stop,
         }
         self._target_deg = 0.0
@@ -298,7 +298,7 @@ def _number(value: str, high: float) -> float:
     return number
 
 
-def _told(value: str, number: float) -> str:
+def _fixed_limit(value: str, number: float) -> str:
     """Return a limit of the stage, which cannot be changed."""
     if value != "?":
         raise _Refused(_AXIS_RANGE)

@@ -21,7 +21,7 @@ class Interlocked:
     """A table of one :class:`ServoAxis`; what shuts that down by itself comes to :meth:`_noticed`, once."""
 
     _axis: ServoAxis
-    _told: tuple[str, ...] = ()
+    _noticed_before: tuple[str, ...] = ()
     _quiet_until_s: float
 
     def set_interlock(self, cause: str, *, faulty: bool) -> None:
@@ -46,9 +46,9 @@ class Interlocked:
         self._axis.advance()
         latched = tuple(self._axis.latched)
         for cause in latched:
-            if cause not in self._told:
+            if cause not in self._noticed_before:
                 self._noticed(cause)
-        self._told = latched
+        self._noticed_before = latched
 
     def _noticed(self, cause: str, /) -> None:
         """Take note that the axis has shut down by itself."""

@@ -1,7 +1,7 @@
 """What the simulated tables have in common on the wire: messages cut at a terminator, replies in the table's own time.
 
 What characters take is the wire's: nothing on a socket, and on a serial line what
-:class:`~vcfbench.sim.serial_line.PlainLine` makes of it.
+:class:`~vcfbench.sim.serial_line.ThreeWireLine` makes of it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
-from vcfbench.sim.serial_line import Frame
+from vcfbench.sim.serial_line import CharacterFrame
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.axis import TableWorld
@@ -29,9 +29,9 @@ class SerialTiming(Struct, frozen=True):
     """Time from the last byte of a message to the first of its reply, s (unverified for every table)."""
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> CharacterFrame:
         """The port's characters: 8 data bits, no parity, 1 stop bit."""
-        return Frame(self.baud, stop_bits=1.0)
+        return CharacterFrame(self.baud, stop_bits=1.0)
 
 
 class LineDevice:
@@ -56,7 +56,7 @@ class LineDevice:
         self._output: deque[tuple[float, bytearray]] = deque()
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> CharacterFrame:
         """What its serial port is set to."""
         return self._timing.frame
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.rate_tables.axis import TableWorld
 
-__all__ = ["FrameDevice", "StatusStream", "StreamErrors", "Unasked"]
+__all__ = ["FrameDevice", "StatusStream", "StreamErrors", "UnsolicitedStatus"]
 
 
 class StreamErrors(TableErrors, frozen=True):
@@ -45,7 +45,7 @@ class StreamErrors(TableErrors, frozen=True):
         return cls(**{name: getattr(TableErrors.drawn(rng), name) for name in TableErrors.__struct_fields__})
 
 
-class Unasked(NamedTuple):
+class UnsolicitedStatus(NamedTuple):
     """A status that leaves now, and how late it comes."""
 
     message: bytes
@@ -107,7 +107,7 @@ class StatusStream:
         self._random = Random(noise_seed)  # noqa: S311  (no secret)
         self.due_s = clock.now() + period_s
 
-    def due(self, make: Callable[[], bytes]) -> Unasked | None:
+    def due(self, make: Callable[[], bytes]) -> UnsolicitedStatus | None:
         """Return the status that is due now, if one is, and not lost; of several slept through only the last.
 
         It is made at its instant, lost or late: what it says is not younger for being late.
@@ -116,7 +116,7 @@ class StatusStream:
         if now < self.due_s:
             return None
         self.due_s = (math.floor(now / self._period_s + 1e-9) + 1) * self._period_s
-        status = Unasked(make(), self._jitter_s * self._random.random())
+        status = UnsolicitedStatus(make(), self._jitter_s * self._random.random())
         return None if self._random.random() < self._lost else status
 
     def adjustments(self) -> Iterable[Adjustment]:

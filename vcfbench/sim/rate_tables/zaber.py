@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct
 
-from vcfbench.sim.motion import Ripple
+from vcfbench.sim.motion import RateRipple
 from vcfbench.sim.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from vcfbench.sim.rate_tables.interlocked import Interlocked
 from vcfbench.sim.rate_tables.line import LineDevice, SerialTiming
@@ -60,8 +60,8 @@ class StepperErrors(TableErrors, frozen=True):
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> StepperErrors:
         """Return a specimen: the read-back as of any table, and the steps of its motor."""
-        told = {name: getattr(TableErrors.drawn(rng), name) for name in TableErrors.__struct_fields__}
-        return cls(**told, step_error_arcsec=0.2, pull_out_deg_s=600.0)
+        table_errors = {name: getattr(TableErrors.drawn(rng), name) for name in TableErrors.__struct_fields__}
+        return cls(**table_errors, step_error_arcsec=0.2, pull_out_deg_s=600.0)
 
 
 _FLAGS = {
@@ -94,7 +94,7 @@ class ZaberTable(Interlocked, LineDevice):
         )
         if errors.step_error_arcsec:
             steps_per_turn = round(microsteps_per_deg * 360.0 / _MICROSTEPS)
-            world.table.add_ripple(Ripple(errors.step_error_arcsec, steps_per_turn))
+            world.table.add_ripple(RateRipple(errors.step_error_arcsec, steps_per_turn))
         self._axis.enable()
         self._per_deg = microsteps_per_deg
         self._settings = {

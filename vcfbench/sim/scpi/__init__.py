@@ -51,8 +51,8 @@ from vcfbench.sim.scpi.engine import (
     Interface,
     Pending,
     ScpiEngine,
-    ScpiInstrument,
     ScpiModel,
+    ScpiTwin,
 )
 from vcfbench.sim.scpi.errors import ERROR_WORDS, ErrorQueue, ScpiError
 from vcfbench.sim.scpi.formats import (
@@ -114,8 +114,8 @@ __all__ = [
     "Register",
     "ScpiEngine",
     "ScpiError",
-    "ScpiInstrument",
     "ScpiModel",
+    "ScpiTwin",
     "Special",
     "Status",
     "Text",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from vcfbench.clock import Clock
-    from vcfbench.sim.scpi.table import CommandTable, Program, Step
+    from vcfbench.sim.scpi.table import CommandTable, CompiledUnit, Program
 
 __all__ = [
     "GPIB",
@@ -33,9 +33,9 @@ __all__ = [
     "Interface",
     "Pending",
     "ScpiEngine",
-    "ScpiInstrument",
     "ScpiModel",
-    "Stream",
+    "ScpiTwin",
+    "StreamedAnswer",
 ]
 
 _CACHED_MESSAGES = 2048
@@ -97,7 +97,7 @@ class Dialect(Struct, frozen=True):
     takes_blocks: bool = True
 
 
-class Stream(Protocol):
+class StreamedAnswer(Protocol):
     """The answer to a query that is sent while it comes about."""
 
     def waiting(self) -> bool:
@@ -125,7 +125,7 @@ class Pending:
         self,
         ready_at: Callable[[], float | None],
         finish: Callable[[], Any],
-        stream: Stream | None = None,
+        stream: StreamedAnswer | None = None,
         labour: Iterator[object] | None = None,
     ) -> None:
         self.ready_at = ready_at
@@ -217,7 +217,7 @@ class ScpiEngine:
         self._steps: Program = ()
         self._next = 0
         self._pending: Pending | None = None
-        self._pending_step: Step | None = None
+        self._pending_step: CompiledUnit | None = None
         self._replies: list[str | bytes | Parts] = []
         self._output: deque[bytes] = deque()
         self._offset = 0
@@ -475,7 +475,7 @@ class ScpiEngine:
                 self._refuse(error)
         return True
 
-    def _execute(self, step: Step) -> None:
+    def _execute(self, step: CompiledUnit) -> None:
         if step.error is not None:
             self._refuse(step.error)
         elif step.takes_s > 0.0:
@@ -484,10 +484,10 @@ class ScpiEngine:
         else:
             self._call(step)
 
-    def _invoke(self, step: Step) -> Any:
+    def _invoke(self, step: CompiledUnit) -> Any:
         return step.handler(self.model, *(step.resolve(self.model) if step.settling else step.arguments))
 
-    def _call(self, step: Step) -> None:
+    def _call(self, step: CompiledUnit) -> None:
         try:
             if step.settling:
                 result = step.handler(self.model, *step.resolve(self.model))
@@ -498,7 +498,7 @@ class ScpiEngine:
         except ScpiError as error:
             self._refuse(error)
 
-    def _take(self, step: Step, result: Any) -> None:
+    def _take(self, step: CompiledUnit, result: Any) -> None:
         if result.__class__ is Pending:
             self._pending = result
             self._pending_step = step
@@ -608,7 +608,7 @@ def _whole(part: str | bytes | Parts) -> bytes:
     return part.encode("latin-1") if isinstance(part, str) else b"".join(part.parts)
 
 
-class ScpiInstrument:
+class ScpiTwin:
     """Base of simulated SCPI instruments: a :class:`~vcfbench.sim.device.Device` around an engine.
 
     A model sets `engine` in its constructor and overrides what it has of :class:`ScpiModel`.

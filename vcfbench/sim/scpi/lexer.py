@@ -19,7 +19,7 @@ from vcfbench.sim.scpi.errors import ScpiError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Kind", "Token", "Unit", "find_message_end", "units"]
+__all__ = ["Token", "TokenKind", "Unit", "find_message_end", "units"]
 
 _BLANK = "".join(map(chr, (*range(10), *range(11, 33))))
 """White space: blank and every control character but the newline (IEEE 488.2, 7.4.1.2)."""
@@ -38,7 +38,7 @@ _FRAME = re.compile(rb"\"[^\"\n]*\"|'[^'\n]*'|#[0-9]|\n")
 _BASES = (16, 8, 2)
 
 
-class Kind(Enum):
+class TokenKind(Enum):
     """What a parameter looks like."""
 
     NUMBER = "number"
@@ -51,7 +51,7 @@ class Kind(Enum):
 class Token(Struct, frozen=True):
     """One parameter: `text` as typed (strings and blocks without delimiters), `number` and `suffix` of numbers."""
 
-    kind: Kind
+    kind: TokenKind
     text: str
     number: float = 0.0
     suffix: str = ""
@@ -213,14 +213,14 @@ def _token(text: str, position: int) -> tuple[Token, int]:
 def _word(text: str, position: int) -> tuple[Token, int]:
     match = _WORD.match(text, position)
     assert match is not None  # noqa: S101  (the caller saw a letter)
-    return Token(Kind.WORD, match[0].upper()), match.end()
+    return Token(TokenKind.WORD, match[0].upper()), match.end()
 
 
 def _string(text: str, position: int, quote: str) -> tuple[Token, int]:
     match = _STRING[quote].match(text, position)
     if match is None:
         raise ScpiError(-151)
-    return Token(Kind.STRING, match[1].replace(quote * 2, quote)), match.end()
+    return Token(TokenKind.STRING, match[1].replace(quote * 2, quote)), match.end()
 
 
 def _number(text: str, position: int) -> tuple[Token, int]:
@@ -235,7 +235,7 @@ def _number(text: str, position: int) -> tuple[Token, int]:
     unit = "" if suffix is None else suffix[1].upper()
     if len(unit) > _MNEMONIC_LIMIT:
         raise ScpiError(-134)
-    return Token(Kind.NUMBER, match[0], number, unit), end
+    return Token(TokenKind.NUMBER, match[0], number, unit), end
 
 
 def _decimal(mantissa: str, exponent: str) -> float:
@@ -254,7 +254,7 @@ def _hash(text: str, position: int) -> tuple[Token, int]:
     if match is None:
         raise ScpiError(-101)
     which = next(index for index, digits in enumerate(match.groups()) if digits is not None)
-    return Token(Kind.NUMBER, match[0], _based(match.groups()[which], _BASES[which])), match.end()
+    return Token(TokenKind.NUMBER, match[0], _based(match.groups()[which], _BASES[which])), match.end()
 
 
 def _based(digits: str, base: int) -> float:
@@ -270,12 +270,12 @@ def _block(text: str, position: int) -> tuple[Token, int]:
     digits = int(text[position + 1])
     start = position + 2 + digits
     if digits == 0:
-        return Token(Kind.BLOCK, text[start:]), len(text)
+        return Token(TokenKind.BLOCK, text[start:]), len(text)
     length = text[position + 2 : start]
     if len(length) < digits or length.strip(_DIGITS) or start + int(length) > len(text):
         raise ScpiError(-161)
     end = start + int(length)
-    return Token(Kind.BLOCK, text[start:end]), end
+    return Token(TokenKind.BLOCK, text[start:end]), end
 
 
 def _expression(text: str, position: int) -> tuple[Token, int]:
@@ -283,7 +283,7 @@ def _expression(text: str, position: int) -> tuple[Token, int]:
     for end in range(position, len(text)):
         depth += (text[end] == "(") - (text[end] == ")")
         if depth == 0:
-            return Token(Kind.EXPRESSION, text[position + 1 : end]), end + 1
+            return Token(TokenKind.EXPRESSION, text[position + 1 : end]), end + 1
     raise ScpiError(-171)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ScpiError
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 
 if TYPE_CHECKING:
@@ -89,12 +89,12 @@ class Parameter(Struct, frozen=True, kw_only=True):
     default: Any = None
     word_too_long: int = -144
 
-    refusals: ClassVar[Mapping[Kind, int]] = {
-        Kind.NUMBER: -128,
-        Kind.WORD: -148,
-        Kind.STRING: -158,
-        Kind.BLOCK: -168,
-        Kind.EXPRESSION: -178,
+    refusals: ClassVar[Mapping[TokenKind, int]] = {
+        TokenKind.NUMBER: -128,
+        TokenKind.WORD: -148,
+        TokenKind.STRING: -158,
+        TokenKind.BLOCK: -168,
+        TokenKind.EXPRESSION: -178,
     }
 
     @property
@@ -190,9 +190,9 @@ class Number(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> Any:
         """Return a Quantity, a Special, or a float for a word."""
-        if token.kind is Kind.WORD:
+        if token.kind is TokenKind.WORD:
             return self._word(token)
-        if token.kind is not Kind.NUMBER:
+        if token.kind is not TokenKind.NUMBER:
             raise self.refuse_kind(token)
         quantity = self._scale(token)
         return quantity if self.with_unit else self.rounded(quantity.value)
@@ -291,11 +291,11 @@ class Boolean(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> Any:
         """Return a bool, or the word as given."""
-        if token.kind is Kind.NUMBER:
+        if token.kind is TokenKind.NUMBER:
             if token.suffix:
                 raise ScpiError(-138)
             return abs(token.number) >= 0.5
-        if token.kind is not Kind.WORD:
+        if token.kind is not TokenKind.WORD:
             raise self.refuse_kind(token)
         if token.text in ("ON", "OFF"):
             return token.text == "ON"
@@ -323,9 +323,9 @@ class Choice(Parameter, frozen=True):
 
     def parse(self, token: Token) -> str:
         """Return the short form in upper case."""
-        if token.kind is Kind.NUMBER:
+        if token.kind is TokenKind.NUMBER:
             raise _NumberNotAllowed
-        if token.kind is not Kind.WORD:
+        if token.kind is not TokenKind.WORD:
             raise self.refuse_kind(token)
         for mnemonic in self.mnemonics:
             suffix = mnemonic.match(token.text)
@@ -341,9 +341,9 @@ class Text(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> str:
         """Return the characters between the quotes."""
-        if token.kind is Kind.NUMBER:
+        if token.kind is TokenKind.NUMBER:
             raise _NumberNotAllowed
-        if token.kind is not Kind.STRING:
+        if token.kind is not TokenKind.STRING:
             raise self.refuse_kind(token)
         if self.limit is not None and len(token.text) > self.limit:
             raise ScpiError(-223)
@@ -355,9 +355,9 @@ class Word(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> str:
         """Return the word."""
-        if token.kind is Kind.NUMBER:
+        if token.kind is TokenKind.NUMBER:
             raise _NumberNotAllowed
-        if token.kind is not Kind.WORD:
+        if token.kind is not TokenKind.WORD:
             raise self.refuse_kind(token)
         return token.text
 
@@ -367,8 +367,8 @@ class Block(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> bytes:
         """Return the bytes."""
-        if token.kind is not Kind.BLOCK:
-            raise ScpiError(-104 if token.kind is Kind.NUMBER else self.refusals[token.kind])
+        if token.kind is not TokenKind.BLOCK:
+            raise ScpiError(-104 if token.kind is TokenKind.NUMBER else self.refusals[token.kind])
         return token.text.encode("latin-1")
 
 

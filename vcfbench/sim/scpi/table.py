@@ -9,14 +9,14 @@ from msgspec import Struct, field
 
 from vcfbench.sim.scpi.errors import ScpiError
 from vcfbench.sim.scpi.formats import Parts
-from vcfbench.sim.scpi.lexer import Kind, Token, Unit, units
+from vcfbench.sim.scpi.lexer import Token, TokenKind, Unit, units
 from vcfbench.sim.scpi.mnemonics import Mnemonic
 from vcfbench.sim.scpi.parameters import Choice, Number, Parameter, Special
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["Command", "CommandTable", "Program", "Step"]
+__all__ = ["Command", "CommandTable", "CompiledUnit", "Program"]
 
 _WORD_LIMIT = 12
 
@@ -77,7 +77,7 @@ def _alternatives(part: tuple[str, bool]) -> list[tuple[Mnemonic, ...]]:
     return [there, ()] if optional else [there]
 
 
-class Step:
+class CompiledUnit:
     """One unit of a compiled message, ready to be executed again and again."""
 
     __slots__ = (
@@ -116,7 +116,7 @@ class Step:
         return arguments
 
 
-Program = tuple[Step, ...]
+Program = tuple[CompiledUnit, ...]
 """A compiled message."""
 
 
@@ -127,8 +127,8 @@ def _nothing(model: object) -> None:
 _NOTHING = Command("NOTHing", do=_nothing)
 
 
-def _failed(error: ScpiError) -> Step:
-    step = Step(_nothing, (), _NOTHING, Unit())
+def _failed(error: ScpiError) -> CompiledUnit:
+    step = CompiledUnit(_nothing, (), _NOTHING, Unit())
     step.error, step.at_once = error, False
     return step
 
@@ -180,7 +180,7 @@ class CommandTable:
         Refusals are steps, because what stands before them in the message is executed first.
         `number_not_allowed` is the model's error for a number where a word or string is due.
         """
-        steps: list[Step] = []
+        steps: list[CompiledUnit] = []
         path: tuple[str, ...] = ()
         for unit in units(text):
             step, path = self._step(unit, path)
@@ -193,7 +193,7 @@ class CommandTable:
                 break
         return tuple(steps)
 
-    def _step(self, unit: Unit, path: tuple[str, ...]) -> tuple[Step, tuple[str, ...]]:
+    def _step(self, unit: Unit, path: tuple[str, ...]) -> tuple[CompiledUnit, tuple[str, ...]]:
         if unit.error is not None and not unit.mnemonics:
             return _failed(unit.error), path
         full = unit.mnemonics if unit.common or unit.from_root else path + unit.mnemonics
@@ -202,7 +202,7 @@ class CommandTable:
         except ScpiError as error:
             return _failed(error), path if unit.common else full[:-1]
 
-    def _bind(self, unit: Unit, full: tuple[str, ...]) -> Step:
+    def _bind(self, unit: Unit, full: tuple[str, ...]) -> CompiledUnit:
         command, suffixes = self._find(full, unit)
         if unit.error is not None:
             raise unit.error
@@ -215,7 +215,7 @@ class CommandTable:
         parameters = (command.query_parameters or ()) if unit.query else command.parameters
         wanted = _spread(parameters, len(unit.tokens), command)
         arguments = [_argument(parameter, token) for parameter, token in _pairs(wanted, unit.tokens)]
-        step = Step(handler, (*suffixes, *arguments), command, unit)
+        step = CompiledUnit(handler, (*suffixes, *arguments), command, unit)
         step.settling = tuple(
             (index, parameter) for index, parameter in enumerate(wanted, len(suffixes)) if not parameter.fixed
         )
@@ -269,7 +269,7 @@ def _pairs(wanted: tuple[Parameter, ...], tokens: tuple[Token, ...]) -> Iterator
 def _argument(parameter: Parameter, token: Token | None) -> Any:
     if token is None:
         return parameter.default
-    if token.kind is Kind.WORD and len(token.text) > _WORD_LIMIT:
+    if token.kind is TokenKind.WORD and len(token.text) > _WORD_LIMIT:
         raise ScpiError(parameter.word_too_long)
     return parameter.parse(token)
 
@@ -286,8 +286,8 @@ def _limit_query(command: Command) -> Number | None:
 _SPECIALS = Choice(tuple(special.value for special in Special))
 
 
-def _limit_step(command: Command, unit: Unit, number: Number) -> Step:
+def _limit_step(command: Command, unit: Unit, number: Number) -> CompiledUnit:
     if len(unit.tokens) > 1:
         raise ScpiError(-108)
     word = _SPECIALS.parse(unit.tokens[0])
-    return Step(lambda model, which: number.special(which, model), (Special[word],), command, unit)
+    return CompiledUnit(lambda model, which: number.special(which, model), (Special[word],), command, unit)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.serve.clock import ServedClock
-    from vcfbench.sim.serve.instrument import Client, Instrument, Passage
+    from vcfbench.sim.serve.instrument import AttendedPassage, Client, ServedInstrument
     from vcfbench.sim.serve.loop import Loop, Timer
 
 __all__ = ["ControlServer", "Controlled", "Refused"]
@@ -83,10 +83,10 @@ class _NotYet(Exception):
 class Controlled(Protocol):
     """What can be controlled: a served bench."""
 
-    instruments: dict[str, Instrument]
+    instruments: dict[str, ServedInstrument]
     loop: Loop
     clock: ServedClock
-    passage: Passage
+    passage: AttendedPassage
 
     def status(self) -> dict[str, Any]:
         """Return bench time, how it passes, and who is connected to what."""

@@ -10,7 +10,7 @@ import struct
 from itertools import count
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from vcfbench.sim.serve.instrument import HISLIP, Client, Instrument
+from vcfbench.sim.serve.instrument import HISLIP, Client, ServedInstrument
 from vcfbench.sim.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class _Channel(Connection):
 class _Session(Client):
     """A session: answers are pushed on the synchronous channel."""
 
-    def __init__(self, server: HislipServer, instrument: Instrument, channel: _Channel, number: int) -> None:
+    def __init__(self, server: HislipServer, instrument: ServedInstrument, channel: _Channel, number: int) -> None:
         super().__init__(instrument, HISLIP)
         self.number = number
         self._server = server
@@ -378,13 +378,13 @@ _Session._ASYNC = {  # noqa: SLF001  (its own table, which names its methods)
 class HislipServer:
     """Offers instruments by sub-address (`hislip0`)."""
 
-    def __init__(self, loop: Loop, address: tuple[str, int], instruments: Mapping[str, Instrument]) -> None:
+    def __init__(self, loop: Loop, address: tuple[str, int], instruments: Mapping[str, ServedInstrument]) -> None:
         self.loop = loop
         self.instruments = instruments
         self.sessions: dict[int, _Session] = {}
         self.channels: set[_Channel] = set()
         self._numbers = count(1)
-        self._shares: dict[Instrument, dict[_Session, str]] = {}
+        self._shares: dict[ServedInstrument, dict[_Session, str]] = {}
         self.listener = Listener(loop, address, self._accept)
         self.port = self.listener.port
 
@@ -418,11 +418,11 @@ class HislipServer:
         session.attach(channel)
         channel.post(_ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR)
 
-    def sharers(self, instrument: Instrument) -> dict[_Session, str]:
+    def sharers(self, instrument: ServedInstrument) -> dict[_Session, str]:
         """Return the sessions that share a lock on `instrument`, and its key."""
         return self._shares.setdefault(instrument, {})
 
-    def share(self, instrument: Instrument, session: _Session, key: str | None) -> None:
+    def share(self, instrument: ServedInstrument, session: _Session, key: str | None) -> None:
         """Note that `session` shares a lock on `instrument`, or no longer does."""
         if key is None:
             self.sharers(instrument).pop(session, None)

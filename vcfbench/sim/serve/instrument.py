@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
 from vcfbench.sim.rate_tables.line import LineDevice
 from vcfbench.sim.rate_tables.stream import FrameDevice
-from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiInstrument
+from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiTwin
 from vcfbench.sim.scpi.lexer import find_message_end
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
     from vcfbench.sim.serve.clock import ServedClock
 
-__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "Client", "Instrument", "Passage"]
+__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "AttendedPassage", "Client", "ServedInstrument"]
 
 Bytes: TypeAlias = bytes | bytearray
 
@@ -70,7 +70,7 @@ class Client:
     address: object = None
     """What its other end calls itself, if that has a name: the number of a TCP port, the path of a terminal."""
 
-    def __init__(self, instrument: Instrument, interface: Interface) -> None:
+    def __init__(self, instrument: ServedInstrument, interface: Interface) -> None:
         self.instrument = instrument
         self.taken = self.said = 0
         """Bytes that came from the other end, and bytes that were sent there."""
@@ -173,7 +173,7 @@ class Client:
         self.instrument.forget(self)
 
 
-class Line(Protocol):
+class DelayingWire(Protocol):
     """A wire on which something is on its way for a while."""
 
     @property
@@ -198,7 +198,7 @@ class _Nobody(Client):
         """Drop it."""
 
 
-class Instrument:
+class ServedInstrument:
     """A device and its connections.
 
     Args:
@@ -223,8 +223,8 @@ class Instrument:
         """What goes wrong with answers: what is left of one, its end, and how late that is, s."""
         self.late: deque[tuple[float, Client, bytes, bool]] = deque()
         """Answers on their way, and the bench times at which they arrive."""
-        self.passage: Passage | None = None
-        self.lines: list[Line] = []
+        self.passage: AttendedPassage | None = None
+        self.lines: list[DelayingWire] = []
         """Serial lines whose characters take time."""
         self.watches_service = False
         self._requested = False
@@ -234,7 +234,7 @@ class Instrument:
     def _embody(self, device: Device) -> None:
         """Be `device` from now on."""
         self.device = device
-        self.engine = device.engine if isinstance(device, ScpiInstrument) else None
+        self.engine = device.engine if isinstance(device, ScpiTwin) else None
         limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
         self.longest = limit + 8
         self.message_size, self.line_size = _framing(device)
@@ -602,14 +602,14 @@ class Instrument:
 def _shortest(device: Device) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:
     """Return the device's write, read and wake_at, past what only passes them on."""
     kind = type(device)
-    if (kind.write, kind.read, kind.wake_at) == (ScpiInstrument.write, ScpiInstrument.read, ScpiInstrument.wake_at):
-        device = cast("Device", cast("ScpiInstrument", device).engine)
+    if (kind.write, kind.read, kind.wake_at) == (ScpiTwin.write, ScpiTwin.read, ScpiTwin.wake_at):
+        device = cast("Device", cast("ScpiTwin", device).engine)
     return device.write, device.read, device.wake_at
 
 
 def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
     """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
-    if isinstance(device, ScpiInstrument):
+    if isinstance(device, ScpiTwin):
         return _scpi_size if device.engine.dialect.takes_blocks else _newline_size, _newline_size
     if isinstance(device, FrameDevice):
         return device.message_size, device.message_size
@@ -618,7 +618,7 @@ def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], 
 
 def _blank(device: Device) -> re.Pattern[bytes]:
     """Return what finds the ends of empty messages for `device`, which it need not be told of."""
-    if isinstance(device, ScpiInstrument):
+    if isinstance(device, ScpiTwin):
         return _BLANK
     if isinstance(device, LineDevice) and not isinstance(device, FrameDevice):
         return re.compile(b"[%b]*" % re.escape(device.terminators))
@@ -640,7 +640,7 @@ def _scpi_size(data: Bytes) -> int:
     return find_message_end(data) + 1
 
 
-def _served(instrument: Instrument) -> None:
+def _served(instrument: ServedInstrument) -> None:
     """Serve `instrument`; one that makes a mistake is left alone until somebody speaks to it, the others go on."""
     try:
         instrument.serve()
@@ -649,7 +649,7 @@ def _served(instrument: Instrument) -> None:
         instrument.due_s = _NOTHING
 
 
-def _worked(instrument: Instrument) -> bool:
+def _worked(instrument: ServedInstrument) -> bool:
     """Let `instrument` work out a slice; return whether there is more, which one that makes a mistake does not have."""
     try:
         return instrument.work()
@@ -659,21 +659,21 @@ def _worked(instrument: Instrument) -> bool:
         return False
 
 
-class Passage:
+class AttendedPassage:
     """Lets bench time pass, and looks in on the devices at the instants at which they do something by themselves."""
 
     def __init__(self, clock: ServedClock) -> None:
         self.clock = clock
-        self.instruments: list[Instrument] = []
+        self.instruments: list[ServedInstrument] = []
         self.next_due_s = _NOTHING
-        self.working: list[Instrument] = []
+        self.working: list[ServedInstrument] = []
         """Those that work something out, a slice a turn: bench time waits for it wherever it would jump."""
         self.tells = False
         """Whether who leads the clock tells when it waits for what comes unasked, so that nobody need guess."""
         self.errands: list[tuple[float, Callable[[], None]]] = []
         """Other things to do at bench times, in order (scheduled faults)."""
 
-    def add(self, instrument: Instrument) -> None:
+    def add(self, instrument: ServedInstrument) -> None:
         """Look in on `instrument` too."""
         self.instruments.append(instrument)
         instrument.passage = self

@@ -16,7 +16,7 @@ from vcfbench.sim.serve.remote import ControlError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
-    from vcfbench.sim.serial_line import Frame
+    from vcfbench.sim.serial_line import CharacterFrame
     from vcfbench.sim.serve.remote import Control
 
 __all__ = ["LockstepPort"]
@@ -61,7 +61,7 @@ class LockstepPort:
         """Close the wire."""
         self._wire.close()
 
-    def configure(self, frame: Frame, *, handshake: bool) -> None:
+    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None:
         """Set the speed and framing of the wire; nobody's handshake is of use on a pseudo-terminal."""
         del handshake
         self._wire.baudrate, self._wire.bytesize = int(frame.baud), frame.data_bits

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.scpi import Interface
-    from vcfbench.sim.serve.instrument import Instrument
+    from vcfbench.sim.serve.instrument import ServedInstrument
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["Pty", "Stream", "TcpStream", "has_ptys"]
+__all__ = ["ByteStream", "Pty", "TcpStream", "has_ptys"]
 
 _CHUNK = 1 << 16
 _HELD_BACK = 64
@@ -31,13 +31,13 @@ _LOOK_AGAIN_S = 0.01
 _QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 
 
-class Stream(Client):
+class ByteStream(Client):
     """A byte stream to an instrument: answers are sent as soon as they are there."""
 
     def __init__(
         self,
         loop: Loop,
-        instrument: Instrument,
+        instrument: ServedInstrument,
         interface: Interface,
         fd: int,
         *,
@@ -193,11 +193,11 @@ class Stream(Client):
         raise NotImplementedError
 
 
-class TcpStream(Stream):
+class TcpStream(ByteStream):
     """A client's TCP connection."""
 
     def __init__(
-        self, loop: Loop, instrument: Instrument, connection: socket.socket, interface: Interface = SOCKET
+        self, loop: Loop, instrument: ServedInstrument, connection: socket.socket, interface: Interface = SOCKET
     ) -> None:
         self._socket = connection
         self.address = _peer_port(connection)
@@ -225,7 +225,7 @@ class TcpStream(Stream):
         return [self._socket]
 
 
-class Pty(Stream):
+class Pty(ByteStream):
     """A pseudo-terminal with the serial personality; `path` is what a client opens.
 
     The server keeps the client's end open too: a terminal whose last user has left would hang up for good.
@@ -237,7 +237,7 @@ class Pty(Stream):
         """Go on after a mistake: a terminal cannot be opened anew."""
         self.instrument.clear(self)
 
-    def __init__(self, loop: Loop, instrument: Instrument) -> None:
+    def __init__(self, loop: Loop, instrument: ServedInstrument) -> None:
         import tty  # noqa: PLC0415  (there is none on Windows)
 
         if instrument.speaks:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.serial_line import Frame, Line, PlainLine, SerialLine
+from vcfbench.sim.serial_line import CharacterFrame, HandshakeLine, LineEnd, ThreeWireLine
 from vcfbench.sim.serve.raw import Pty
 
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import ScpiError
-    from vcfbench.sim.serve.instrument import Instrument
+    from vcfbench.sim.serve.instrument import ServedInstrument
     from vcfbench.sim.serve.loop import Loop
 
 __all__ = ["SerialPty"]
@@ -32,7 +32,7 @@ class SerialPty(Pty):
         handshake: whether the cable has the pins for it; without, what does not fit into the instrument is lost.
     """
 
-    def __init__(self, loop: Loop, instrument: Instrument, *, handshake: bool) -> None:
+    def __init__(self, loop: Loop, instrument: ServedInstrument, *, handshake: bool) -> None:
         super().__init__(loop, instrument)
         self._handshake = handshake
         self._answers = bytearray()
@@ -77,12 +77,12 @@ class SerialPty(Pty):
         self._answers.clear()
         return answers
 
-    def _new_line(self) -> Line:
+    def _new_line(self) -> LineEnd:
         """Return the line to a SCPI instrument, or to a rate table, which has no handshake and no small buffer."""
         far, clock = _Far(self), self.instrument.clock
         if self.instrument.engine is not None:
-            return SerialLine(far, clock)
-        return PlainLine(far, clock, getattr(self.instrument.device, "frame", Frame(stop_bits=1.0)))
+            return HandshakeLine(far, clock)
+        return ThreeWireLine(far, clock, getattr(self.instrument.device, "frame", CharacterFrame(stop_bits=1.0)))
 
     def _received(self, data: bytes) -> None:
         self.taken += len(data)
@@ -104,13 +104,13 @@ class SerialPty(Pty):
         self._watch()
         self.instrument.touched()
 
-    def _frame(self) -> Frame:
+    def _frame(self) -> CharacterFrame:
         """Return what the client has set, as far as a pseudo-terminal shows it."""
         import termios  # noqa: PLC0415  (there is none on Windows)
 
         settings = termios.tcgetattr(self._slave)
         speed = next((baud for baud in _BAUDS if getattr(termios, f"B{baud}", None) == settings[5]), _USUAL_BAUD)
-        return Frame(float(speed), stop_bits=2.0 if settings[2] & termios.CSTOPB else 1.0)
+        return CharacterFrame(float(speed), stop_bits=2.0 if settings[2] & termios.CSTOPB else 1.0)
 
 
 class _Far:

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from vcfbench.sim.faults import Fault, FaultScript
-    from vcfbench.sim.serve.instrument import Instrument, Passage
+    from vcfbench.sim.serve.instrument import AttendedPassage, ServedInstrument
     from vcfbench.sim.serve.wire import Listener
 
 __all__ = ["ServedFaults", "require_roles"]
 
 
-def require_roles(instruments: Mapping[str, Instrument], roles: Iterable[str], what: str) -> None:
+def require_roles(instruments: Mapping[str, ServedInstrument], roles: Iterable[str], what: str) -> None:
     """Raise ValueError if one of `roles` is none of the bench's."""
     unknown = [role for role in roles if role not in instruments]
     if unknown:
@@ -37,9 +37,9 @@ class ServedFaults:
 
     def __init__(
         self,
-        instruments: Mapping[str, Instrument],
+        instruments: Mapping[str, ServedInstrument],
         listeners: Mapping[str, Sequence[Listener]],
-        passage: Passage,
+        passage: AttendedPassage,
         script: FaultScript,
     ) -> None:
         self._instruments = instruments
@@ -155,7 +155,7 @@ class ServedFaults:
         return left
 
     @staticmethod
-    def _cut(instrument: Instrument) -> None:
+    def _cut(instrument: ServedInstrument) -> None:
         """Cut the connections to an instrument; a pseudo-terminal stays, as a serial cable does."""
         for client in tuple(instrument.clients):
             client.cut()

@@ -18,9 +18,9 @@ from vcfbench.sim.faults import FaultScript
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
 from vcfbench.sim.serve.hislip import HislipServer
-from vcfbench.sim.serve.instrument import CONVERTER, SOCKET, Instrument, Passage
+from vcfbench.sim.serve.instrument import CONVERTER, SOCKET, AttendedPassage, ServedInstrument
 from vcfbench.sim.serve.loop import Loop
-from vcfbench.sim.serve.raw import Pty, Stream, TcpStream, has_ptys
+from vcfbench.sim.serve.raw import ByteStream, Pty, TcpStream, has_ptys
 from vcfbench.sim.serve.serial_pty import SerialPty
 from vcfbench.sim.serve.served_faults import ServedFaults, require_roles
 from vcfbench.sim.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
@@ -133,9 +133,9 @@ class BenchServer:
         self.clock = clock
         self.settings = ServerSettings() if settings is None else settings
         self.loop = Loop()
-        self.passage = Passage(clock)
+        self.passage = AttendedPassage(clock)
         self.wires: dict[str, Wires] = {}
-        self.instruments = {role: Instrument(role, device, clock) for role, device in bench.devices.items()}
+        self.instruments = {role: ServedInstrument(role, device, clock) for role, device in bench.devices.items()}
         self._listeners: dict[str, list[Listener]] = {role: [] for role in self.instruments}
         self._adjustments: dict[str, Adjustment] | None = None
         self._first = (bench.seed, clock.speed)
@@ -162,7 +162,7 @@ class BenchServer:
         """End every connection and give everything back to the system."""
         for instrument in self.instruments.values():
             for client in tuple(instrument.clients):
-                if isinstance(client, Stream):
+                if isinstance(client, ByteStream):
                     client.close()
         self._open.close()
 
@@ -211,7 +211,7 @@ class BenchServer:
             raise ValueError(f"offer: {role} can be on {', '.join(get_args(Offer))}, not on {min(wrong)!r}")
         return offers if has_ptys() else offers - {"pty"}
 
-    def _wire(self, instrument: Instrument, ports: _Ports) -> Wires:
+    def _wire(self, instrument: ServedInstrument, ports: _Ports) -> Wires:
         role, host, shown = instrument.role, self.settings.host, _address_for_clients(self.settings.host)
         offers = self.offered(role)
         wires = Wires(self.bench.models[role])
@@ -234,7 +234,7 @@ class BenchServer:
             self._leave_in_remote(role)
         return wires
 
-    def _pty(self, instrument: Instrument) -> Pty:
+    def _pty(self, instrument: ServedInstrument) -> Pty:
         rs232 = self.settings.rs232
         if rs232 == "ideal":
             return Pty(self.loop, instrument)
@@ -250,7 +250,7 @@ class BenchServer:
         self._open.callback(server.close)
         self._listeners[role].append(listener)
 
-    def _tcp(self, instrument: Instrument, ports: _Ports) -> int:
+    def _tcp(self, instrument: ServedInstrument, ports: _Ports) -> int:
         on_converter = "pty" in self.bench.wires.get(instrument.role, _SERIAL)  # a box without a network port
         text_only = instrument.engine is not None and not instrument.engine.dialect.takes_blocks
         interface = CONVERTER if on_converter and text_only else SOCKET

@@ -14,7 +14,7 @@ from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vcfbench.sim.serve.instrument import VXI11, WHOLE_RESPONSE, Client, Instrument
+from vcfbench.sim.serve.instrument import VXI11, WHOLE_RESPONSE, Client, ServedInstrument
 from vcfbench.sim.serve.interrupts import Destination, InterruptChannel
 from vcfbench.sim.serve.rpc import Call, RpcConnection, opaque
 from vcfbench.sim.serve.wire import Listener
@@ -67,7 +67,7 @@ class _Link(Client):
 
     pushes = False
 
-    def __init__(self, connection: _Core, instrument: Instrument, number: int) -> None:
+    def __init__(self, connection: _Core, instrument: ServedInstrument, number: int) -> None:
         super().__init__(instrument, VXI11)
         self.number = number
         self.connection = connection
@@ -151,7 +151,7 @@ class _Link(Client):
 class Vxi11Server:
     """Offers instruments by device name; every name leads to one when only one is offered under `inst0`."""
 
-    def __init__(self, loop: Loop, address: tuple[str, int], instruments: Mapping[str, Instrument]) -> None:
+    def __init__(self, loop: Loop, address: tuple[str, int], instruments: Mapping[str, ServedInstrument]) -> None:
         self.loop = loop
         self.instruments = instruments
         self.links: dict[int, _Link] = {}

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.cells import few
-from vcfbench.sim.instruments.agilent33220a.noise import Noise, gaussian
+from vcfbench.sim.instruments.agilent33220a.noise import NoiseSource, gaussian
 from vcfbench.sim.instruments.agilent33220a.phases import (
     Bursts,
     Deviated,
@@ -23,18 +23,18 @@ from vcfbench.sim.instruments.agilent33220a.phases import (
     continued,
 )
 from vcfbench.sim.instruments.agilent33220a.playing import Envelope, Playing, WidthSwing
-from vcfbench.sim.instruments.agilent33220a.waveforms import Pulse, Sine, held, ramp, turned
+from vcfbench.sim.instruments.agilent33220a.waveforms import PulseCycle, SineCycle, held, ramp, turned
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.agilent33220a.waveforms import Waveform
+    from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle
     from vcfbench.sim.sources import Bend, Piece, Played
 
 BEND: Bend = (0.01, 0.9, 0.05, 0.02)
-WAVEFORMS: dict[str, Waveform] = {
-    "sine": Sine(),
-    "pulse": Pulse(0.3),
+WAVEFORMS: dict[str, Cycle] = {
+    "sine": SineCycle(),
+    "pulse": PulseCycle(0.3),
     "triangle": ramp(0.5),
     "rise": ramp(1.0),
     "fall": ramp(0.0),
@@ -75,24 +75,24 @@ def slowly(values: NDArray[Any], share: int) -> NDArray[Any]:
     return values
 
 
-TONE = Rhythm(Sine(), 40.0)
+TONE = Rhythm(SineCycle(), 40.0)
 PLAYED = {
-    "sine": Playing(0.3, 1.0, Sine(), Steady(100.0, 0.2)),
-    "square by lines": Playing(0.3, 1.0, Pulse(0.3, 1e-6), Steady(100.0, 0.2)),
-    "square by levels": Playing(0.3, -1.0, Pulse(0.3, 1e-6), Steady(7.0, 0.2)),
+    "sine": Playing(0.3, 1.0, SineCycle(), Steady(100.0, 0.2)),
+    "square by lines": Playing(0.3, 1.0, PulseCycle(0.3, 1e-6), Steady(100.0, 0.2)),
+    "square by levels": Playing(0.3, -1.0, PulseCycle(0.3, 1e-6), Steady(7.0, 0.2)),
     "ramp": Playing(0.3, 1.0, ramp(0.25), Steady(1.0, 0.9)),
     "few points": Playing(0.3, 1.0, held([0.0, 1.0, -0.5]), Steady(1.0, 0.9)),
     "many points": Playing(0.3, 1.0, held(np.cos(np.arange(6000) / 500).tolist()), Steady(1.0, 0.2)),
-    "FM": Playing(0.3, 1.0, Sine(), Deviated(500.0, 200.0, TONE)),
+    "FM": Playing(0.3, 1.0, SineCycle(), Deviated(500.0, 200.0, TONE)),
     "PM of a ramp": Playing(0.3, 1.0, ramp(0.5), Shifted(500.0, 0.4, TONE)),
-    "FSK": Playing(0.3, 1.0, Sine(), Keyed(500.0, 200.0, 100.0)),
-    "sweep": Playing(0.3, 1.0, Pulse(0.5), Swept(100.0, 4000.0, 0.02, logarithmic=True, from_s=0.0, again=True)),
-    "bursts": Playing(0.3, 1.0, Sine(), Bursts(1000.0, 3.0, 0.0, 5e-3, 0.125)),
-    "bursts beyond hearing": Playing(0.3, 1.0, Sine(), Bursts(300e3, 30.0, 0.0, 1e-3, 0.125)),
-    "AM of a square": Playing(0.3, 1.0, Pulse(0.5), Steady(300.0), Envelope(0.8, TONE, 10.0)),
-    "AM of a fast carrier": Playing(0.3, 1.0, Sine(), Steady(1.1e6), Envelope(0.8, TONE, 10.0)),
-    "PWM": Playing(0.3, 1.0, Pulse(0.5), Steady(300.0), None, WidthSwing(0.5, 0.3, TONE)),
-    "PWM of fast pulses": Playing(0.3, 1.0, Pulse(0.5), Steady(1.1e6), None, WidthSwing(0.5, 0.3, TONE)),
+    "FSK": Playing(0.3, 1.0, SineCycle(), Keyed(500.0, 200.0, 100.0)),
+    "sweep": Playing(0.3, 1.0, PulseCycle(0.5), Swept(100.0, 4000.0, 0.02, logarithmic=True, from_s=0.0, again=True)),
+    "bursts": Playing(0.3, 1.0, SineCycle(), Bursts(1000.0, 3.0, 0.0, 5e-3, 0.125)),
+    "bursts beyond hearing": Playing(0.3, 1.0, SineCycle(), Bursts(300e3, 30.0, 0.0, 1e-3, 0.125)),
+    "AM of a square": Playing(0.3, 1.0, PulseCycle(0.5), Steady(300.0), Envelope(0.8, TONE, 10.0)),
+    "AM of a fast carrier": Playing(0.3, 1.0, SineCycle(), Steady(1.1e6), Envelope(0.8, TONE, 10.0)),
+    "PWM": Playing(0.3, 1.0, PulseCycle(0.5), Steady(300.0), None, WidthSwing(0.5, 0.3, TONE)),
+    "PWM of fast pulses": Playing(0.3, 1.0, PulseCycle(0.5), Steady(1.1e6), None, WidthSwing(0.5, 0.3, TONE)),
 }  # fmt: skip
 
 
@@ -117,7 +117,7 @@ def test_pieces_are_what_the_input_makes_of_the_volts(name: str) -> None:
 
 
 def test_a_corner_is_left_behind_once_it_is_reached() -> None:
-    playing = Playing(0.0, 1.0, Pulse(0.5), Steady(0.1, 0.0))
+    playing = Playing(0.0, 1.0, PulseCycle(0.5), Steady(0.1, 0.0))
     reached, levels = 0.3, []
     for _ in range(6):
         piece = playing.piece(reached, (0.0, 1.0, 0.0, 0.0))
@@ -129,7 +129,7 @@ def test_a_corner_is_left_behind_once_it_is_reached() -> None:
 @settings(max_examples=60, deadline=None)
 @given(st.floats(1e-6, 31.0), st.floats(0.01, 0.99), st.floats(0.0, 1e6))
 def test_pieces_of_slow_pulses_always_go_on(hertz: float, duty: float, start: float) -> None:
-    playing, reached = Playing(0.0, 1.0, Pulse(duty), Steady(hertz, 0.123)), start
+    playing, reached = Playing(0.0, 1.0, PulseCycle(duty), Steady(hertz, 0.123)), start
     for _ in range(5):
         piece = playing.piece(reached, BEND)
         assert piece.stop_s > reached
@@ -185,7 +185,7 @@ def test_gaussians_have_their_moments_and_do_not_know_each_other() -> None:
 
 
 def test_what_a_piece_is_made_of_is_the_mean_of_what_is_seen() -> None:
-    noise, whole = Noise(0.2, 0.5, 11), 512 * TICK_S
+    noise, whole = NoiseSource(0.2, 0.5, 11), 512 * TICK_S
     for number in (0, 7, 123_456):
         ticks = (512 * number + np.arange(512, dtype=np.float64) + 0.5) * TICK_S
         # of eight ticks at either end a part belongs to the neighbours: 0.5 V sqrt(8) / 512
@@ -198,7 +198,7 @@ def test_what_a_piece_is_made_of_is_the_mean_of_what_is_seen() -> None:
 
 def test_noise_is_as_loud_at_any_place_between_ticks_and_flat_to_9_mhz() -> None:
     """By the transform of a record: 3 dB down at 9 MHz, and no line of nulls at the rate of the ticks."""
-    noise, places = Noise(0.0, 1.0, 3), np.arange(0.0, 1.0, 0.125)
+    noise, places = NoiseSource(0.0, 1.0, 3), np.arange(0.0, 1.0, 0.125)
     loudness = [float(noise.at((np.arange(100_000) + place) * TICK_S).std()) for place in places]
     assert loudness == pytest.approx([1.0] * len(places), abs=0.01)
     seen = noise.at(np.arange(1 << 19) * 5e-9).reshape(-1, 4096)
@@ -214,7 +214,7 @@ def test_noise_is_as_loud_at_any_place_between_ticks_and_flat_to_9_mhz() -> None
     assert level_db(28e6) < -40.0
 
 
-@pytest.mark.parametrize("source", [Noise(0.4, 0.5, 3), *list(PLAYED.values())[:2]])
+@pytest.mark.parametrize("source", [NoiseSource(0.4, 0.5, 3), *list(PLAYED.values())[:2]])
 def test_behind_a_load_everything_is_divided(source: Played) -> None:
     times = np.linspace(0.0, 0.1, 50)
     loaded = source.divided(0.25)

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.trace import Piece
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Bench:
             "pulse": lambda t: np.where((t * 1000.0) % 1.0 < 0.3, 1.0, -1.0),
         }
         wired = {1: "drive", 2: "carrier", 3: "flat", 4: "pulse"}
-        self.scope = Dso7104B(self, wired, errors or ScopeErrors.none())
+        self.scope = Dso7104BTwin(self, wired, errors or ScopeErrors.none())
 
     def capture(self, start_s: float, stop_s: float) -> SineCapture:
         assert start_s >= self.clock.now()

@@ -47,10 +47,10 @@ def test_there_is_no_usb_stick(command: str) -> None:
 @pytest.mark.parametrize("subsystem", ["MARKer", "EXTernal", "SAVE", "RECall", "DISPlay", "SYSTem"])
 def test_what_a_subsystem_tells_of_itself_can_be_sent_back(subsystem: str) -> None:
     bench = Bench()
-    told = bench.ask(f":{subsystem}?")
-    bench.send(told)
+    answer = bench.ask(f":{subsystem}?")
+    bench.send(answer)
     assert bench.errors() == []
-    assert bench.ask(f":{subsystem}?") == told
+    assert bench.ask(f":{subsystem}?") == answer
 
 
 def test_the_setup_is_an_opaque_block_of_characters() -> None:

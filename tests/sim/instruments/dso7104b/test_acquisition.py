@@ -11,7 +11,7 @@ import pytest
 from tests.sim.instruments.dso7104b.bench import Bench, F, errors_with, waveform
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.world import World
 
 # --- segments
@@ -139,17 +139,17 @@ def test_a_long_record_of_peaks_comes_in_blocks() -> None:
 
 
 @pytest.fixture(scope="module")
-def real() -> tuple[VirtualClock, World, Dso7104B]:
+def real() -> tuple[VirtualClock, World, Dso7104BTwin]:
     clock = VirtualClock()
     world = World(clock, ideal_bench(), 0)
-    scope = Dso7104B(world, {1: "drive", 2: "v_vc", 3: "rail_positive", 4: "output"}, ScopeErrors.none())
+    scope = Dso7104BTwin(world, {1: "drive", 2: "v_vc", 3: "rail_positive", 4: "output"}, ScopeErrors.none())
     world.set_rail("positive", 10.0)
     world.set_rail("negative", -10.0)
     clock.sleep_until(5.0)
     return clock, world, scope
 
 
-def tell(real: tuple[VirtualClock, World, Dso7104B], text: str) -> bytes:
+def tell(real: tuple[VirtualClock, World, Dso7104BTwin], text: str) -> bytes:
     clock, _, scope = real
     scope.write(text.encode() + b"\n")
     while not (reply := scope.read(1 << 26)[0]):
@@ -162,7 +162,7 @@ def tell(real: tuple[VirtualClock, World, Dso7104B], text: str) -> bytes:
 @pytest.mark.parametrize("sweep", ["AUTO", "NORM"])
 @pytest.mark.parametrize("form", ["BYTE", "WORD"])
 def test_a_long_record_is_the_short_one_in_between(
-    real: tuple[VirtualClock, World, Dso7104B], form: str, sweep: str
+    real: tuple[VirtualClock, World, Dso7104BTwin], form: str, sweep: str
 ) -> None:
     """What is interpolated agrees with what is looked at point by point, within a code of 2^-16."""
     tell(real, f":CHAN1:RANG 4;:TIM:RANG 10E-3;:TRIG:SWE {sweep};SOUR CHAN1;LEV 0;:DIG CHAN1;*OPC?")
@@ -175,7 +175,7 @@ def test_a_long_record_is_the_short_one_in_between(
     assert np.abs(np.diff(long)).max() <= (1 if form == "BYTE" else 4)
 
 
-def test_a_record_across_a_jump_keeps_it_sharp(real: tuple[VirtualClock, World, Dso7104B]) -> None:
+def test_a_record_across_a_jump_keeps_it_sharp(real: tuple[VirtualClock, World, Dso7104BTwin]) -> None:
     clock, world, scope = real
     tell(real, ":CHAN3:RANG 40;:TIM:RANG 10E-3;:TRIG:SOUR CHAN3;LEV 9;SLOP NEG;SWE NORM;:SING;*OPC?")
     scope.write(b":CHAN3:DISP ON\n")

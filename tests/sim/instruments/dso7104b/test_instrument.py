@@ -189,10 +189,10 @@ def test_memory_is_read_of_samples_only(bench: Bench, kind: str, points: int) ->
 
 @pytest.mark.parametrize("subsystem", ["ACQuire", "WAVeform", "TRIGger", "TIMebase", "CHANnel2", "FUNCtion"])
 def test_what_a_subsystem_tells_of_itself_can_be_sent_back(bench: Bench, subsystem: str) -> None:
-    told = bench.ask(f":{subsystem}?")
-    bench.send(told)
+    answer = bench.ask(f":{subsystem}?")
+    bench.send(answer)
     assert bench.errors() == []
-    assert bench.ask(f":{subsystem}?") == told
+    assert bench.ask(f":{subsystem}?") == answer
 
 
 def test_without_a_second_source_there_is_no_phase(bench: Bench) -> None:

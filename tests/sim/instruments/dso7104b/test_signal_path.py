@@ -10,7 +10,7 @@ import pytest
 from tests.sim.instruments.dso7104b.bench import Bench, waveform
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.leads import Leads
 from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
@@ -69,7 +69,7 @@ def test_a_step_before_the_record_is_still_charging_the_capacitor() -> None:
     """V_Vc goes from 0 to 1 V with the channel AC coupled: 45 ms later 1/e of it is left."""
     clock = VirtualClock()
     world = World(clock, ideal_bench(), 0)
-    scope = Dso7104B(world, {1: "v_vc"}, ScopeErrors.none())
+    scope = Dso7104BTwin(world, {1: "v_vc"}, ScopeErrors.none())
     world.drive_v_vc(Drive(0.0))
     scope.write(b":CHAN1:RANG 8;COUP AC;:TIM:RANG 1E-3;:TRIG:SWE AUTO;LEV 7\n")
     clock.sleep_until(1.0)
@@ -90,7 +90,7 @@ def test_a_step_before_the_record_is_still_charging_the_capacitor() -> None:
 def test_a_lead_that_hangs_free_is_at_0_v_behind_every_filter(setup: str) -> None:
     clock = VirtualClock()
     leads = Leads(World(clock, ideal_bench(), 0), "oscilloscope", {"CHAN1": "drive"})
-    scope = Dso7104B(leads, {1: "CHAN1"}, ScopeErrors.none())
+    scope = Dso7104BTwin(leads, {1: "CHAN1"}, ScopeErrors.none())
     leads.connect("CHAN1", None)
     scope.write(f":CHAN1:{setup};:DIG CHAN1;:MEAS:VPP?\n".encode())
     while not (reply := scope.read(100)[0]):

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from tests.sim.instruments.dso7104b.bench import Bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.leads import Leads
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
@@ -27,7 +27,7 @@ class Host:
     clock: VirtualClock
     world: World
     leads: Leads
-    scope: Dso7104B
+    scope: Dso7104BTwin
 
     def ask(self, text: str) -> str:
         self.scope.write(text.encode("latin-1") + b"\n")
@@ -51,7 +51,7 @@ def host() -> Host:
     world = World(clock, BENCH, 0)
     nodes = ("drive", "v_vc", "rail_positive", "output")
     leads = Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in enumerate(nodes, 1)})
-    scope = Dso7104B(leads, {n: f"channel_{n}" for n in (1, 2, 3, 4)}, ScopeErrors.none())
+    scope = Dso7104BTwin(leads, {n: f"channel_{n}" for n in (1, 2, 3, 4)}, ScopeErrors.none())
     world.set_rail("positive", 10.0)
     world.set_rail("negative", -10.0)
     clock.sleep_until(5.0)
@@ -121,7 +121,7 @@ def test_an_idle_oscilloscope_does_not_wake_anybody(host: Host) -> None:
 
 def test_an_input_that_is_not_wired_loads_nothing() -> None:
     bench = Bench()
-    scope = Dso7104B(bench, {1: "drive"}, ScopeErrors.none())
+    scope = Dso7104BTwin(bench, {1: "drive"}, ScopeErrors.none())
     scope.write(b":CHAN2:IMP FIFT;:CHAN2:IMP?\n")
     assert scope.read(10)[0] == b"FIFT\n"
     assert bench.loads_ohm == {}

@@ -16,7 +16,7 @@ from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.instruments.hp34401a.ac import Response, crest_limit, detect
+from vcfbench.sim.instruments.hp34401a.ac import AcResponse, crest_limit, detect
 from vcfbench.sim.instruments.hp34401a.errors import AcErrors
 from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.trace import Piece
@@ -211,13 +211,13 @@ def test_a_thousand_specimens_are_within_the_published_accuracy_and_differ(frequ
     errors = []
     for seed in range(1000):
         specimen = MeterErrors.drawn(np.random.default_rng(seed)).ac
-        seen = abs(complex(Response(3.0, specimen).at(np.array([frequency_hz]))[0])) * 5.0
+        seen = abs(complex(AcResponse(3.0, specimen).at(np.array([frequency_hz]))[0])) * 5.0
         errors.append(seen + specimen.range_share * 3e-4 * 10.0 - 5.0)
     assert max(map(abs, errors)) <= of_reading * 5.0 + of_range * 10.0
     spread = float(np.std(errors))
     assert spread > 0.02 * (of_reading * 5.0 + of_range * 10.0)
     assert 0.6 < float(np.mean(np.abs(np.array(errors) - np.mean(errors)) < spread)) < 0.8  # a normal one has 0.68
-    assert detect([piece], 1.0, 8.0, Response(3.0, AcErrors())).rms_v == pytest.approx(5.0, rel=6e-3)
+    assert detect([piece], 1.0, 8.0, AcResponse(3.0, AcErrors())).rms_v == pytest.approx(5.0, rel=6e-3)
 
 
 @pytest.mark.exhaustive
@@ -231,11 +231,11 @@ def test_the_weighted_power_is_the_integral(parts: list[tuple[float, float, floa
     sines = tuple(Sine(*part) for part in parts)
     cut = 0.1 * split
     pieces = [_piece(sines, 0.0, cut), _piece(sines, cut, 0.1)]
-    seen = detect([piece for piece in pieces if piece.stop_s > piece.start_s], 0.0, 0.1, Response(20.0, AcErrors()))
+    seen = detect([piece for piece in pieces if piece.stop_s > piece.start_s], 0.0, 0.1, AcResponse(20.0, AcErrors()))
     times = (np.arange(1_000_003) + 0.5) * (0.1 / 1_000_003)
     volts = np.zeros_like(times)
     for each in sines:
-        passed_by = complex(Response(20.0, AcErrors()).at(np.array([each.frequency_hz]))[0])
+        passed_by = complex(AcResponse(20.0, AcErrors()).at(np.array([each.frequency_hz]))[0])
         volts += (
             abs(passed_by)
             * each.amplitude_v

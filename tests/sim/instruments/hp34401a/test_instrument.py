@@ -354,7 +354,7 @@ def test_zero_volts_have_no_level() -> None:
 
 
 @pytest.mark.parametrize(
-    ("configured", "told"),
+    ("configured", "answered"),
     [
         ("CONF:FREQ", "FREQ +3.00000000E+00,+3.00000000E-05"),
         ("CONF:PER", "PER +3.33333333E-01,+3.33333333E-06"),
@@ -362,11 +362,11 @@ def test_zero_volts_have_no_level() -> None:
         ("CONF:PER DEF,3.4E-6", "PER +3.33333333E-01,+3.33333333E-06"),
     ],
 )
-def test_frequency_and_period_are_configured_for_the_slowest_signal(configured: str, told: str) -> None:
+def test_frequency_and_period_are_configured_for_the_slowest_signal(configured: str, answered: str) -> None:
     """The E1412A, a 34401A in VXI, answers so."""
     bench_ = bench()
     bench_.talk.write(configured)
-    assert bench_.talk.ask("CONF?") == f'"{told}"'
+    assert bench_.talk.ask("CONF?") == f'"{answered}"'
     assert bench_.talk.errors() == []
 
 

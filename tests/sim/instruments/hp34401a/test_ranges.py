@@ -14,7 +14,7 @@ from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a.phases import Steady
 from vcfbench.sim.instruments.agilent33220a.playing import Playing
-from vcfbench.sim.instruments.agilent33220a.waveforms import Pulse
+from vcfbench.sim.instruments.agilent33220a.waveforms import PulseCycle
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
@@ -107,6 +107,6 @@ def test_autorange_takes_a_range_that_holds_the_peaks() -> None:
 def test_ac_ranges_overload_beyond_a_crest_of_five(volts: float, overloads: bool) -> None:  # noqa: FBT001
     """Pulses of 1 % at 1 kHz on the 1 V range, below 1 V rms: the amplifier overshoots them by 4.3 %."""
     made = bench()
-    made.world.play(source=Playing(volts / 2, volts / 2, Pulse(0.01, 2e-5), Steady(1e3)))
+    made.world.play(source=Playing(volts / 2, volts / 2, PulseCycle(0.01, 2e-5), Steady(1e3)))
     made.talk.write("CONF:VOLT:AC 1")
     assert (made.value() > 1e37) is overloads

@@ -23,7 +23,7 @@ from vcfbench.sim.adding import added
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors, phases, waveforms
-from vcfbench.sim.instruments.agilent33220a.noise import Noise
+from vcfbench.sim.instruments.agilent33220a.noise import NoiseSource
 from vcfbench.sim.instruments.agilent33220a.playing import Envelope, Playing, WidthSwing
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
@@ -73,7 +73,7 @@ def _harmonics(hertz: float) -> NDArray[np.float64]:
 
 def sine(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     turn = draw.uniform()
-    source = Playing(draw.uniform(-1, 1), volts, waveforms.Sine(), phases.Steady(hertz, turn))
+    source = Playing(draw.uniform(-1, 1), volts, waveforms.SineCycle(), phases.Steady(hertz, turn))
     rms = volts * abs(complex(passed(hertz))) / math.sqrt(2.0)
     return Signal("sine", source, rms, lambda t: hertz * t + turn, volts, hertz)
 
@@ -82,7 +82,7 @@ def square(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     edge = EDGE_S * hertz
     n = _harmonics(hertz)
     sizes = 4 * volts * 0.5 * np.abs(np.sinc(n / 2) * np.sinc(n * edge))
-    source = Playing(0.3, volts, waveforms.Pulse(0.5, edge), phases.Steady(hertz, draw.uniform()))
+    source = Playing(0.3, volts, waveforms.PulseCycle(0.5, edge), phases.Steady(hertz, draw.uniform()))
     return Signal("square", source, _series(sizes, hertz), lambda t: hertz * t, volts, hertz)
 
 
@@ -99,15 +99,15 @@ def pulse(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     edge_s = min(draw.uniform(5e-9, 100e-9) / 0.8, 0.5 * width_s, 0.05 / hertz)
     n = _harmonics(hertz)
     sizes = 4 * volts * width_s * hertz * np.abs(np.sinc(n * width_s * hertz) * np.sinc(n * edge_s * hertz))
-    shape = waveforms.Pulse(width_s * hertz, edge_s * hertz)
+    shape = waveforms.PulseCycle(width_s * hertz, edge_s * hertz)
     source = Playing(volts, volts, shape, phases.Steady(hertz, draw.uniform()))
     return Signal("pulse", source, _series(sizes, hertz), lambda t: hertz * t, volts, hertz)
 
 
 def am(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     depth, rate = draw.uniform(0.1, 0.8), min(draw.uniform(5.0, 20e3), hertz / 20)
-    rhythm = phases.Rhythm(waveforms.Sine(), rate)
-    source = Playing(0.1, volts, waveforms.Sine(), phases.Steady(hertz), Envelope(depth, rhythm, 10.0))
+    rhythm = phases.Rhythm(waveforms.SineCycle(), rate)
+    source = Playing(0.1, volts, waveforms.SineCycle(), phases.Steady(hertz), Envelope(depth, rhythm, 10.0))
     parts = ((volts / 2, hertz), (volts * depth / 4, hertz - rate), (volts * depth / 4, hertz + rate))
     rms = math.sqrt(sum(abs(size * complex(passed(f))) ** 2 for size, f in parts) / 2)
     return Signal("am", source, rms, lambda t: hertz * t, volts * (1 - depth) / 2, hertz)
@@ -116,7 +116,7 @@ def am(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
 def fm(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     deviation, rate = draw.uniform(0.05, 0.9) * hertz, min(draw.uniform(5.0, 20e3), hertz / 50)
     source = Playing(
-        0.0, volts, waveforms.Sine(), phases.Deviated(hertz, deviation, phases.Rhythm(waveforms.Sine(), rate))
+        0.0, volts, waveforms.SineCycle(), phases.Deviated(hertz, deviation, phases.Rhythm(waveforms.SineCycle(), rate))
     )
     index = deviation / rate
     most = int(index + 30 + 6 * index ** (1 / 3))
@@ -128,7 +128,7 @@ def fm(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
 
 def fsk(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     hop, rate = hertz * draw.uniform(0.3, 3.0), draw.uniform(1.0, min(hertz / 20, 1e3) + 1.0)
-    source = Playing(0.0, volts, waveforms.Sine(), phases.Keyed(hertz, hop, rate))
+    source = Playing(0.0, volts, waveforms.SineCycle(), phases.Keyed(hertz, hop, rate))
     both = (abs(complex(passed(hertz))) ** 2 + abs(complex(passed(hop))) ** 2) / 2
 
     def cycles(t: float) -> float:
@@ -141,7 +141,7 @@ def fsk(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
 def burst(draw: np.random.Generator, hertz: float, volts: float) -> Signal:
     count = int(draw.integers(3, min(50, hertz / 40)))
     period = count / hertz / draw.uniform(0.5, 0.9)
-    source = Playing(0.0, volts, waveforms.Sine(), phases.Bursts(hertz, float(count), 0.0, period))
+    source = Playing(0.0, volts, waveforms.SineCycle(), phases.Bursts(hertz, float(count), 0.0, period))
     points = 1 << 20
     times = (np.arange(points) + 0.5) * period / points
     volts_then = np.where(times < count / hertz, volts * np.sin(math.tau * hertz * times), 0.0)
@@ -248,23 +248,23 @@ def test_random_signals_are_counted(number: int) -> None:
     assert off_cycles < COUNT_TOLERANCE[signal.name]
 
 
-TONE = waveforms.Sine()
+TONE = waveforms.SineCycle()
 
 
 SWING = WidthSwing(0.1, 0.05, phases.Rhythm(TONE, 100.0))
 
 
-def _wave(hertz: float, shape: waveforms.Waveform, volts: float = 1.0) -> Playing:
+def _wave(hertz: float, shape: waveforms.Cycle, volts: float = 1.0) -> Playing:
     return Playing(0.0, volts, shape, phases.Steady(hertz))
 
 
 @pytest.mark.parametrize(
     ("source", "expected_v"),
     [
-        (_wave(1e6, waveforms.Pulse(0.05, 5e-9 / 0.8 * 1e6)), 0.107),
-        (_wave(5e6, waveforms.Pulse(0.5, EDGE_S * 5e6)), 0.036),
-        (_wave(20e6, waveforms.Pulse(0.5, EDGE_S * 20e6)), 0.002),
-        (_wave(1e6, waveforms.Pulse(0.5, EDGE_S * 1e6)), 0.6373),
+        (_wave(1e6, waveforms.PulseCycle(0.05, 5e-9 / 0.8 * 1e6)), 0.107),
+        (_wave(5e6, waveforms.PulseCycle(0.5, EDGE_S * 5e6)), 0.036),
+        (_wave(20e6, waveforms.PulseCycle(0.5, EDGE_S * 20e6)), 0.002),
+        (_wave(1e6, waveforms.PulseCycle(0.5, EDGE_S * 1e6)), 0.6373),
     ],
 )
 def test_ac_volts_of_fast_edges(source: Playing, expected_v: float) -> None:
@@ -278,13 +278,13 @@ def test_ac_volts_of_fast_edges(source: Playing, expected_v: float) -> None:
         (Playing(0.0, 1.0, TONE, phases.Deviated(1e4, 5e3, phases.Rhythm(TONE, 50.0))), 1e4),
         (Playing(0.0, 1.0, TONE, phases.Keyed(1e3, 2e3, 10.0)), 1.5e3),
         (Playing(0.0, 1.0, TONE, phases.Bursts(2e4, 50.0, 0.0, 0.01)), 5e3),
-        (_wave(20e6, waveforms.Pulse(0.5, EDGE_S * 20e6)), 0.0),
-        (_wave(5e6, waveforms.Pulse(0.5, EDGE_S * 5e6)), 5e6),
-        (_wave(1e3, waveforms.Pulse(2e-5, 5e-6)), 0.0),
-        (_wave(1e3, waveforms.Pulse(0.02, 5e-6)), 1e3),
-        (Playing(0.0, 1.0, waveforms.Pulse(0.1, 1e-4), phases.Steady(1e4), None, SWING), 1e4),
+        (_wave(20e6, waveforms.PulseCycle(0.5, EDGE_S * 20e6)), 0.0),
+        (_wave(5e6, waveforms.PulseCycle(0.5, EDGE_S * 5e6)), 5e6),
+        (_wave(1e3, waveforms.PulseCycle(2e-5, 5e-6)), 0.0),
+        (_wave(1e3, waveforms.PulseCycle(0.02, 5e-6)), 1e3),
+        (Playing(0.0, 1.0, waveforms.PulseCycle(0.1, 1e-4), phases.Steady(1e4), None, SWING), 1e4),
         (added(_wave(1e3, waveforms.ramp(0.3)), Drive(0.0, 0.1, 50.0)), 1e3),
-        (added(_wave(2e5, waveforms.Pulse(0.5, 3e-3)), Drive(0.0, 1e-3, 49.97)), 2e5),
+        (added(_wave(2e5, waveforms.PulseCycle(0.5, 3e-3)), Drive(0.0, 1e-3, 49.97)), 2e5),
         (Drive(0.0, 1.0, 1e5, 0.0, 50.0, (Sine(1e-3, 50.01, 0.3),)), 1e5),
     ],
 )
@@ -304,7 +304,7 @@ def test_amplitude_modulation_of_100_percent_loses_the_cycles_below_the_threshol
 def test_noise_is_counted_as_often_as_it_crosses_both_thresholds() -> None:
     """Against Gaussian numbers through a Butterworth filter, counted one by one."""
     rate_hz, rms_v = 64e6, 0.3
-    made = meter(Noise(0.0, rms_v, 5), "CONF:FREQ;:FREQ:VOLT:RANG 1")
+    made = meter(NoiseSource(0.0, rms_v, 5), "CONF:FREQ;:FREQ:VOLT:RANG 1")
     analog = ([(math.tau * HIGH_HZ) ** 2], [1.0, math.sqrt(2.0) * math.tau * HIGH_HZ, (math.tau * HIGH_HZ) ** 2])
     drawn_v = np.random.default_rng(1).normal(0.0, 1.0, 200_000)
     volts = lfilter(*bilinear(*analog, fs=rate_hz), drawn_v)
@@ -320,7 +320,7 @@ def test_noise_is_counted_as_often_as_it_crosses_both_thresholds() -> None:
 
 
 def test_ac_volts_of_noise_are_its_power_behind_the_path() -> None:
-    noise, rate_hz, points = Noise(0.2, 0.5, 7), 50e6, 1 << 18
+    noise, rate_hz, points = NoiseSource(0.2, 0.5, 7), 50e6, 1 << 18
     seen = noise.at(3.0 + np.arange(points) / rate_hz)
     powers = np.abs(np.fft.rfft(seen - seen.mean())) ** 2 * 2.0 / points**2
     left = powers[1:] @ np.abs(passed(np.fft.rfftfreq(points, 1 / rate_hz)[1:])) ** 2

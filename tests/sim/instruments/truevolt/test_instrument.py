@@ -8,13 +8,13 @@ import pytest
 from tests.sim.instruments.conversation import Conversation
 from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.sim.instruments.hp34401a import MeterErrors
-from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin, Truevolt
+from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin, SimulatedTruevolt
 
 MODELS = [Keysight34461ATwin, Keysight34465ATwin]
 
 
 class Bench:
-    def __init__(self, kind: type[Truevolt], errors: MeterErrors | None = None, **more: str) -> None:
+    def __init__(self, kind: type[SimulatedTruevolt], errors: MeterErrors | None = None, **more: str) -> None:
         self.world = FakeWorld()
         self.world.offset_v = 1.0
         self.meter = kind(self.world, errors=errors or MeterErrors.none(), **more)  # type: ignore[arg-type]
@@ -32,7 +32,7 @@ class Bench:
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_it_reads_the_mean_over_the_aperture(kind: type[Truevolt]) -> None:
+def test_it_reads_the_mean_over_the_aperture(kind: type[SimulatedTruevolt]) -> None:
     bench = Bench(kind)
     bench.world.slope_v_s = 0.1
     bench.talk.write("CONF:VOLT:DC 10;:TRIG:DEL 0")
@@ -48,7 +48,7 @@ def test_apertures_of_a_34461a_are_the_guides(nplc: float, aperture_s: float) ->
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_autozero_doubles_the_time_of_a_reading(kind: type[Truevolt]) -> None:
+def test_autozero_doubles_the_time_of_a_reading(kind: type[SimulatedTruevolt]) -> None:
     bench = Bench(kind)
     bench.talk.write("CONF:VOLT:DC 10;:VOLT:DC:NPLC 100")
     with_zero_s = bench.duration_s("READ?")
@@ -66,7 +66,7 @@ def test_an_integration_time_in_seconds_is_kept() -> None:
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_noise_and_steps_go_with_the_resolution(kind: type[Truevolt]) -> None:
+def test_noise_and_steps_go_with_the_resolution(kind: type[SimulatedTruevolt]) -> None:
     bench = Bench(kind, MeterErrors(noise=0.3, quantised=True))
     bench.talk.write("CONF:VOLT:DC 10;:SAMP:COUN 200")
     readings = np.array([float(each) for each in (bench.talk.ask("READ?") or "").split(",")])
@@ -78,7 +78,7 @@ def test_noise_and_steps_go_with_the_resolution(kind: type[Truevolt]) -> None:
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_specimens_scatter_as_the_data_sheet_of_the_model_says(kind: type[Truevolt]) -> None:
+def test_specimens_scatter_as_the_data_sheet_of_the_model_says(kind: type[SimulatedTruevolt]) -> None:
     """What budgets take from it: two standard deviations within the limits."""
     drawn = [kind.errors_class.drawn(np.random.default_rng(seed)) for seed in range(400)]
     limit = kind.kind.sheet.accuracy_of(10.0, 365)
@@ -129,7 +129,7 @@ def test_it_calls_itself_what_the_bench_calls_it() -> None:
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_device_clear_ends_an_infinite_wait(kind: type[Truevolt]) -> None:
+def test_device_clear_ends_an_infinite_wait(kind: type[SimulatedTruevolt]) -> None:
     bench = Bench(kind)
     bench.talk.write("CONF:VOLT:DC 10;:TRIG:SOUR BUS;:INIT")
     bench.talk.write("FETC?")

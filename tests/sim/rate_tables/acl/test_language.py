@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.sim.rate_tables.acl.language import COMMANDS, BadCommand, Request, parse_message
+from vcfbench.sim.rate_tables.acl.language import COMMANDS, AclRequest, BadCommand, parse_message
 
 
-def one(text: str) -> Request:
+def one(text: str) -> AclRequest:
     (item,) = parse_message(text)
-    assert isinstance(item, Request), f"{text!r} was refused"
+    assert isinstance(item, AclRequest), f"{text!r} was refused"
     return item
 
 
@@ -71,21 +71,21 @@ def test_the_manuals_own_errors(text: str) -> None:
 
 def test_semicolon_stays_at_the_level_and_semicolon_colon_goes_to_the_root() -> None:
     assert parse_message(":D:R 1,1.1;R 3,45;:Mode:Rate 1;Off 2") == [
-        Request("Demand:Rate", query=False, arguments=("1", "1.1")),
-        Request("Demand:Rate", query=False, arguments=("3", "45")),
-        Request("Mode:Rate", query=False, arguments=("1",)),
-        Request("Mode:Off", query=False, arguments=("2",)),
+        AclRequest("Demand:Rate", query=False, arguments=("1", "1.1")),
+        AclRequest("Demand:Rate", query=False, arguments=("3", "45")),
+        AclRequest("Mode:Rate", query=False, arguments=("1",)),
+        AclRequest("Mode:Off", query=False, arguments=("2",)),
     ]
 
 
 def test_a_command_of_another_subsystem_needs_the_colon() -> None:
     good, bad = parse_message(":Dem:Pos 1,2;Close 1")
-    assert isinstance(good, Request)
+    assert isinstance(good, AclRequest)
     assert isinstance(bad, BadCommand)
 
 
 def test_a_main_level_query_leaves_the_parser_at_the_root() -> None:
-    assert [item.path for item in parse_message(":M? 1;M? 1;Read:Rate? 1") if isinstance(item, Request)] == [
+    assert [item.path for item in parse_message(":M? 1;M? 1;Read:Rate? 1") if isinstance(item, AclRequest)] == [
         "Mode",
         "Mode",
         "Read:Rate",
@@ -94,11 +94,11 @@ def test_a_main_level_query_leaves_the_parser_at_the_root() -> None:
 
 def test_common_commands_do_not_move_the_level() -> None:
     items = parse_message(":Read:Pos? 1;*STB?;Rate? 1")
-    assert [item.path for item in items if isinstance(item, Request)] == ["Read:Position", "*STB", "Read:Rate"]
+    assert [item.path for item in items if isinstance(item, AclRequest)] == ["Read:Position", "*STB", "Read:Rate"]
 
 
 def test_the_question_mark_may_follow_a_blank() -> None:
-    assert one(":Read:Acceleration ?1") == Request("Read:Acceleration", query=True, arguments=("1",))
+    assert one(":Read:Acceleration ?1") == AclRequest("Read:Acceleration", query=True, arguments=("1",))
 
 
 FULL_PATHS = [":".join(part.split("|")[0] for part in command.split(":")) for command in COMMANDS]
@@ -116,7 +116,7 @@ def test_full_words_always_name_their_command(
 ) -> None:
     text = (":" if colon else "") + (path.lower() if lower else path) + ("?" if query else "")
     arguments = tuple(str(number) for number in numbers)
-    assert one(f"{text} {','.join(arguments)}") == Request(path, query=query, arguments=arguments)
+    assert one(f"{text} {','.join(arguments)}") == AclRequest(path, query=query, arguments=arguments)
 
 
 @given(st.text(alphabet=string.printable + "°", max_size=60))

@@ -97,7 +97,7 @@ def test_a_position_move_is_a_trapezoid(attended: AttendedHost) -> None:
     assert attended.world.table.angle_deg() == pytest.approx(60.0, abs=1e-2)
 
 
-def told(attended: AttendedHost, command: str) -> float:
+def ended_s(attended: AttendedHost, command: str) -> float:
     """Give a command that moves the axis; return the instant at which its ramp will be over."""
     attended.acl.write(command.encode() + b"\n")
     attended.wait(0.05)
@@ -109,7 +109,7 @@ def test_a_run_obeys_the_jerk_limit(attended: AttendedHost) -> None:
     """From rest 1/2 j t^2: 0.72 deg/s at 0.12 s of 100 deg/s3, where the acceleration alone would give 12."""
     attended.servo("Rate")
     attended.ask(":Limit:Acceleration R,1,100;Jerk R,1,100")
-    over = told(attended, ":Demand:Rate 1,100")  # a/j up and a/j down
+    over = ended_s(attended, ":Demand:Rate 1,100")  # a/j up and a/j down
     attended.world.clock.sleep_until(over - 2.0 + 0.12)
     assert attended.world.table.profile_rate_deg_s() == pytest.approx(0.72, rel=1e-6)
     attended.world.clock.sleep_until(over - 2.0 + 0.5)
@@ -126,12 +126,12 @@ def test_a_run_obeys_the_jerk_limit(attended: AttendedHost) -> None:
 def test_a_jerk_within_a_frame_of_the_controller_is_a_step(attended: AttendedHost) -> None:
     """As at power-on: 100 deg/s2 are there after 0.1 ms of 1e6 deg/s3, one frame of 10 kHz; 4200 deg/s2 are not."""
     attended.servo("Rate")
-    over = told(attended, ":Demand:Rate 1,50")
+    over = ended_s(attended, ":Demand:Rate 1,50")
     attended.world.clock.sleep_until(over - 0.25)
     assert attended.world.table.profile_rate_deg_s() == pytest.approx(25.0, rel=1e-12)
     attended.wait(2.0)
     attended.ask(":Limit:Acceleration R,1,4200")
-    over = told(attended, ":Demand:Rate 1,470")
+    over = ended_s(attended, ":Demand:Rate 1,470")
     attended.world.clock.sleep_until(over - 0.05)
     assert attended.world.table.profile_rate_deg_s() == pytest.approx(470.0 - 4200.0 * (0.05 - 0.5 * 4.2e-3))
 
@@ -141,7 +141,7 @@ def test_the_abort_profile_obeys_its_own_jerk_limit_and_a_loss_of_power_none(att
     attended.servo("Rate")
     attended.ask(":Demand:Rate 1,100")
     attended.wait(5.0)
-    over = told(attended, ":Interlock:Open 1")
+    over = ended_s(attended, ":Interlock:Open 1")
     attended.world.clock.sleep_until(over - 2.0 + 0.12)
     assert attended.world.table.profile_rate_deg_s() == pytest.approx(100.0 - 0.72, rel=1e-6)
     attended.acl.set_interlock("emergency_stop", faulty=True)
@@ -157,7 +157,7 @@ def test_a_position_move_obeys_the_jerk_limit(attended: AttendedHost, jerk: floa
     """Distance over rate, v/a and a/j: what a move takes whose profile has all seven phases."""
     attended.servo("Position")
     attended.ask(f":Limit:Rate P,1,20;Acceleration P,1,40;Jerk P,1,{jerk:g}")
-    over = told(attended, ":Demand:Position 1,60") + 60 / 20
+    over = ended_s(attended, ":Demand:Position 1,60") + 60 / 20
     attended.world.clock.sleep_until(over - 0.05)
     assert attended.world.table.profile_rate_deg_s() == pytest.approx(
         0.5 * jerk * 0.05**2 if jerk < 1e3 else 40.0 * (0.05 - 0.5 * 40.0 / jerk), rel=1e-4

@@ -6,14 +6,14 @@ import struct
 from typing import TYPE_CHECKING
 
 from vcfbench.sim.instruments.agilent33220a.arbitrary import crest, mean
-from vcfbench.sim.instruments.agilent33220a.declarations import Name, names_reply, nr3, setting
+from vcfbench.sim.instruments.agilent33220a.declarations import NameParameter, names_reply, nr3, setting
 from vcfbench.sim.scpi import Choice, Command, Limits, Number, Parameter, ScpiError, signed_integer
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 
@@ -22,9 +22,9 @@ class _DacPoints(Parameter, frozen=True, kw_only=True):
     """A block of 16-bit words or a number -8191...8191."""
 
     def parse(self, token: Token) -> bytes | float:
-        if token.kind is Kind.BLOCK:
+        if token.kind is TokenKind.BLOCK:
             return token.text.encode("latin-1")
-        if token.kind is not Kind.NUMBER:
+        if token.kind is not TokenKind.NUMBER:
             raise self.refuse_kind(token)
         return token.number
 
@@ -59,7 +59,7 @@ def _attribute(name: str, of: Callable[[Sequence[float]], float], reply: Callabl
     return Command(
         f"DATA:ATTRibute:{name}",
         query=lambda model, which: of(model.memory.points(which or model.state["user"])),
-        query_parameters=(Name(required=False),),
+        query_parameters=(NameParameter(required=False),),
         reply=reply,
     )
 
@@ -81,17 +81,17 @@ COMMANDS = (
     setting("FORMat:BORDer", "order", Choice(("NORMal", "SWAPped"))),
     Command(
         "DATA:COPY",
-        (Name(), Name(required=False)),
+        (NameParameter(), NameParameter(required=False)),
         do=lambda model, name, source: model.memory.keep(name, source or "VOLATILE"),
     ),
     Command("DATA:CATalog", query=lambda model: names_reply(model.memory.names())),
     Command("DATA:NVOLatile:CATalog", query=lambda model: names_reply(model.memory.kept_names())),
     Command("DATA:NVOLatile:FREE", query=lambda model: 4 - len(model.memory.kept_names()), reply=signed_integer),
-    Command("DATA:DELete[:NAME]", (Name(),), do=lambda model, name: model.delete(name)),
+    Command("DATA:DELete[:NAME]", (NameParameter(),), do=lambda model, name: model.delete(name)),
     Command("DATA:DELete:ALL", do=_delete_all),
     _attribute("AVERage", mean),
     _attribute("CFACtor", crest),
     _attribute("POINts", len, signed_integer),
     _attribute("PTPeak", lambda points: (max(points) - min(points)) / 2.0),
-    Command("[SOURce:]FUNCtion:USER", (Name(),), do=_set_user, query=lambda model: model.state["user"]),
+    Command("[SOURce:]FUNCtion:USER", (NameParameter(),), do=_set_user, query=lambda model: model.state["user"]),
 )

@@ -10,7 +10,7 @@ from vcfbench.sim.instruments.agilent33220a.settings import conflict
 from vcfbench.sim.scpi import Choice, Command, Limits, Number, ScpiError
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 

@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Parameter, ScpiError, boolean, quoted, real
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = [
     "FIRST_HZ",
@@ -20,7 +20,7 @@ __all__ = [
     "SLOPES",
     "SWITCH_S",
     "TUNE_S",
-    "Name",
+    "NameParameter",
     "angle",
     "frequency_limits",
     "mode_switch",
@@ -32,12 +32,12 @@ __all__ = [
 nr3 = real(13)
 
 
-class Name(Parameter, frozen=True, kw_only=True):
+class NameParameter(Parameter, frozen=True, kw_only=True):
     """A free name without quotes: a letter, then letters, digits or underscores, at most 12 (unverified)."""
 
     def parse(self, token: Token) -> str:
         """Return the name; -144 for one too long."""
-        if token.kind is not Kind.WORD:
+        if token.kind is not TokenKind.WORD:
             raise self.refuse_kind(token)
         if len(token.text) > 12:
             raise ScpiError(-144)

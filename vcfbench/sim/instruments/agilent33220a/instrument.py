@@ -20,7 +20,13 @@ from vcfbench.sim.instruments.agilent33220a.arbitrary import MOST_POINTS, Arbitr
 from vcfbench.sim.instruments.agilent33220a.levels import Levels
 from vcfbench.sim.instruments.agilent33220a.modulation import Player
 from vcfbench.sim.instruments.agilent33220a.rules import Rules
-from vcfbench.sim.instruments.agilent33220a.settings import KIND_33220A, RESET, GeneratorErrors, Kind, OutputRange
+from vcfbench.sim.instruments.agilent33220a.settings import (
+    KIND_33220A,
+    RESET,
+    GeneratorErrors,
+    GeneratorKind,
+    OutputRange,
+)
 from vcfbench.sim.scpi import (
     GPIB,
     LAN,
@@ -29,7 +35,7 @@ from vcfbench.sim.scpi import (
     Register,
     ScpiEngine,
     ScpiError,
-    ScpiInstrument,
+    ScpiTwin,
     Status,
     clip,
 )
@@ -40,7 +46,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
     from vcfbench.sim.sources import Drive, Played
 
-__all__ = ["Agilent33220A", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+__all__ = ["GeneratorErrors", "GeneratorWorld", "OutputRange", "SimulatedAgilent33220A"]
 
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 """Every point of the longest waveform as -1.2345678E-01 and a comma; what a real one takes is unverified."""
@@ -59,7 +65,7 @@ class GeneratorWorld(Protocol):
         ...
 
 
-class Agilent33220A(ScpiInstrument):
+class SimulatedAgilent33220A(ScpiTwin):
     """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own.
 
     `model` is what it calls itself, where it stands for a generator that speaks the same words.
@@ -67,7 +73,7 @@ class Agilent33220A(ScpiInstrument):
 
     errors_class: ClassVar = GeneratorErrors
     own_name: ClassVar[str] = "33220A"
-    kind: ClassVar[Kind] = KIND_33220A
+    kind: ClassVar[GeneratorKind] = KIND_33220A
     table: ClassVar[CommandTable]
     reset_state: ClassVar[Settings] = RESET
     longest_line: ClassVar[int] = _LONGEST_LINE

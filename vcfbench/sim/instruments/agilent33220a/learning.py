@@ -17,7 +17,7 @@ from vcfbench.sim.instruments.agilent33220a import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
     from vcfbench.sim.scpi import Command
 
 __all__ = ["learnt"]

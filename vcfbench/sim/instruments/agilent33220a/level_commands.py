@@ -10,7 +10,7 @@ from vcfbench.sim.instruments.agilent33220a.settings import MAX_PEAK_V, conflict
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Quantity, boolean
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["AMPLITUDE", "AMPLITUDE_UNITS", "COMMANDS", "OFFSET", "amplitude_shown", "offset_shown", "vpp_of"]
 

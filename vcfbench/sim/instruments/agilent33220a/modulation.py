@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.phases import Phase, Rhythm
     from vcfbench.sim.instruments.agilent33220a.playing import Envelope, WidthSwing
     from vcfbench.sim.instruments.agilent33220a.settings import GeneratorErrors, Settings
-    from vcfbench.sim.instruments.agilent33220a.waveforms import Waveform
+    from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle
     from vcfbench.sim.sources import Played
 
 __all__ = ["Player", "pseudo_random_bits"]
@@ -92,9 +92,9 @@ class Player:
         return self._sine(direct, peak, phase) or self._playing(direct, peak, phase)
 
     def _noise(self, direct_v: float, peak_v: float) -> Played:
-        from vcfbench.sim.instruments.agilent33220a.noise import CREST, Noise  # noqa: PLC0415  (numpy only where played)
+        from vcfbench.sim.instruments.agilent33220a.noise import CREST, NoiseSource  # noqa: PLC0415  (numpy only where played)
 
-        return Noise(direct_v, peak_v / CREST, self._noise_seed, SOURCE_OHM)
+        return NoiseSource(direct_v, peak_v / CREST, self._noise_seed, SOURCE_OHM)
 
     def _sine(self, direct_v: float, peak_v: float, phase: Phase) -> Drive | None:
         """Return a sine with the sidebands of AM by another sine in closed form; None where it is not that simple."""
@@ -130,22 +130,22 @@ class Player:
 
     # --- the waveform -------------------------------------------------------------------------------------------
 
-    def _waveform(self) -> Waveform:
+    def _waveform(self) -> Cycle:
         from vcfbench.sim.instruments.agilent33220a import waveforms as shapes  # noqa: PLC0415
 
         settings, hz = self._settings, self._settings["freq"]
         match settings["func"]:
             case "SIN":
-                return shapes.Sine()
+                return shapes.SineCycle()
             case "RAMP" | "TRI" as function:
                 return shapes.ramp(0.5 if function == "TRI" else settings["symmetry"] / 100.0)
             case "PRBS":
                 return shapes.held(pseudo_random_bits())
             case "SQU":
-                return shapes.Pulse(settings["duty"] / 100.0, _SQUARE_EDGE_S * hz)
+                return shapes.PulseCycle(settings["duty"] / 100.0, _SQUARE_EDGE_S * hz)
             case "PULS":
                 duty = min(settings["width"] * hz, 1.0)
-                return shapes.Pulse(duty, min(settings["edge"] / _TIMED_SHARE * hz, duty, 1.0 - duty))
+                return shapes.PulseCycle(duty, min(settings["edge"] / _TIMED_SHARE * hz, duty, 1.0 - duty))
         return self._memory.waveform(settings["user"])
 
     def _depth(self) -> float | None:
@@ -180,16 +180,16 @@ class Player:
         function, hz = self._settings[f"{mode}:func"], self._exact_hz(f"{mode}:freq")
         match function:
             case "SIN":
-                return Rhythm(shapes.Sine(), hz)
+                return Rhythm(shapes.SineCycle(), hz)
             case "SQU":
-                return Rhythm(shapes.Pulse(0.5), hz)
+                return Rhythm(shapes.PulseCycle(0.5), hz)
             case "NOIS":
                 return Rhythm(self._modulating_noise(), _NOISE_CYCLES_HZ)
             case "USER":
                 return Rhythm(self._memory.waveform(self._settings["user"]), hz)
         return Rhythm(shapes.ramp({"RAMP": 1.0, "NRAM": 0.0, "TRI": 0.5}[function]), hz)
 
-    def _modulating_noise(self) -> Waveform:
+    def _modulating_noise(self) -> Cycle:
         import numpy as np  # noqa: PLC0415
 
         from vcfbench.sim.instruments.agilent33220a.noise import CREST, gaussian  # noqa: PLC0415

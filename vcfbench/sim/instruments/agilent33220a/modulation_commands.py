@@ -16,7 +16,7 @@ from vcfbench.sim.instruments.agilent33220a.rules import fm_limit_hz, widest_swi
 from vcfbench.sim.scpi import Choice, Command, Limits, Number
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 

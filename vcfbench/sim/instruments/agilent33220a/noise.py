@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Values
     from vcfbench.sim.sources import Bend
 
-__all__ = ["CREST", "Noise", "gaussian"]
+__all__ = ["CREST", "NoiseSource", "gaussian"]
 
 CREST = 3.3
 """Peak over rms: the amplitude of noise is 6.6 times its rms (unverified)."""
@@ -48,7 +48,7 @@ _MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _STEP = 0x9E3779B97F4A7C15
 
 
-class Noise(Struct, frozen=True):
+class NoiseSource(Struct, frozen=True):
     """offset_v and Gaussian noise of `rms_v`, clipped at its crest."""
 
     offset_v: float
@@ -110,12 +110,12 @@ class Noise(Struct, frozen=True):
         turned = tuple((a * np.exp(s * since), s) for a, s in terms)
         return Piece(start_s, start_s + lasts - since, constant, slope, turned)
 
-    def divided(self, share: float) -> Noise:
+    def divided(self, share: float) -> NoiseSource:
         """Return what it is behind a load."""
         offset_v, rms_v = self.offset_v * share, self.rms_v * share
         return replace(self, offset_v=offset_v, rms_v=rms_v, source_ohm=self.source_ohm * share)
 
-    def components(self) -> tuple[Noise]:
+    def components(self) -> tuple[NoiseSource]:
         """Return that it is one."""
         return (self,)
 

@@ -27,7 +27,7 @@ from vcfbench.sim.instruments.agilent33220a.settings import FUNCTIONS
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Parameter, Special, boolean, quoted
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from vcfbench.sim.instruments.agilent33220a.waveforms import turned
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.waveforms import Values, Waveform
+    from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
 
 __all__ = ["Bursts", "Deviated", "Keyed", "Phase", "Rhythm", "Run", "Shifted", "Steady", "Swept", "continued"]
 
@@ -40,7 +40,7 @@ class Run(NamedTuple):
 class Rhythm(Struct, frozen=True):
     """A modulating waveform; it runs freely from bench time 0."""
 
-    waveform: Waveform
+    waveform: Cycle
     hz: float
 
     def values(self, times_s: Values) -> Values:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.components import Component
     from vcfbench.sim.instruments.agilent33220a.phases import Phase, Rhythm, Run
-    from vcfbench.sim.instruments.agilent33220a.waveforms import Values, Waveform
+    from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
     from vcfbench.sim.sources import Bend
 
 __all__ = ["BINS", "FAST_HZ", "PIECE_S", "Envelope", "Playing", "WidthSwing", "bent", "cosines"]
@@ -89,7 +89,7 @@ class Playing(Struct, frozen=True):
 
     offset_v: float
     peak_v: float
-    waveform: Waveform
+    waveform: Cycle
     phase: Phase
     envelope: Envelope | None = None
     width: WidthSwing | None = None

@@ -9,7 +9,7 @@ from vcfbench.sim.instruments.agilent33220a.rules import longest_edge_s, width_l
 from vcfbench.sim.scpi import Choice, Command, Limits, Number
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.instruments.agilent33220a.levels import Levels
-    from vcfbench.sim.instruments.agilent33220a.settings import Kind, Settings
+    from vcfbench.sim.instruments.agilent33220a.settings import GeneratorKind, Settings
     from vcfbench.sim.scpi import ScpiError
 
 __all__ = ["Rules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
@@ -32,25 +32,25 @@ _BURST_REST_S = 200e-9
 _EDGE_SHARE = 0.625
 
 
-def fm_limit_hz(settings: Settings, kind: Kind) -> float:
+def fm_limit_hz(settings: Settings, kind: GeneratorKind) -> float:
     """Return the largest deviation of the function: 10.05 MHz of a sine, 150 kHz of a ramp."""
     return float(kind.frequency_hz[settings["func"]][1] + _ABOVE_HZ) / 2.0
 
 
-def width_limits_s(settings: Settings, kind: Kind) -> tuple[float, float]:
+def width_limits_s(settings: Settings, kind: GeneratorKind) -> tuple[float, float]:
     """Return the least and the largest width of a pulse of the present period and edges, s."""
     period = 1.0 / settings["freq"]
     shortest = next(width for limit, width in kind.least_width_s.items() if period <= limit * _ROUND_OFF)
     return shortest, period - max(shortest, settings["edge"] / _EDGE_SHARE)
 
 
-def longest_edge_s(settings: Settings, kind: Kind) -> float:
+def longest_edge_s(settings: Settings, kind: GeneratorKind) -> float:
     """Return the largest edge time of a pulse of the present width and period, s."""
     room: float = min(settings["width"], 1.0 / settings["freq"] - settings["width"])
     return max(min(kind.edge_s[1], _EDGE_SHARE * room), kind.edge_s[0])
 
 
-def widest_swing_s(settings: Settings, kind: Kind) -> float:
+def widest_swing_s(settings: Settings, kind: GeneratorKind) -> float:
     """Return how far a pulse's width may be modulated: high and low keep their least width."""
     least, longest = width_limits_s(settings, kind)
     least = max(least, settings["edge"] / _EDGE_SHARE)
@@ -60,7 +60,9 @@ def widest_swing_s(settings: Settings, kind: Kind) -> float:
 class Rules:
     """Keeps the settings consistent; `report` takes the conflicts."""
 
-    def __init__(self, kind: Kind, settings: Settings, levels: Levels, report: Callable[[ScpiError], None]) -> None:
+    def __init__(
+        self, kind: GeneratorKind, settings: Settings, levels: Levels, report: Callable[[ScpiError], None]
+    ) -> None:
         self._kind = kind
         self._settings = settings
         self._levels = levels

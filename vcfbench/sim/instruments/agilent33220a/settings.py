@@ -22,7 +22,7 @@ __all__ = [
     "RESET",
     "SOURCE_OHM",
     "GeneratorErrors",
-    "Kind",
+    "GeneratorKind",
     "OutputRange",
     "Settings",
     "conflict",
@@ -44,7 +44,7 @@ FUNCTIONS = {
 }
 
 
-class Kind(Struct, frozen=True):
+class GeneratorKind(Struct, frozen=True):
     """What one generator of the family can do, and another not.
 
     Args:
@@ -68,7 +68,7 @@ class Kind(Struct, frozen=True):
     arbitrary_clock_hz: float = 0.0
 
 
-KIND_33220A = Kind(
+KIND_33220A = GeneratorKind(
     frequency_hz=MappingProxyType(
         {
             "SIN": (1e-6, 20e6),

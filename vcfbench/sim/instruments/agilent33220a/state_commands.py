@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, Name, names_reply
+from vcfbench.sim.instruments.agilent33220a.declarations import SWITCH_S, NameParameter, names_reply
 from vcfbench.sim.instruments.agilent33220a.learning import learnt
 from vcfbench.sim.scpi import Boolean, Command, Integer, Limits, ScpiError, boolean, quoted, signed_integer
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 
@@ -37,7 +37,7 @@ COMMANDS = (
     Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=5.0),
     Command(
         "MEMory:STATe:NAME",
-        (_STATES, Name(required=False)),
+        (_STATES, NameParameter(required=False)),
         do=_name_state,
         query=lambda model, place: model.state_names[place],
         query_parameters=(_STATES,),

@@ -10,7 +10,7 @@ from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, boolean
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A as _Model
+    from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 __all__ = ["COMMANDS"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.instruments.agilent33220a.commands import TABLE
-from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A
+from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A
 
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["Agilent33220ATwin"]
 
 
-class Agilent33220ATwin(Agilent33220A):
+class Agilent33220ATwin(SimulatedAgilent33220A):
     """The 33220A with its commands; arguments as of the generator."""
 
     table: ClassVar[CommandTable] = TABLE

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-__all__ = ["POWERS", "Pulse", "Segments", "Sine", "Waveform", "held", "ramp", "turned"]
+__all__ = ["POWERS", "Cycle", "PulseCycle", "Segments", "SineCycle", "held", "ramp", "turned"]
 
 POWERS = (1, 2, 3)
 _FEW_SEGMENTS = 64
 """Up to so many the coefficients of a spectrum are summed segment by segment."""
 
 
-class Waveform(Protocol):
+class Cycle(Protocol):
     """One cycle, by its place 0...1; `duty` is the part of it that a pulse is high, where that is modulated."""
 
     @property
@@ -50,14 +50,14 @@ class Waveform(Protocol):
         ...
 
 
-def turned(waveform: Waveform, cycles: Values) -> Values:
+def turned(waveform: Cycle, cycles: Values) -> Values:
     """Return the integral over all cycles from 0 on."""
     whole = np.floor(cycles)
     one = waveform.integral(1, np.ones(1))[0]
     return np.asarray(whole * one + waveform.integral(1, cycles - whole))
 
 
-class Sine(Struct, frozen=True):
+class SineCycle(Struct, frozen=True):
     """A sine."""
 
     @property
@@ -93,7 +93,7 @@ class Sine(Struct, frozen=True):
         return lines
 
 
-class Pulse(Struct, frozen=True):
+class PulseCycle(Struct, frozen=True):
     """High from 0 to `duty`, between the middles of its edges, which last the part `edge` of the cycle.
 
     Its integrals take the edges, some 10 ns, as jumps.

@@ -14,7 +14,7 @@ from vcfbench.sim.instruments.dso7104b.commands import (
     SECONDS,
     SOURCE,
     VOLTS,
-    Source,
+    SourceParameter,
     nothing,
     number,
     setting,
@@ -35,7 +35,7 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
 
 __all__ = ["ACCESSORIES", "ACCESSORY_COMMANDS"]
 
@@ -87,7 +87,7 @@ _CALIBRATED = {"DATE": (1, 1, 2026), "TIME": (12, 0, 0)}
 """When the user calibration was last done: day, month, year; hours, minutes, seconds."""
 
 
-def _no_medium(_: Dso7104B, *arguments: object) -> None:
+def _no_medium(_: Dso7104BTwin, *arguments: object) -> None:
     """Nothing is plugged in that files could be on."""
     del arguments
     raise ScpiError(-252)
@@ -99,7 +99,7 @@ def _no_medium(_: Dso7104B, *arguments: object) -> None:
 def _marked(pattern: str, key: str, parameter: Number) -> Command:
     """Declare a cursor's place; setting one by hand turns manual cursors on (5000 series guide)."""
 
-    def write(model: Dso7104B, place: float) -> None:
+    def write(model: Dso7104BTwin, place: float) -> None:
         model.state["MARK:MODE"] = "MAN"
         model.state[key] = place
 
@@ -112,14 +112,14 @@ def _distance(pattern: str, first: str, second: str) -> Command:
     return Command(pattern, query=lambda model: model.nr3(model.state[second] - model.state[first]))
 
 
-def _set_marker_mode(model: Dso7104B, mode: str) -> None:
+def _set_marker_mode(model: Dso7104BTwin, mode: str) -> None:
     """Turn cursors on; where none has a source yet they are the measurements'."""
     model.state["MARK:MODE"] = mode
     if mode != "OFF" and model.state["MARK:X1Y1"] == "NONE":
         model.state["MARK:X1Y1"] = model.state["MARK:X2Y2"] = model.state["MEAS:SOUR"][0]
 
 
-def _markers_learned(model: Dso7104B) -> str:
+def _markers_learned(model: Dso7104BTwin) -> str:
     state = model.state
     return f":MARK:X1Y1 {state['MARK:X1Y1']};X2Y2 {state['MARK:X2Y2']};MODE {state['MARK:MODE']}"
 
@@ -132,8 +132,8 @@ _MARKERS = (
         do=_set_marker_mode,
         query=lambda model: model.state["MARK:MODE"],
     ),
-    setting("MARKer:X1Y1source", "MARK:X1Y1", Source(words=("CHANnel<1-4>", "FUNCtion", "MATH", "NONE"))),
-    setting("MARKer:X2Y2source", "MARK:X2Y2", Source(words=("CHANnel<1-4>", "FUNCtion", "MATH", "NONE"))),
+    setting("MARKer:X1Y1source", "MARK:X1Y1", SourceParameter(words=("CHANnel<1-4>", "FUNCtion", "MATH", "NONE"))),
+    setting("MARKer:X2Y2source", "MARK:X2Y2", SourceParameter(words=("CHANnel<1-4>", "FUNCtion", "MATH", "NONE"))),
     _marked("MARKer:X1Position", "MARK:X1", SECONDS),
     _marked("MARKer:X2Position", "MARK:X2", SECONDS),
     _marked("MARKer:Y1Position", "MARK:Y1", VOLTS),
@@ -145,7 +145,7 @@ _MARKERS = (
 # --- the input EXTernal
 
 
-def _external_learned(model: Dso7104B) -> str:
+def _external_learned(model: Dso7104BTwin) -> str:
     state = model.state
     return (
         f":EXT:BWL {boolean(state['EXT:BWL'])};RANG {_short(state['EXT:RANG'])};UNIT {state['EXT:UNIT']};"
@@ -174,7 +174,7 @@ _EXTERNAL = (
 # --- user calibration
 
 
-def _set_label(model: Dso7104B, label: str) -> None:
+def _set_label(model: Dso7104BTwin, label: str) -> None:
     model.calibration_label = label
 
 
@@ -199,12 +199,12 @@ _CALIBRATION = (
 # --- files
 
 
-def _saving_learned(model: Dso7104B) -> str:
+def _saving_learned(model: Dso7104BTwin) -> str:
     state = model.state
     return f':SAVE:FIL "{state["SAVE:FIL"]}";PWD "{state["SAVE:PWD"]}"'
 
 
-def _recalling_learned(model: Dso7104B) -> str:
+def _recalling_learned(model: Dso7104BTwin) -> str:
     return f':REC:FIL "{model.state["REC:FIL"]}";PWD "{model.state["REC:PWD"]}"'
 
 

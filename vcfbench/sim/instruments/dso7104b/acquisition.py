@@ -13,11 +13,11 @@ from vcfbench.sim.instruments.dso7104b.trigger import TriggerSearch
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, Recording, ScopeWorld, Screen
+    from vcfbench.sim.instruments.dso7104b.inputs import ChannelRecording, ChannelView, ScopeWorld, Screen
     from vcfbench.sim.instruments.dso7104b.trigger import Trigger
     from vcfbench.sim.trace import Piece
 
-__all__ = ["Acquisition", "Arming", "Found", "Pace", "acquisition"]
+__all__ = ["Acquisition", "Arming", "CapturedRecord", "Pace", "acquisition"]
 
 AUTO_TRIGGER_S = 0.02
 """How long AUTO waits for a trigger; the guide says that AUTO suits signals above 50 Hz (unverified)."""
@@ -53,7 +53,7 @@ class Pace(Struct, frozen=True):
     smooth: bool = False
 
 
-class Found(Struct, frozen=True):
+class CapturedRecord(Struct, frozen=True):
     """What was captured, and when the triggers were."""
 
     signals: Signals
@@ -66,7 +66,7 @@ class Acquisition(Protocol):
     screen: Screen
     due_s: float
 
-    def step(self) -> Found | None:
+    def step(self) -> CapturedRecord | None:
         """Return capture and triggers once there is a complete record, else None (and a later `due_s`)."""
         ...
 
@@ -143,7 +143,7 @@ class _Swept(_Armed):
 
     def __init__(self, world: ScopeWorld, arming: Arming) -> None:
         super().__init__(world, arming)
-        self._found: Found | None = None
+        self._found: CapturedRecord | None = None
         self._arm()
 
     def _arm(self) -> None:
@@ -152,7 +152,7 @@ class _Swept(_Armed):
         capture = self._world.capture(self._start_s, self.due_s)
         self._signals = Signals(capture, self._views, self._past())
 
-    def step(self) -> Found | None:
+    def step(self) -> CapturedRecord | None:
         """Return what was found once there is a complete record, else None (and a later `due_s`)."""
         if self._world.clock.now() < self.due_s:
             return None
@@ -172,14 +172,14 @@ class _Swept(_Armed):
         longest = self._armed_s + AUTO_TRIGGER_S - self._world.clock.now()
         self._search_s = max(self._search_s, min(2.0 * self._search_s, longest))
 
-    def _look(self) -> Found | None:
+    def _look(self) -> CapturedRecord | None:
         opening = self._start_s + self._before_s
         crossing = self._crossing(self._signals, opening, opening + self._search_s)
         if crossing is not None:
-            return Found(self._signals, (crossing,))
+            return CapturedRecord(self._signals, (crossing,))
         waited = self._world.clock.now() - self._armed_s
         if self._forced or waited >= AUTO_TRIGGER_S:
-            return Found(self._signals, (opening,))
+            return CapturedRecord(self._signals, (opening,))
         return None
 
 
@@ -188,7 +188,7 @@ class _Patient(_Armed):
 
     def __init__(self, world: ScopeWorld, arming: Arming) -> None:
         super().__init__(world, arming)
-        self._recording: Recording = world.record()
+        self._recording: ChannelRecording = world.record()
         self._signals = Signals(self._recording, self._views, self._past())
         self._triggers_s: list[float] = []
         self._from_s = self._armed_s + self._before_s
@@ -200,7 +200,7 @@ class _Patient(_Armed):
         """Give up, or be done: nothing more is recorded."""
         self._recording.close()
 
-    def step(self) -> Found | None:
+    def step(self) -> CapturedRecord | None:
         """Return what was found once there is a complete record, else None (and a later `due_s`)."""
         if self._world.clock.now() < self.due_s:
             return None
@@ -212,7 +212,7 @@ class _Patient(_Armed):
             if self._pace.repeats > 1 and not self._pace.segments:
                 self.due_s += self._repeats_s()
                 return None
-        return Found(self._signals, tuple(self._triggers_s))
+        return CapturedRecord(self._signals, tuple(self._triggers_s))
 
     def _go_on(self) -> None:
         """Take every trigger whose record is over; come back for the next."""

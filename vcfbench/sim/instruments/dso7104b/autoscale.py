@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vcfbench.sim.instruments.dso7104b.measurements import Thresholds, Trace
+from vcfbench.sim.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.inputs import Capture
+    from vcfbench.sim.instruments.dso7104b.inputs import ChannelCapture
 
 __all__ = ["LOOK_S", "fit"]
 
@@ -25,7 +25,7 @@ _POINTS = 20_000
 _LEAST_V = 0.01
 
 
-def fit(state: dict[str, Any], nodes: Mapping[int, str], capture: Capture, start_s: float) -> None:
+def fit(state: dict[str, Any], nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> None:
     """Set channels and time base up for what was captured from `start_s` on."""
     times = start_s + np.linspace(0.0, LOOK_S, _POINTS)
     frequencies = []
@@ -48,7 +48,7 @@ def _fit_channel(
         return []
     state[f"CHAN{channel}:RANG"] = 8.0 * _nice(swing / 5.0)
     state[f"CHAN{channel}:OFFS"] = float(volts.max() + volts.min()) / 2.0 * state[f"CHAN{channel}:PROB"]
-    trace = Trace(times, volts, clipped=False, thresholds=Thresholds())
+    trace = MeasuredTrace(times, volts, clipped=False, thresholds=Thresholds())
     counted = trace.mean_frequency()
     return [] if counted is None else [counted]
 

@@ -9,7 +9,7 @@ from vcfbench.sim.scpi import INFINITY, Choice, Command, Integer, Limits, Number
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
     from vcfbench.sim.scpi import Register
     from vcfbench.sim.scpi.lexer import Token
 
@@ -20,7 +20,7 @@ __all__ = [
     "SECONDS",
     "SOURCE",
     "VOLTS",
-    "Source",
+    "SourceParameter",
     "clipped",
     "nothing",
     "number",
@@ -35,7 +35,7 @@ VOLTS = Number(unit="V")
 SECONDS = Number(unit="S")
 
 
-class Source(Choice, frozen=True):
+class SourceParameter(Choice, frozen=True):
     """A channel or the math trace, which has two names and answers to FUNC (6000 series programmer's guide)."""
 
     words: tuple[str, ...] = ("CHANnel<1-4>", "FUNCtion", "MATH")
@@ -46,14 +46,14 @@ class Source(Choice, frozen=True):
         return "FUNC" if word == "MATH" else word
 
 
-SOURCE = Source()
-OPTIONAL_SOURCE = Source(required=False)
+SOURCE = SourceParameter()
+OPTIONAL_SOURCE = SourceParameter(required=False)
 
 
 def setting(pattern: str, key: str, parameter: Parameter, reply: Callable[[Any], str] = str) -> Command:
     """Declare a setting that depends on nothing else."""
 
-    def write(model: Dso7104B, value: Any) -> None:
+    def write(model: Dso7104BTwin, value: Any) -> None:
         model.state[key] = value
 
     return Command(
@@ -64,7 +64,7 @@ def setting(pattern: str, key: str, parameter: Parameter, reply: Callable[[Any],
 def number(pattern: str, key: str, parameter: Parameter) -> Command:
     """Declare a setting that is answered in NR3."""
 
-    def write(model: Dso7104B, value: float) -> None:
+    def write(model: Dso7104BTwin, value: float) -> None:
         model.state[key] = value
 
     return Command(
@@ -75,19 +75,19 @@ def number(pattern: str, key: str, parameter: Parameter) -> Command:
 def of_channel(key: str, name: str, parameter: Parameter, reply: Callable[[Any], str] = str) -> Command:
     """Declare a setting of each channel that depends on nothing else."""
 
-    def write(model: Dso7104B, channel: int, value: Any) -> None:
+    def write(model: Dso7104BTwin, channel: int, value: Any) -> None:
         model.state[f"CHAN{channel}:{key}"] = value
 
-    def read(model: Dso7104B, channel: int) -> Any:
+    def read(model: Dso7104BTwin, channel: int) -> Any:
         return model.state[f"CHAN{channel}:{key}"]
 
     return Command(f"CHANnel<1-4>:{name}", (parameter,), do=write, query=read, query_parameters=(), reply=reply)
 
 
-def registers(pattern: str, read_event: str, of: Callable[[Dso7104B], Register]) -> tuple[Command, Command]:
+def registers(pattern: str, read_event: str, of: Callable[[Dso7104BTwin], Register]) -> tuple[Command, Command]:
     """Declare the enable mask and the event query of a register."""
 
-    def write(model: Dso7104B, mask: int) -> None:
+    def write(model: Dso7104BTwin, mask: int) -> None:
         of(model).enable = mask
 
     return (
@@ -103,7 +103,7 @@ def registers(pattern: str, read_event: str, of: Callable[[Dso7104B], Register])
     )
 
 
-def clipped(model: Dso7104B, value: float, low: float, high: float) -> float:
+def clipped(model: Dso7104BTwin, value: float, low: float, high: float) -> float:
     """Clip to the limits, with -222."""
     if low <= value <= high:
         return value
@@ -111,6 +111,6 @@ def clipped(model: Dso7104B, value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-def nothing(_: Dso7104B, *arguments: object) -> None:
+def nothing(_: Dso7104BTwin, *arguments: object) -> None:
     """Do what cannot be seen from outside."""
     del arguments

@@ -19,11 +19,11 @@ __all__ = [
     "Change",
     "Condition",
     "Duration",
-    "Edge",
-    "Never",
+    "EdgeCondition",
+    "NeverMet",
     "Pattern",
-    "Pulse",
-    "Sequence",
+    "PulseCondition",
+    "SequenceCondition",
     "Stage",
     "Video",
 ]
@@ -64,7 +64,7 @@ class _Patient:
         return None
 
 
-class Never(_Patient):
+class NeverMet(_Patient):
     """What nothing on this bench can meet: frames of a serial bus, an open input."""
 
     def begin(self, highs: Mapping[int, bool], now_s: float) -> None:
@@ -77,7 +77,7 @@ class Never(_Patient):
         return None
 
 
-class Edge(_Patient):
+class EdgeCondition(_Patient):
     """An edge of one channel."""
 
     def __init__(self, channel: int, *, rising: bool, falling: bool) -> None:
@@ -113,7 +113,7 @@ class _Stopwatch:
         return self._least_s <= time_s <= self._most_s
 
 
-class Pulse(_Patient):
+class PulseCondition(_Patient):
     """The end of a pulse that lasted between two times."""
 
     def __init__(self, channel: int, *, positive: bool, least_s: float, most_s: float) -> None:
@@ -335,7 +335,7 @@ class _Waiting:
         return meant and (self._stage.pattern is None or self._levels.there)
 
 
-class Sequence(_Patient):
+class SequenceCondition(_Patient):
     """One thing, then another, unless a third or too long a time comes between.
 
     Args:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
     from vcfbench.sim.instruments.dso7104b.record import Digitised, Record
 
 __all__ = ["FUNCTION_COMMANDS", "MathTrace", "math_scale", "math_trace"]
@@ -88,7 +88,7 @@ def _band(state: Mapping[str, Any], highest_hz: float) -> tuple[float, float]:
     return (span / 2.0 if state["FUNC:CENT"] is None else state["FUNC:CENT"]), span
 
 
-def _shown_band(model: Dso7104B) -> tuple[float, float]:
+def _shown_band(model: Dso7104BTwin) -> tuple[float, float]:
     """Return centre and span of an FFT at the present time base."""
     range_s = model.state["TIM:RANG"]
     return _band(model.state, 0.5 * fft_points(range_s, model.sample_rate()) / range_s)
@@ -146,7 +146,7 @@ def _source_range(state: Mapping[str, Any], source: str) -> float:
 # --- commands
 
 
-def _set_operation(model: Dso7104B, operation: str) -> None:
+def _set_operation(model: Dso7104BTwin, operation: str) -> None:
     """Choose the operation; the scale follows anew. Two sources cannot be g(t) and another (number unverified)."""
     if operation in TWO_SOURCES and model.state["FUNC:SOUR1"] == "GOFT":
         raise ScpiError(-221)
@@ -156,7 +156,7 @@ def _set_operation(model: Dso7104B, operation: str) -> None:
     model.forget_traces()
 
 
-def _set_source(model: Dso7104B, index: int, source: str) -> None:
+def _set_source(model: Dso7104BTwin, index: int, source: str) -> None:
     """Choose a source; only the first can be g(t), and only where there is no second."""
     if source == "GOFT" and index == 2:
         raise ScpiError(-224)
@@ -165,12 +165,12 @@ def _set_source(model: Dso7104B, index: int, source: str) -> None:
     _put(model, f"FUNC:SOUR{index}", source)
 
 
-def _put(model: Dso7104B, key: str, value: Any) -> None:
+def _put(model: Dso7104BTwin, key: str, value: Any) -> None:
     model.state[key] = value
     model.forget_traces()
 
 
-def _set_range(model: Dso7104B, range_: float) -> None:
+def _set_range(model: Dso7104BTwin, range_: float) -> None:
     _put(model, "FUNC:RANG", clipped(model, range_, *_RANGES[model.state["FUNC:OPER"]]))
 
 
@@ -200,7 +200,7 @@ def _offset(pattern: str) -> Command:
     )
 
 
-def _learned(model: Dso7104B) -> str:
+def _learned(model: Dso7104BTwin) -> str:
     """Return the settings in the shape of the guide's sample."""
     state = model.state
     range_, offset = math_scale(state)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.filters import Sines
     from vcfbench.sim.trace import History, Piece
 
-__all__ = ["EXTERNAL", "LINE", "Capture", "ChannelView", "Recording", "ScopeWorld", "Screen", "Signals"]
+__all__ = ["EXTERNAL", "LINE", "ChannelCapture", "ChannelRecording", "ChannelView", "ScopeWorld", "Screen", "Signals"]
 
 LINE, EXTERNAL = 0, 5
 """Numbers of the trigger inputs that are no channels; nothing is plugged in at EXTernal."""
@@ -27,7 +27,7 @@ MAINS_HZ = 50.0
 _TOUCHING_S = 1e-9
 
 
-class Capture(Protocol):
+class ChannelCapture(Protocol):
     """A stretch of time of the World."""
 
     def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -47,7 +47,7 @@ class Capture(Protocol):
         ...
 
 
-class Recording(Capture, Protocol):
+class ChannelRecording(ChannelCapture, Protocol):
     """A stretch of time without an end yet."""
 
     def forget(self, before_s: float) -> None:
@@ -67,11 +67,11 @@ class ScopeWorld(Protocol):
         """Bench time."""
         ...
 
-    def capture(self, start_s: float, stop_s: float) -> Capture:
+    def capture(self, start_s: float, stop_s: float) -> ChannelCapture:
         """Register a stretch of time."""
         ...
 
-    def record(self) -> Recording:
+    def record(self) -> ChannelRecording:
         """Keep all that happens from now on."""
         ...
 
@@ -140,7 +140,10 @@ class Signals:
     """
 
     def __init__(
-        self, capture: Capture, views: Mapping[int, ChannelView], past: Mapping[int, Sequence[Piece]] | None = None
+        self,
+        capture: ChannelCapture,
+        views: Mapping[int, ChannelView],
+        past: Mapping[int, Sequence[Piece]] | None = None,
     ) -> None:
         self.capture = capture
         self.views = views

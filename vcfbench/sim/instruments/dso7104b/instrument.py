@@ -21,18 +21,18 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORY_COMMANDS
-from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, Found, Pace, acquisition
+from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, CapturedRecord, Pace, acquisition
 from vcfbench.sim.instruments.dso7104b.autoscale import LOOK_S, fit
 from vcfbench.sim.instruments.dso7104b.commands import INVALID
-from vcfbench.sim.instruments.dso7104b.conditions import Never
+from vcfbench.sim.instruments.dso7104b.conditions import NeverMet
 from vcfbench.sim.instruments.dso7104b.counter import counted_hz, five_digits, gate_s
 from vcfbench.sim.instruments.dso7104b.coupling import Coupling
 from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
 from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen, Signals
-from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, Kind
-from vcfbench.sim.instruments.dso7104b.measurements import Thresholds, Trace
+from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
+from vcfbench.sim.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
 from vcfbench.sim.instruments.dso7104b.measuring import MEASURE_COMMANDS, Installed
-from vcfbench.sim.instruments.dso7104b.record import Kept, Record, ScopeErrors
+from vcfbench.sim.instruments.dso7104b.record import AcquiredRecord, Record, ScopeErrors
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
 from vcfbench.sim.instruments.dso7104b.system import ROOT_COMMANDS, SYSTEM_COMMANDS
 from vcfbench.sim.instruments.dso7104b.termination import Terminations
@@ -54,7 +54,7 @@ from vcfbench.sim.scpi import (
     Register,
     ScpiEngine,
     ScpiError,
-    ScpiInstrument,
+    ScpiTwin,
     Status,
     block_header,
     real,
@@ -64,10 +64,10 @@ from vcfbench.sim.scpi.parameters import Violation
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from vcfbench.sim.instruments.dso7104b.inputs import Capture
+    from vcfbench.sim.instruments.dso7104b.inputs import ChannelCapture
     from vcfbench.sim.trace import Piece
 
-__all__ = ["TABLE", "Dso7104B", "ScopeErrors", "ScopeWorld"]
+__all__ = ["TABLE", "Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
 
 _RUN_BIT, _WAIT_BIT = 8, 32
 _MASK_TEST, _OVERLOAD, _HARDWARE = 9, 11, 12
@@ -97,14 +97,14 @@ TABLE = CommandTable(
 """Every command of the model."""
 
 
-class Dso7104B(ScpiInstrument):
+class Dso7104BTwin(ScpiTwin):
     """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan.
 
     `model` is what it calls itself, where it stands for an oscilloscope that speaks the same words.
     """
 
     errors_class: ClassVar = ScopeErrors
-    kind: ClassVar[Kind] = KIND_7000B
+    kind: ClassVar[ScopeKind] = KIND_7000B
     table: ClassVar[CommandTable] = TABLE
 
     def __init__(
@@ -145,7 +145,7 @@ class Dso7104B(ScpiInstrument):
         self._segmented = False
         self._sent: tuple[Record, tuple[Any, ...], Parts] | None = None
         self._number = 0
-        self._traces: dict[tuple[int, str], Trace] = {}
+        self._traces: dict[tuple[int, str], MeasuredTrace] = {}
         self.engine = ScpiEngine(
             self,
             self.table,
@@ -317,7 +317,7 @@ class Dso7104B(ScpiInstrument):
             smooth=state["ACQ:TYPE"] == "HRES",
         )
 
-    def _finish(self, armed: Acquisition, found: Found) -> None:
+    def _finish(self, armed: Acquisition, found: CapturedRecord) -> None:
         self._segmented = self.state["ACQ:MODE"] == "SEGM"
         self._keep([self._recorded(armed, found, trigger_s) for trigger_s in found.triggers_s])
         self._last_trigger_s = found.triggers_s[-1]
@@ -327,14 +327,14 @@ class Dso7104B(ScpiInstrument):
         self.triggered.latch(1)
         self._show_state()
 
-    def _recorded(self, armed: Acquisition, found: Found, trigger_s: float) -> Record:
+    def _recorded(self, armed: Acquisition, found: CapturedRecord, trigger_s: float) -> Record:
         kind = self.state["ACQ:TYPE"]
         self._number += 1
         averages = self.state["ACQ:COUN"] if kind == "AVER" and not self._segmented else 1
         bits = self._errors.converter_bits
         if bits and kind in {"AVER", "HRES"}:
             bits = 12  # averaging gains up to four bits (data sheet)
-        kept = Kept(self._number, kind, bits, averages, self.sample_rate())
+        kept = AcquiredRecord(self._number, kind, bits, averages, self.sample_rate())
         return Record(found.signals, trigger_s, armed.screen, self._errors, kept)
 
     def _keep(self, records: list[Record]) -> None:
@@ -409,7 +409,7 @@ class Dso7104B(ScpiInstrument):
         stop_s = start_s + gate_s(self.state["TIM:RANG"])
         capture = self._world.capture(now, stop_s + views[channel].remembered_s)
         comparator = comparator_of(self.state, f"CHAN{channel}")
-        signals = Signals(capture, views, self._past_of(views, Trigger({channel: comparator}, Never))())
+        signals = Signals(capture, views, self._past_of(views, Trigger({channel: comparator}, NeverMet))())
 
         def finish() -> str:
             hertz = counted_hz(signals, channel, comparator, start_s, stop_s)
@@ -423,7 +423,7 @@ class Dso7104B(ScpiInstrument):
         capture = self._world.capture(now, now + LOOK_S)
         return Pending.at(now + LOOK_S, lambda: self._autoscaled(capture, now))
 
-    def _autoscaled(self, capture: Capture, start_s: float) -> None:
+    def _autoscaled(self, capture: ChannelCapture, start_s: float) -> None:
         fit(self.state, self._nodes, capture, start_s)
         self.run()
 
@@ -452,13 +452,13 @@ class Dso7104B(ScpiInstrument):
         elapsed_s = self.record.trigger_s - self._records[0].trigger_s
         return elapsed_s * (1.0 + self._errors.time_base_error)
 
-    def measured(self, source: str, record: Record | None = None) -> Trace:
+    def measured(self, source: str, record: Record | None = None) -> MeasuredTrace:
         """Return the trace of `source` for measurements; -230 where it is not shown."""
         if not self.state[f"{source}:DISP"]:
             raise ScpiError(-230)
         return self.trace(source, record)
 
-    def trace(self, source: str, record: Record | None = None) -> Trace:
+    def trace(self, source: str, record: Record | None = None) -> MeasuredTrace:
         """Return what was acquired of `source`, shown or not."""
         shown = record or self.record
         found = self._traces.get((shown.number, source))
@@ -466,18 +466,20 @@ class Dso7104B(ScpiInstrument):
             found = self._traces[shown.number, source] = self._trace(source, shown)
         return found
 
-    def _trace(self, source: str, record: Record) -> Trace:
+    def _trace(self, source: str, record: Record) -> MeasuredTrace:
         if source == "FUNC":
             math_ = math_trace(self.state, record, _SCREEN_POINTS)
-            return Trace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
+            return MeasuredTrace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
         channel = int(source[4:])
         points = record.measured_points(channel, _SCREEN_POINTS)
         digitised = record.digitised(channel, points)
         times = record.screen.times_s(points)
         if record.kept.kind != "PEAK":
-            return Trace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
+            return MeasuredTrace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
         peaks = record.extremes(channel, points)
-        return Trace(times, digitised.volts, clipped=peaks.clipped, thresholds=self._thresholds(), peaks=peaks.volts)
+        return MeasuredTrace(
+            times, digitised.volts, clipped=peaks.clipped, thresholds=self._thresholds(), peaks=peaks.volts
+        )
 
     def _thresholds(self) -> Thresholds:
         kind, upper, middle, lower = self.state["MEAS:THR"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-__all__ = ["KIND_7000B", "Kind"]
+__all__ = ["KIND_7000B", "ScopeKind"]
 
 
-class Kind(Struct, frozen=True):
+class ScopeKind(Struct, frozen=True):
     """A model.
 
     Args:
@@ -33,7 +33,7 @@ class Kind(Struct, frozen=True):
     limit_hz: float
 
 
-KIND_7000B = Kind(
+KIND_7000B = ScopeKind(
     "DSO7104B",
     "AGILENT TECHNOLOGIES,{},MY49520121,06.00.0003",
     screen_points=1000,

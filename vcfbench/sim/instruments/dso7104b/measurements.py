@@ -17,7 +17,7 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Edge", "Thresholds", "Trace"]
+__all__ = ["MeasuredTrace", "Thresholds", "TraceEdge"]
 
 _MODE_SHARE = 0.05
 """Part of all points that a histogram bin must hold to be top or base (the real criterion is unverified)."""
@@ -35,7 +35,7 @@ class Thresholds(Struct, frozen=True):
     absolute: bool = False
 
 
-class Edge(Struct, frozen=True):
+class TraceEdge(Struct, frozen=True):
     """A full transition: where it crosses the lower, middle and upper threshold, s."""
 
     rising: bool
@@ -44,7 +44,7 @@ class Edge(Struct, frozen=True):
     upper_s: float
 
 
-class Trace:
+class MeasuredTrace:
     """One channel's record with its measurements.
 
     Args:
@@ -69,7 +69,7 @@ class Trace:
         self._peaks = volts if peaks is None else peaks
         self.clipped = clipped
         self._thresholds = thresholds
-        self._edges: list[Edge] | None = None
+        self._edges: list[TraceEdge] | None = None
 
     # --- voltages
 
@@ -193,7 +193,7 @@ class Trace:
             return None
         return self._crossing(int(places[abs(number) - 1]), level_v)
 
-    def delay_to(self, other: Trace, own_edge: int = 1, other_edge: int = 1) -> float | None:
+    def delay_to(self, other: MeasuredTrace, own_edge: int = 1, other_edge: int = 1) -> float | None:
         """Return the time from an edge of this trace to the edge of `other` nearest to it, s.
 
         The edge of this trace is the one nearest the reference; of the edge numbers only the slopes count here.
@@ -204,7 +204,7 @@ class Trace:
             return None
         return min((crossing - start.middle_s for crossing in crossings), key=abs)
 
-    def phase_to(self, other: Trace) -> float | None:
+    def phase_to(self, other: MeasuredTrace) -> float | None:
         """Return the delay in degrees of this trace's period, -180...180."""
         delay, period = self.delay_to(other), self.period()
         if delay is None or period is None:
@@ -235,13 +235,13 @@ class Trace:
         )
         return lower, middle, upper
 
-    def edges(self) -> list[Edge]:
+    def edges(self) -> list[TraceEdge]:
         """Return every full transition between lower and upper threshold, in order."""
         if self._edges is None:
             self._edges = self._find_edges(*self._volts_of_thresholds())
         return self._edges
 
-    def _find_edges(self, lower: float, middle: float, upper: float) -> list[Edge]:
+    def _find_edges(self, lower: float, middle: float, upper: float) -> list[TraceEdge]:
         if not lower < middle < upper:
             return []
         side = np.where(self.volts >= upper, 1, np.where(self.volts <= lower, -1, 0))
@@ -249,7 +249,7 @@ class Trace:
         turns = np.diff(side[places]) != 0
         ends, rising = (places[:-1][turns], places[1:][turns]), side[places[1:][turns]] > 0
         lowers, middles, uppers = (self._crossings(ends, rising, level) for level in (lower, middle, upper))
-        return [Edge(*each) for each in zip(rising.tolist(), lowers, middles, uppers, strict=True)]
+        return [TraceEdge(*each) for each in zip(rising.tolist(), lowers, middles, uppers, strict=True)]
 
     def _crossings(
         self, ends: tuple[NDArray[np.int_], NDArray[np.int_]], rising: NDArray[np.bool_], level: float
@@ -291,7 +291,7 @@ class Trace:
     def _middles(self, *, rising: bool) -> list[float]:
         return [edge.middle_s for edge in self.edges() if edge.rising == rising]
 
-    def _nearest(self, *, rising: bool) -> Edge | None:
+    def _nearest(self, *, rising: bool) -> TraceEdge | None:
         return min((edge for edge in self.edges() if edge.rising == rising), key=_off_reference, default=None)
 
     def _cycle(self) -> tuple[float, float] | None:
@@ -322,7 +322,7 @@ class Trace:
         return float(np.sum((heights[1:] + heights[:-1]) * np.diff(times))) / (2.0 * (limits[1] - limits[0]))
 
 
-def _off_reference(edge: Edge) -> float:
+def _off_reference(edge: TraceEdge) -> float:
     return abs(edge.middle_s)
 
 

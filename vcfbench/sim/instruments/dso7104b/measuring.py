@@ -16,14 +16,14 @@ from vcfbench.sim.instruments.dso7104b.commands import (
     clipped,
     setting,
 )
-from vcfbench.sim.instruments.dso7104b.measurements import Trace
+from vcfbench.sim.instruments.dso7104b.measurements import MeasuredTrace
 from vcfbench.sim.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean, signed_integer
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
     from vcfbench.sim.instruments.dso7104b.record import Record
 
 __all__ = ["MEASURE_COMMANDS", "Installed"]
@@ -38,7 +38,7 @@ class Installed(Struct, frozen=True):
     sources: tuple[str, ...]
     of: Callable[..., float | None]
 
-    def value(self, model: Dso7104B, record: Record) -> float:
+    def value(self, model: Dso7104BTwin, record: Record) -> float:
         """Return it on a record."""
         return _try(lambda: self.of(*(model.measured(source, record) for source in self.sources)))
 
@@ -48,7 +48,7 @@ class _Definition(Parameter, frozen=True):
 
     def parse(self, token: Token) -> str | float:
         """Return the number, or the word's short form."""
-        if token.kind is Kind.NUMBER:
+        if token.kind is TokenKind.NUMBER:
             return token.number
         return Choice(("STANdard", "PERCent", "ABSolute")).parse(token)
 
@@ -76,13 +76,16 @@ def _try(measure: Callable[[], float | None]) -> float:
     return INVALID if value is None else value
 
 
-def _measured(model: Dso7104B, source: str | None, of: Callable[[Trace], float | None]) -> Any:
+def _measured(model: Dso7104BTwin, source: str | None, of: Callable[[MeasuredTrace], float | None]) -> Any:
     name = source or model.state["MEAS:SOUR"][0]
     return model.look(lambda: model.nr3(_try(lambda: of(model.measured(name)))))
 
 
 def _measured_pair(
-    model: Dso7104B, first: str | None, second: str | None, of: Callable[[Trace, Trace], float | None]
+    model: Dso7104BTwin,
+    first: str | None,
+    second: str | None,
+    of: Callable[[MeasuredTrace, MeasuredTrace], float | None],
 ) -> Any:
     one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
     if two == "NONE":
@@ -90,7 +93,7 @@ def _measured_pair(
     return model.look(lambda: model.nr3(_try(lambda: of(model.measured(one), model.measured(two)))))
 
 
-def _install(model: Dso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]) -> None:
+def _install(model: Dso7104BTwin, name: str, sources: Sequence[str | None], of: Callable[..., float | None]) -> None:
     """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
     defaults = model.state["MEAS:SOUR"]
     named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
@@ -101,7 +104,7 @@ def _install(model: Dso7104B, name: str, sources: Sequence[str | None], of: Call
     del model.installed[:-_INSTALLED_MOST]
 
 
-def _clear(model: Dso7104B) -> None:
+def _clear(model: Dso7104BTwin) -> None:
     model.installed.clear()
     model.analysed = False
 
@@ -109,11 +112,11 @@ def _clear(model: Dso7104B) -> None:
 # --- results
 
 
-def _results(model: Dso7104B) -> Any:
+def _results(model: Dso7104BTwin) -> Any:
     return model.look(lambda: _results_now(model))
 
 
-def _results_now(model: Dso7104B) -> str:
+def _results_now(model: Dso7104BTwin) -> str:
     """Return what is installed: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
 
     Statistics are of the one record, or of all segments once they have been analysed.
@@ -126,7 +129,7 @@ def _results_now(model: Dso7104B) -> str:
     return ",".join(f"{values[5]:+.0f}" if index == 5 else model.nr3(values[index]) for _, values in rows)
 
 
-def _row(model: Dso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]:
+def _row(model: Dso7104BTwin, installed: Installed) -> tuple[str, tuple[float, ...]]:
     try:
         shown, records = model.record, model.records() if model.analysed else [model.record]
     except ScpiError:
@@ -143,7 +146,7 @@ def _row(model: Dso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]
 # --- declarations
 
 
-def _measurement(name: str, of: Callable[[Trace], float | None]) -> Command:
+def _measurement(name: str, of: Callable[[MeasuredTrace], float | None]) -> Command:
     """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
     return Command(
         f"MEASure:{name}",
@@ -154,18 +157,18 @@ def _measurement(name: str, of: Callable[[Trace], float | None]) -> Command:
     )
 
 
-def _averaging(name: str, of: Callable[[Trace, set[str]], float | None]) -> Command:
+def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> Command:
     """Declare VAVerage or VRMS, whose words before the source are all optional."""
 
     def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str]]:
         given = {word for word in words if word is not None}
         return next((word for word in given if word.startswith(("CHAN", "FUNC"))), None), given
 
-    def read(model: Dso7104B, *words: str | None) -> Any:
+    def read(model: Dso7104BTwin, *words: str | None) -> Any:
         source, given = sorted_out(words)
         return _measured(model, source, lambda trace: of(trace, given))
 
-    def install(model: Dso7104B, *words: str | None) -> None:
+    def install(model: Dso7104BTwin, *words: str | None) -> None:
         source, given = sorted_out(words)
         _install(model, name, (source,), lambda trace: of(trace, given))
 
@@ -173,12 +176,12 @@ def _averaging(name: str, of: Callable[[Trace, set[str]], float | None]) -> Comm
     return Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
 
 
-def _of_cycle(trace: Trace, words: set[str]) -> bool:
+def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
     """Tell whether one cycle is meant: by default where there is one on the screen (5000 series guide: AUTO)."""
     return "CYCL" in words or ("DISP" not in words and trace.period() is not None)
 
 
-def _pair_measurement(name: str, of: Callable[[Trace, Trace], float | None]) -> Command:
+def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], float | None]) -> Command:
     return Command(
         f"MEASure:{name}",
         (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
@@ -188,16 +191,16 @@ def _pair_measurement(name: str, of: Callable[[Trace, Trace], float | None]) -> 
     )
 
 
-def _install_delay(model: Dso7104B, *sources: str | None) -> None:
+def _install_delay(model: Dso7104BTwin, *sources: str | None) -> None:
     _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state["MEAS:DEL"]))
 
 
-def _delay(model: Dso7104B, first: str | None, second: str | None) -> Any:
+def _delay(model: Dso7104BTwin, first: str | None, second: str | None) -> Any:
     edges = model.state["MEAS:DEL"]
     return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges))
 
 
-def _ratio_db(one: Trace, two: Trace) -> float | None:
+def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
     first, second = one.rms(cycle=False, ac=True), two.rms(cycle=False, ac=True)
     return 20.0 * math.log10(first / second) if first and second else None
 
@@ -205,11 +208,11 @@ def _ratio_db(one: Trace, two: Trace) -> float | None:
 # --- settings
 
 
-def _set_sources(model: Dso7104B, first: str, second: str | None) -> None:
+def _set_sources(model: Dso7104BTwin, first: str, second: str | None) -> None:
     model.state["MEAS:SOUR"] = (first, second or model.state["MEAS:SOUR"][1])
 
 
-def _define(model: Dso7104B, what: str, *values: Any) -> None:
+def _define(model: Dso7104BTwin, what: str, *values: Any) -> None:
     """Take `DEFine THResholds,...` or `DEFine DELay,...`."""
     if what == "DEL":
         if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
@@ -220,7 +223,7 @@ def _define(model: Dso7104B, what: str, *values: Any) -> None:
     model.forget_traces()
 
 
-def _definition(model: Dso7104B, what: str, source: str | None = None) -> str:
+def _definition(model: Dso7104BTwin, what: str, source: str | None = None) -> str:
     """Return what was defined; the standard thresholds are told as what they are (from memory, unverified)."""
     del source
     if what == "DEL":
@@ -229,7 +232,7 @@ def _definition(model: Dso7104B, what: str, source: str | None = None) -> str:
     return ",".join(("THR", "PERC" if kind == "STAN" else kind, *map(model.nr3, numbers)))
 
 
-def _threshold_definition(model: Dso7104B, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
+def _threshold_definition(model: Dso7104BTwin, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
     if values == ("STAN",):
         return "STAN", 90.0, 50.0, 10.0
     kind, numbers = (values[0], values[1:]) if isinstance(values[0], str) else ("PERC", values)
@@ -243,7 +246,7 @@ def _threshold_definition(model: Dso7104B, values: tuple[Any, ...]) -> tuple[str
     return kind, upper, middle, lower
 
 
-def _counter(model: Dso7104B, source: str | None) -> Any:
+def _counter(model: Dso7104BTwin, source: str | None) -> Any:
     """Return what the hardware counter has counted at the end of its gate; it looks at channels alone."""
     name = source or model.state["MEAS:SOUR"][0]
     if name == "FUNC" or not model.state[f"{name}:DISP"]:
@@ -257,19 +260,19 @@ def _edge_number(value: float) -> int:
     return int(value)
 
 
-def _edge_time(model: Dso7104B, number: float, source: str | None) -> Any:
+def _edge_time(model: Dso7104BTwin, number: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)))
 
 
-def _value_time(model: Dso7104B, level: float, number: float, source: str | None) -> Any:
+def _value_time(model: Dso7104BTwin, level: float, number: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
 
 
-def _value_at(model: Dso7104B, seconds: float, source: str | None) -> Any:
+def _value_at(model: Dso7104BTwin, seconds: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.voltage_at(seconds))
 
 
-def _sources(model: Dso7104B) -> str:
+def _sources(model: Dso7104BTwin) -> str:
     return ",".join(model.state["MEAS:SOUR"])
 
 
@@ -297,33 +300,33 @@ MEASURE_COMMANDS = (
         "MEAS:STAT",
         Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
     ),
-    _measurement("VPP", Trace.peak_to_peak),
-    _measurement("VMAX", Trace.maximum),
-    _measurement("VMIN", Trace.minimum),
-    _measurement("VAMPlitude", Trace.amplitude),
-    _measurement("VTOP", Trace.top),
-    _measurement("VBASe", Trace.base),
+    _measurement("VPP", MeasuredTrace.peak_to_peak),
+    _measurement("VMAX", MeasuredTrace.maximum),
+    _measurement("VMIN", MeasuredTrace.minimum),
+    _measurement("VAMPlitude", MeasuredTrace.amplitude),
+    _measurement("VTOP", MeasuredTrace.top),
+    _measurement("VBASe", MeasuredTrace.base),
     _averaging("VAVerage", lambda trace, words: trace.average(cycle=_of_cycle(trace, words))),
     _averaging("VRMS", lambda trace, words: trace.rms(cycle=_of_cycle(trace, words), ac="AC" in words)),
     _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
-    _measurement("OVERshoot", Trace.overshoot),
-    _measurement("PREShoot", Trace.preshoot),
-    _measurement("FREQuency", Trace.frequency),
-    _measurement("PERiod", Trace.period),
+    _measurement("OVERshoot", MeasuredTrace.overshoot),
+    _measurement("PREShoot", MeasuredTrace.preshoot),
+    _measurement("FREQuency", MeasuredTrace.frequency),
+    _measurement("PERiod", MeasuredTrace.period),
     Command(
         "MEASure:COUNter",
         (OPTIONAL_SOURCE,),
-        do=lambda model, source: _install(model, "COUNter", (source,), Trace.mean_frequency),
+        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency),
         query=_counter,
         query_parameters=(OPTIONAL_SOURCE,),
     ),
-    _measurement("RISetime", Trace.rise_time),
-    _measurement("FALLtime", Trace.fall_time),
-    _measurement("PWIDth", Trace.positive_width),
-    _measurement("NWIDth", Trace.negative_width),
-    _measurement("DUTYcycle", Trace.duty_cycle),
-    _measurement("XMAX", Trace.time_of_maximum),
-    _measurement("XMIN", Trace.time_of_minimum),
+    _measurement("RISetime", MeasuredTrace.rise_time),
+    _measurement("FALLtime", MeasuredTrace.fall_time),
+    _measurement("PWIDth", MeasuredTrace.positive_width),
+    _measurement("NWIDth", MeasuredTrace.negative_width),
+    _measurement("DUTYcycle", MeasuredTrace.duty_cycle),
+    _measurement("XMAX", MeasuredTrace.time_of_maximum),
+    _measurement("XMIN", MeasuredTrace.time_of_minimum),
     Command(
         "MEASure:DELay",
         (OPTIONAL_SOURCE, OPTIONAL_SOURCE),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, Screen, Signals
 
-__all__ = ["Digitised", "Kept", "Record", "ScopeErrors"]
+__all__ = ["AcquiredRecord", "Digitised", "Record", "ScopeErrors"]
 
 _BLOCK_POINTS = 1 << 16
 _DENSE_POINTS = 1024
@@ -83,7 +83,7 @@ class Digitised(Struct, frozen=True):
     step_v: float
 
 
-class Kept(Struct, frozen=True):
+class AcquiredRecord(Struct, frozen=True):
     """What an acquisition makes of the samples.
 
     Args:
@@ -104,7 +104,9 @@ class Kept(Struct, frozen=True):
 class Record:
     """What an acquisition kept: it can be looked at with any number of points."""
 
-    def __init__(self, signals: Signals, trigger_s: float, screen: Screen, errors: ScopeErrors, kept: Kept) -> None:
+    def __init__(
+        self, signals: Signals, trigger_s: float, screen: Screen, errors: ScopeErrors, kept: AcquiredRecord
+    ) -> None:
         self._signals = signals
         self._capture = signals.capture
         self.trigger_s = trigger_s

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["COLOURS", "FORMATS", "Look", "screenshot"]
+__all__ = ["COLOURS", "FORMATS", "PictureStyle", "screenshot"]
 
 WIDTH, HEIGHT = 1024, 768
 COLOURS = ((255, 255, 0), (0, 255, 0), (80, 80, 255), (255, 80, 160), (200, 80, 255))
@@ -29,14 +29,14 @@ _LEVELS = 6
 _GREYS = 256 - _LEVELS**3
 
 
-class Look(Struct, frozen=True):
+class PictureStyle(Struct, frozen=True):
     """How the picture is made: palette COL, GRAY or MON; the ink saver makes the background white."""
 
     palette: str = "COL"
     ink_saver: bool = False
 
 
-def screenshot(traces: Mapping[int, NDArray[np.float64]], kind: str, look: Look) -> bytes:
+def screenshot(traces: Mapping[int, NDArray[np.float64]], kind: str, look: PictureStyle) -> bytes:
     """Return a picture of traces whose values run from -0.5 (bottom) to 0.5 (top), by number of the trace from 1."""
     picture = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
     picture[:] = _WHITE if look.ink_saver else _BLACK
@@ -64,7 +64,7 @@ def _columns(rows: NDArray[np.int_]) -> Sequence[NDArray[np.int_]]:
     return np.array_split(rows, WIDTH)
 
 
-def _toned(picture: NDArray[np.uint8], look: Look) -> NDArray[np.uint8]:
+def _toned(picture: NDArray[np.uint8], look: PictureStyle) -> NDArray[np.uint8]:
     if look.palette == "COL":
         return picture
     grey = picture @ np.array(_LUMINANCE)

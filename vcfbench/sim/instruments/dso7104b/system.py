@@ -6,9 +6,16 @@ import base64
 import json
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.dso7104b.commands import OPTIONAL_SOURCE, SOURCE, Source, nothing, registers, setting
+from vcfbench.sim.instruments.dso7104b.commands import (
+    OPTIONAL_SOURCE,
+    SOURCE,
+    SourceParameter,
+    nothing,
+    registers,
+    setting,
+)
 from vcfbench.sim.instruments.dso7104b.function import math_scale, math_trace
-from vcfbench.sim.instruments.dso7104b.screen import Look, screenshot
+from vcfbench.sim.instruments.dso7104b.screen import PictureStyle, screenshot
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
 from vcfbench.sim.scpi import (
     Block,
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
     from vcfbench.sim.scpi import Pending
 
 __all__ = ["ROOT_COMMANDS", "SYSTEM_COMMANDS"]
@@ -45,25 +52,25 @@ _MATH = len(CHANNELS) + 1
 # --- root
 
 
-def _digitize(model: Dso7104B, *sources: str) -> Pending:
+def _digitize(model: Dso7104BTwin, *sources: str) -> Pending:
     return model.digitize(*sources)
 
 
-def _show(model: Dso7104B, source: str, *, shown: bool) -> None:
+def _show(model: Dso7104BTwin, source: str, *, shown: bool) -> None:
     model.state[f"{source}:DISP"] = shown
 
 
-def _blank(model: Dso7104B, source: str | None) -> None:
+def _blank(model: Dso7104BTwin, source: str | None) -> None:
     for one in (source,) if source else (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
         _show(model, one, shown=False)
 
 
-def _activity(model: Dso7104B) -> Any:
+def _activity(model: Dso7104BTwin) -> Any:
     """Return edges and levels, a bit a channel: whether it crosses its trigger level, and is above it at the end."""
     return model.look(lambda: _activity_now(model))
 
 
-def _activity_now(model: Dso7104B) -> str:
+def _activity_now(model: Dso7104BTwin) -> str:
     edges = levels = 0
     for bit, channel in enumerate(CHANNELS):
         above = model.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
@@ -82,7 +89,7 @@ ROOT_COMMANDS = (
     Command("RUN", do=lambda model: model.run_now()),
     Command("STOP", do=lambda model: model.stop()),
     Command("SINGle", do=lambda model: model.single()),
-    Command("DIGitize", (Source(required=False),), do=_digitize, repeat=True),
+    Command("DIGitize", (SourceParameter(required=False),), do=_digitize, repeat=True),
     Command(
         "AUToscale",
         (Choice(("CHANnel<1-4>",), required=False),),
@@ -118,15 +125,15 @@ ROOT_COMMANDS = (
 # --- pictures
 
 
-def _picture(model: Dso7104B, kind: str, area: str | None, palette: str | None) -> Any:
+def _picture(model: Dso7104BTwin, kind: str, area: str | None, palette: str | None) -> Any:
     """Return the screen; a TIFF is the graticule in two tones (5000 series guide; number of the refusal unverified)."""
     if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
         raise ScpiError(-221)
-    look = Look("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state["HARD:INKS"])
+    look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state["HARD:INKS"])
     return model.look(lambda: block(screenshot(_traces(model), kind, look), 8))
 
 
-def _traces(model: Dso7104B) -> dict[int, NDArray[Any]]:
+def _traces(model: Dso7104BTwin) -> dict[int, NDArray[Any]]:
     """Return the shown traces, each -0.5...0.5 of the screen, the math trace as the fifth; none without a record."""
     try:
         record = model.record
@@ -143,7 +150,7 @@ def _traces(model: Dso7104B) -> dict[int, NDArray[Any]]:
     return traces
 
 
-def _hard_copy_learned(model: Dso7104B) -> str:
+def _hard_copy_learned(model: Dso7104BTwin) -> str:
     """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
     state = model.state
     return (
@@ -156,7 +163,7 @@ def _hard_copy_learned(model: Dso7104B) -> str:
 # --- system
 
 
-def _setup(model: Dso7104B) -> bytes:
+def _setup(model: Dso7104BTwin) -> bytes:
     """Return the setup as a block; its inside is ours.
 
     It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests for a real DSOX1102G read it as
@@ -165,7 +172,7 @@ def _setup(model: Dso7104B) -> bytes:
     return block(base64.b64encode(json.dumps(model.state).encode()), 8)
 
 
-def _set_setup(model: Dso7104B, data: bytes) -> None:
+def _set_setup(model: Dso7104BTwin, data: bytes) -> None:
     try:
         state = json.loads(base64.b64decode(data, validate=True))
     except ValueError:
@@ -177,11 +184,11 @@ def _set_setup(model: Dso7104B, data: bytes) -> None:
     model.restore(state | tuples)
 
 
-def _set_date(model: Dso7104B, year: int, month: int, day: int) -> None:
+def _set_date(model: Dso7104BTwin, year: int, month: int, day: int) -> None:
     model.date = (year, month, day)
 
 
-def _set_time(model: Dso7104B, hour: int, minute: int, second: int) -> None:
+def _set_time(model: Dso7104BTwin, hour: int, minute: int, second: int) -> None:
     model.time = (hour, minute, second)
 
 
@@ -190,13 +197,13 @@ def _list_of(values: tuple[int, ...]) -> str:
 
 
 def _put(name: str) -> Callable[..., None]:
-    def write(model: Dso7104B, value: Any) -> None:
+    def write(model: Dso7104BTwin, value: Any) -> None:
         setattr(model, name, value)
 
     return write
 
 
-def _display_learned(model: Dso7104B) -> str:
+def _display_learned(model: Dso7104BTwin) -> str:
     """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
     state = model.state
     return (
@@ -205,7 +212,7 @@ def _display_learned(model: Dso7104B) -> str:
     )
 
 
-def _system_learned(model: Dso7104B) -> str:
+def _system_learned(model: Dso7104BTwin) -> str:
     """Return the settings; of what a real one says there nothing is known."""
     state = model.state
     return f":SYST:LOCK {boolean(state['SYST:LOCK'])};PROT:LOCK {boolean(state['SYST:PROT'])}"

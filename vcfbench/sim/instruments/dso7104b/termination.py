@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from vcfbench.sim.instruments.dso7104b.inputs import Capture, ScopeWorld
+    from vcfbench.sim.instruments.dso7104b.inputs import ChannelCapture, ScopeWorld
 
 __all__ = ["Terminations"]
 
@@ -35,7 +35,7 @@ class Terminations:
         self._nodes = nodes
         self._tripped = tripped
         self._fifty: set[int] = set()
-        self._look: tuple[Capture, float] | None = None
+        self._look: tuple[ChannelCapture, float] | None = None
         self.due_s: float | None = None
         """When the protection has seen enough; None while it looks at nothing."""
 

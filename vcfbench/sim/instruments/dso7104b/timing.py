@@ -8,7 +8,7 @@ from vcfbench.sim.instruments.dso7104b.commands import clipped, number, setting
 from vcfbench.sim.scpi import Boolean, Choice, Command, Integer, Limits, Number, ScpiError, boolean, signed_integer
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
 
 __all__ = ["TIMING_COMMANDS"]
 
@@ -20,7 +20,7 @@ _POSITION = Number(unit="S", limits=Limits(-500.0, 500.0))
 def _scale(name: str, key: str) -> Command:
     """Declare a scale, a tenth of the range of the same window."""
 
-    def write(model: Dso7104B, seconds: float) -> None:
+    def write(model: Dso7104BTwin, seconds: float) -> None:
         model.state[key] = 10.0 * seconds
 
     return Command(
@@ -28,7 +28,7 @@ def _scale(name: str, key: str) -> Command:
     )
 
 
-def _learned(model: Dso7104B) -> str:
+def _learned(model: Dso7104BTwin) -> str:
     state = model.state
     return (
         f":TIM:MODE {state['TIM:MODE']};REF {state['TIM:REF']};"
@@ -36,19 +36,19 @@ def _learned(model: Dso7104B) -> str:
     )
 
 
-def _set_index(model: Dso7104B, index: float) -> None:
+def _set_index(model: Dso7104BTwin, index: float) -> None:
     """Show another segment: one of those that were acquired."""
     model.state["SEGM:IND"] = int(clipped(model, index, 1, max(1, model.segments())))
 
 
-def _analyze(model: Dso7104B) -> None:
+def _analyze(model: Dso7104BTwin) -> None:
     """Measure over all segments; without any the settings are in conflict (number of the refusal unverified)."""
     if not model.segments():
         raise ScpiError(-221)
     model.analysed = True
 
 
-def _acquire_learned(model: Dso7104B) -> str:
+def _acquire_learned(model: Dso7104BTwin) -> str:
     """Return how it acquires, in the shape of the siblings' guides (unverified for this model)."""
     state = model.state
     return (

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.filters import Sines
     from vcfbench.sim.instruments.dso7104b.inputs import Signals
 
-__all__ = ["Comparator", "Tips", "Trigger", "TriggerSearch", "held"]
+__all__ = ["Comparator", "SyncTips", "Trigger", "TriggerSearch", "held"]
 
 _GRID_POINTS = 4000
 _BLOCK_POINTS = 1 << 16
@@ -68,11 +68,11 @@ class Trigger(Struct, frozen=True):
 
     comparators: Mapping[int, Comparator]
     make: Callable[[], Condition]
-    tips: Tips | None = None
+    tips: SyncTips | None = None
     """Television: the level follows the tips of the signal."""
 
 
-class Tips(Struct, frozen=True):
+class SyncTips(Struct, frozen=True):
     """Synchronising tips: below or above everything else, by at least `swing_v`."""
 
     negative: bool

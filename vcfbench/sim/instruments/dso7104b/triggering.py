@@ -17,16 +17,16 @@ from vcfbench.sim.instruments.dso7104b.conditions import (
     Burst,
     Condition,
     Duration,
-    Edge,
-    Never,
+    EdgeCondition,
+    NeverMet,
     Pattern,
-    Pulse,
-    Sequence,
+    PulseCondition,
+    SequenceCondition,
     Stage,
     Video,
 )
 from vcfbench.sim.instruments.dso7104b.inputs import EXTERNAL, LINE
-from vcfbench.sim.instruments.dso7104b.trigger import Comparator, Tips, Trigger
+from vcfbench.sim.instruments.dso7104b.trigger import Comparator, SyncTips, Trigger
 from vcfbench.sim.scpi import (
     Boolean,
     Choice,
@@ -40,12 +40,12 @@ from vcfbench.sim.scpi import (
     comma_list,
     signed_integer,
 )
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
 
 __all__ = ["TRIGGER_COMMANDS", "comparator_of", "trigger_of"]
 
@@ -64,7 +64,7 @@ _HALF_DIVISION = 0.5
 def trigger_of(state: Mapping[str, Any]) -> Trigger:
     """Return the trigger that the settings mean."""
     make = _MODES.get(state["TRIG:MODE"])
-    return Trigger({}, Never) if make is None else make(state)
+    return Trigger({}, NeverMet) if make is None else make(state)
 
 
 def _input(source: str) -> int:
@@ -92,7 +92,7 @@ def _edge(state: Mapping[str, Any]) -> Trigger:
     source, slope = state["TRIG:SOUR"], state["TRIG:SLOP"]
     side = {"POS": 1.0, "NEG": -1.0}.get(slope, 0.0)
     channel = _input(source)
-    make = partial(Edge, channel, rising=slope != "NEG", falling=slope != "POS")
+    make = partial(EdgeCondition, channel, rising=slope != "NEG", falling=slope != "POS")
     return Trigger({channel: _coupled(state, comparator_of(state, source, side))}, make)
 
 
@@ -105,7 +105,7 @@ def _pulse(state: Mapping[str, Any]) -> Trigger:
         "RANG": (greater, less),
     }[state["GLIT:QUAL"]]
     channel = _input(source)
-    make = partial(Pulse, channel, positive=positive, least_s=least, most_s=most)
+    make = partial(PulseCondition, channel, positive=positive, least_s=least, most_s=most)
     return Trigger({channel: comparator_of(state, source)}, make)
 
 
@@ -153,11 +153,11 @@ def _television(state: Mapping[str, Any]) -> Trigger:
     """Return the trigger on any line or any field; of a certain line or field it never knows."""
     mode, source = state["TV:MODE"], state["TV:SOUR"]
     if mode not in {"ALIN", "AFI", "VERT"}:
-        return Trigger({}, Never)
+        return Trigger({}, NeverMet)
     channel, negative = _input(source), state["TV:POL"] == "NEG"
     make = partial(Video, channel, negative=negative, line_s=_LINE_S[state["TV:STAN"]], field=mode != "ALIN")
     swing_v = _HALF_DIVISION * state[f"{source}:RANG"] / 8.0
-    return Trigger({channel: comparator_of(state, source)}, make, Tips(negative, swing_v))
+    return Trigger({channel: comparator_of(state, source)}, make, SyncTips(negative, swing_v))
 
 
 def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> Stage | None:
@@ -172,9 +172,9 @@ def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> Stage | None:
 def _sequence(state: Mapping[str, Any]) -> Trigger:
     find, trigger, reset = (_stage(state, state[key]) for key in ("SEQ:FIND", "SEQ:TRIG", "SEQ:RES"))
     if find is None or trigger is None:
-        return Trigger({}, Never)
+        return Trigger({}, NeverMet)
     make = partial(
-        Sequence,
+        SequenceCondition,
         find,
         trigger,
         reset,
@@ -208,9 +208,9 @@ class _Bits(Parameter, frozen=True):
 
     def parse(self, token: Token) -> int:
         """Return the integer; -224 for a string that is none."""
-        if token.kind is Kind.NUMBER:
+        if token.kind is TokenKind.NUMBER:
             return round(token.number)
-        if token.kind is not Kind.STRING:
+        if token.kind is not TokenKind.STRING:
             raise self.refuse_kind(token)
         try:
             return int(token.text, 16)
@@ -218,14 +218,14 @@ class _Bits(Parameter, frozen=True):
             raise ScpiError(-224) from None
 
 
-def _set_mode(model: Dso7104B, mode: str) -> None:
+def _set_mode(model: Dso7104BTwin, mode: str) -> None:
     """Choose the mode; those of options that are not installed are refused (number unverified)."""
     if mode in {Choice((option,)).mnemonics[0].short for option in _OPTIONS}:
         raise ScpiError(-241)
     model.state["TRIG:MODE"] = mode
 
 
-def _reach(model: Dso7104B, source: str) -> tuple[float, float]:
+def _reach(model: Dso7104BTwin, source: str) -> tuple[float, float]:
     """Return the lowest and the highest level: 0.75 of full scale about the centre of the screen."""
     if not source.startswith("CHAN"):
         return -_EXTERNAL_REACH_V, _EXTERNAL_REACH_V
@@ -236,7 +236,7 @@ def _reach(model: Dso7104B, source: str) -> tuple[float, float]:
 def _level(pattern: str, source_key: str) -> Command:
     """Declare the level of a mode's source, or of the one that is named."""
 
-    def write(model: Dso7104B, volts: float, source: str | None) -> None:
+    def write(model: Dso7104BTwin, volts: float, source: str | None) -> None:
         named = source or model.state[source_key]
         model.state[f"LEV:{named}"] = clipped(model, volts, *_reach(model, named))
 
@@ -249,7 +249,7 @@ def _level(pattern: str, source_key: str) -> Command:
     )
 
 
-def _set_reject(model: Dso7104B, word: str) -> None:
+def _set_reject(model: Dso7104BTwin, word: str) -> None:
     """Turn one filter on and the other off; LF is the coupling of that name."""
     model.state["TRIG:HFR"] = word == "HF"
     if word == "LF":
@@ -258,20 +258,20 @@ def _set_reject(model: Dso7104B, word: str) -> None:
         model.state["TRIG:COUP"] = "DC"
 
 
-def _reject(model: Dso7104B) -> str:
+def _reject(model: Dso7104BTwin) -> str:
     if model.state["TRIG:COUP"] == "LFR":
         return "LF"
     return "HF" if model.state["TRIG:HFR"] else "OFF"
 
 
-def _set_pattern(model: Dso7104B, value: int, mask: int, source: str | None, slope: str | None) -> None:
+def _set_pattern(model: Dso7104BTwin, value: int, mask: int, source: str | None, slope: str | None) -> None:
     """Take value and mask, with or without source and slope of an edge: both or none."""
     if (source is None) != (slope is None):
         raise ScpiError(-109)
     model.state["PATT"] = (value, mask, source or "NONE", slope or "POS")
 
 
-def _pattern_reply(model: Dso7104B) -> str:
+def _pattern_reply(model: Dso7104BTwin) -> str:
     value, mask, source, slope = model.state["PATT"]
     return f"{signed_integer(value)},{signed_integer(mask)},{source},{slope}"
 
@@ -280,7 +280,7 @@ def _times(pattern: str, key: str, less: Limits, greater: Limits) -> Command:
     """Declare a range of times; the larger one is the upper limit, whatever the order."""
     limits = Number(unit="S", limits=Limits(greater.minimum, less.maximum))
 
-    def write(model: Dso7104B, one: float, other: float) -> None:
+    def write(model: Dso7104BTwin, one: float, other: float) -> None:
         upper = clipped(model, max(one, other), less.minimum, less.maximum)
         model.state[key] = (upper, clipped(model, min(one, other), greater.minimum, greater.maximum))
 
@@ -296,7 +296,7 @@ def _times(pattern: str, key: str, less: Limits, greater: Limits) -> Command:
 def _stage_setting(pattern: str, key: str, allowed: set[str]) -> Command:
     """Declare a stage; the words that it may be made of are a few combinations (6000 series guide, from memory)."""
 
-    def write(model: Dso7104B, *words: str) -> None:
+    def write(model: Dso7104BTwin, *words: str) -> None:
         if ",".join(words) not in allowed:
             raise ScpiError(-224)
         model.state[key] = words
@@ -305,7 +305,7 @@ def _stage_setting(pattern: str, key: str, allowed: set[str]) -> Command:
 
 
 def _set_pair(prefix: str) -> Callable[..., None]:
-    def write(model: Dso7104B, index: int, one: Any, other: Any) -> None:
+    def write(model: Dso7104BTwin, index: int, one: Any, other: Any) -> None:
         model.state[f"{prefix}{index}"] = (one, other)
 
     return write
@@ -322,7 +322,7 @@ _GREATER = Limits(10e-9, 10.0)
 _LESS = Limits(15e-9, 10.0)
 
 
-def _learned(model: Dso7104B) -> str:
+def _learned(model: Dso7104BTwin) -> str:
     """Return what all modes have in common, and the edge (siblings' guides; of other modes nothing is known)."""
     state = model.state
     general = (

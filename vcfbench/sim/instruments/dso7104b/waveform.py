@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104B
+    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
 
 __all__ = ["WAVEFORM_COMMANDS"]
 
@@ -27,12 +27,12 @@ _TEXT_POINTS = 2048
 _TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
 
 
-def _listed(model: Dso7104B, wanted: float) -> int:
+def _listed(model: Dso7104BTwin, wanted: float) -> int:
     """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 4000000, 8000000 that is not above `wanted`."""
     return max(each for each in model.kind.record_lengths if each <= max(100, wanted))
 
 
-def _points(model: Dso7104B) -> int:
+def _points(model: Dso7104BTwin) -> int:
     """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
     state = model.state
     wanted = state["WAV:POIN"]
@@ -44,7 +44,7 @@ def _points(model: Dso7104B) -> int:
     return min(_listed(model, wanted), model.memory())
 
 
-def _set_points(model: Dso7104B, points: float) -> None:
+def _set_points(model: Dso7104BTwin, points: float) -> None:
     """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
     screen, deepest = model.kind.screen_points, model.kind.record_lengths[-1]
     words = {-1.0: ("NORM", screen), -2.0: ("MAX", deepest), -3.0: ("RAW", deepest)}
@@ -58,11 +58,11 @@ def _set_points(model: Dso7104B, points: float) -> None:
 # --- scaling
 
 
-def _math(model: Dso7104B) -> MathTrace:
+def _math(model: Dso7104BTwin) -> MathTrace:
     return math_trace(model.state, model.record, _points(model))
 
 
-def _vertical(model: Dso7104B) -> tuple[float, float]:
+def _vertical(model: Dso7104BTwin) -> tuple[float, float]:
     """Return range and offset of the source as it was acquired."""
     if model.state["WAV:SOUR"] == "FUNC":
         return math_scale(model.state)
@@ -70,7 +70,7 @@ def _vertical(model: Dso7104B) -> tuple[float, float]:
     return view.range_v, view.offset_v
 
 
-def _horizontal(model: Dso7104B) -> tuple[float, float]:
+def _horizontal(model: Dso7104BTwin) -> tuple[float, float]:
     """Return increment and origin, s; Hz of an FFT."""
     if model.state["WAV:SOUR"] == "FUNC":
         trace = _math(model)
@@ -79,23 +79,23 @@ def _horizontal(model: Dso7104B) -> tuple[float, float]:
     return screen.range_s / _points(model), screen.left_s
 
 
-def _scaling(model: Dso7104B) -> tuple[float, float, int, float, float, int]:
+def _scaling(model: Dso7104BTwin) -> tuple[float, float, int, float, float, int]:
     """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference: the value sent where yorigin is."""
     levels = _LEVELS[model.state["WAV:FORM"]]
     range_, offset = _vertical(model)
     return (*_horizontal(model), 0, range_ / levels, offset, 0 if _signed(model) else levels // 2)
 
 
-def _signed(model: Dso7104B) -> bool:
+def _signed(model: Dso7104BTwin) -> bool:
     """Tell whether codes are sent as signed integers; of ASCii numbers :WAVeform:UNSigned says nothing."""
     return model.state["WAV:FORM"] != "ASC" and not model.state["WAV:UNS"]
 
 
-def _preamble(model: Dso7104B) -> Any:
+def _preamble(model: Dso7104BTwin) -> Any:
     return model.look(lambda: _preamble_now(model))
 
 
-def _preamble_now(model: Dso7104B) -> str:
+def _preamble_now(model: Dso7104BTwin) -> str:
     x_increment, x_origin, x_reference, y_increment, y_origin, y_reference = _scaling(model)
     fields = (
         signed_integer(_FORMATS[model.state["WAV:FORM"]]),
@@ -112,12 +112,12 @@ def _preamble_now(model: Dso7104B) -> str:
     return ",".join(fields)
 
 
-def _average_count(model: Dso7104B) -> int:
+def _average_count(model: Dso7104BTwin) -> int:
     return int(model.state["ACQ:COUN"]) if model.state["ACQ:TYPE"] == "AVER" else 1
 
 
 def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
-    def read(model: Dso7104B) -> Any:
+    def read(model: Dso7104BTwin) -> Any:
         def found() -> str:
             value = _scaling(model)[index]
             return signed_integer(value) if integer else model.nr3(value)
@@ -130,7 +130,7 @@ def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
 # --- data
 
 
-def _codes(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
+def _codes(model: Dso7104BTwin) -> Iterator[NDArray[np.float64]]:
     """Return the record of the waveform source as it is now, block by block, as unsigned codes of the format."""
     if not _shown(model):
         return iter((np.full(_points(model), _HOLE),))
@@ -139,7 +139,7 @@ def _codes(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
     return (_coded(volts, range_, offset, levels) for volts in _blocks(model))
 
 
-def _blocks(model: Dso7104B) -> Iterator[NDArray[np.float64]]:
+def _blocks(model: Dso7104BTwin) -> Iterator[NDArray[np.float64]]:
     if model.state["WAV:SOUR"] == "FUNC":
         return iter((_math(model).values,))
     channel, points = int(model.state["WAV:SOUR"][4:]), _points(model)
@@ -161,11 +161,11 @@ def _coded(volts: NDArray[np.float64], range_: float, offset: float, levels: int
     return codes
 
 
-def _data(model: Dso7104B) -> Any:
+def _data(model: Dso7104BTwin) -> Any:
     return model.look(lambda: _data_now(model))
 
 
-def _asked(model: Dso7104B) -> tuple[Any, ...]:
+def _asked(model: Dso7104BTwin) -> tuple[Any, ...]:
     """Return all that what :WAVeform:DATA? sends of a record depends on."""
     keys = ["WAV:SOUR", "WAV:FORM", "WAV:UNS", "WAV:BYT", "ACQ:TYPE"]
     if model.state["WAV:SOUR"] == "FUNC":
@@ -173,7 +173,7 @@ def _asked(model: Dso7104B) -> tuple[Any, ...]:
     return (_shown(model), _points(model), *(model.state[key] for key in keys))
 
 
-def _shown(model: Dso7104B) -> bool:
+def _shown(model: Dso7104BTwin) -> bool:
     """Tell whether there is anything of the source: of what is off there are holes alone.
 
     PyMeasure's tests for a real DSOX1102G expect something that can be read; a hole is a place without data (5000
@@ -182,7 +182,7 @@ def _shown(model: Dso7104B) -> bool:
     return bool(model.state[f"{model.state['WAV:SOUR']}:DISP"])
 
 
-def _data_now(model: Dso7104B) -> Any:
+def _data_now(model: Dso7104BTwin) -> Any:
     form, signed = model.state["WAV:FORM"], _signed(model)
     if form == "ASC":
         written = _writing(model)
@@ -205,7 +205,7 @@ def _cut(codes: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
     return (codes[start : start + _TEXT_POINTS] for start in range(0, len(codes), _TEXT_POINTS))
 
 
-def _writing(model: Dso7104B) -> Callable[[NDArray[np.float64]], bytes]:
+def _writing(model: Dso7104BTwin) -> Callable[[NDArray[np.float64]], bytes]:
     """Return what writes codes as numbers, as things are scaled now."""
     _, _, _, increment, origin, reference = _scaling(model)
     number = real(5, model.exponent_digits)
@@ -214,15 +214,15 @@ def _writing(model: Dso7104B) -> Callable[[NDArray[np.float64]], bytes]:
     return lambda codes: ",".join(map(number, ((codes - reference) * increment + origin).tolist())).encode()
 
 
-def _looked_at(of: Callable[[Dso7104B], str]) -> Callable[[Dso7104B], Any]:
+def _looked_at(of: Callable[[Dso7104BTwin], str]) -> Callable[[Dso7104BTwin], Any]:
     return lambda model: model.look(lambda: of(model))
 
 
-def _time_tag(model: Dso7104B) -> str:
+def _time_tag(model: Dso7104BTwin) -> str:
     return model.nr3(model.time_tag_s())
 
 
-def _learned(model: Dso7104B) -> str:
+def _learned(model: Dso7104BTwin) -> str:
     """Return what is sent how, in the shape of the siblings' guides."""
     state = model.state
     return (

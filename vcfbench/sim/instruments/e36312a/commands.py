@@ -25,12 +25,12 @@ from vcfbench.sim.scpi import (
     real,
     signed_integer,
 )
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.e36312a.instrument import E36312A
+    from vcfbench.sim.instruments.e36312a.instrument import SimulatedE36312A
 
 __all__ = ["TABLE"]
 
@@ -47,7 +47,7 @@ class _Channels(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> Any:
         """Return the names of the outputs; -224 for a channel that is not there (unverified)."""
-        if token.kind is not Kind.EXPRESSION or not token.text.startswith("@"):
+        if token.kind is not TokenKind.EXPRESSION or not token.text.startswith("@"):
             raise self.refuse_kind(token)
         return tuple(_NAMES[number - 1] for part in token.text[1:].split(",") for number in _range(part))
 
@@ -57,7 +57,7 @@ class _ChannelsOrWord(_Channels, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> Any:
         """Return names, or what the word stands for."""
-        if token.kind is Kind.WORD:
+        if token.kind is TokenKind.WORD:
             return Special[Choice(tuple(each.value for each in Special)).parse(token)]
         return super().parse(token)
 
@@ -76,7 +76,7 @@ _LIST = _Channels(required=False)
 _ON_OFF = Boolean()
 
 
-def _of(supply: E36312A, names: Names | None) -> Names:
+def _of(supply: SimulatedE36312A, names: Names | None) -> Names:
     return (supply.selected,) if names is None else names
 
 
@@ -92,7 +92,7 @@ def _terminal(name: str, value: float) -> float:
 # --- levels ---------------------------------------------------------------------------------------------------------
 
 
-def _limits(supply: E36312A, name: str, what: str) -> Limits:
+def _limits(supply: SimulatedE36312A, name: str, what: str) -> Limits:
     kind = supply.outputs[name].kind
     if what == "VOLT":
         return Limits(0.0, abs(kind.volts.maximum), 0.0)
@@ -100,10 +100,10 @@ def _limits(supply: E36312A, name: str, what: str) -> Limits:
 
 
 def _level(what: str, unit: str, header: str) -> Command:
-    def parameter(supply: E36312A, name: str) -> Number:
+    def parameter(supply: SimulatedE36312A, name: str) -> Number:
         return Number(unit=unit, limits=_limits(supply, name, what))
 
-    def write(supply: E36312A, value: Any, names: Names | None) -> None:
+    def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
         levels = {name: parameter(supply, name).settle(value, supply) for name in _of(supply, names)}
         for name, level in levels.items():
             if what == "VOLT":
@@ -111,7 +111,7 @@ def _level(what: str, unit: str, header: str) -> Command:
             else:
                 supply.program(name, amps=level)
 
-    def read(supply: E36312A, which: Any, names: Names | None) -> list[float]:
+    def read(supply: SimulatedE36312A, which: Any, names: Names | None) -> list[float]:
         if isinstance(which, Special):
             return [parameter(supply, name).special(which, supply) for name in _of(supply, names)]
         outputs = [(name, supply.outputs[name]) for name in _of(supply, which)]
@@ -135,7 +135,7 @@ def _named(identifier: str) -> str:
     return _NAMES[int(identifier[2:]) - 1] if identifier.startswith("CH") else identifier
 
 
-def _apply(supply: E36312A, identifier: str, volts: Any, amps: Any) -> None:
+def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> None:
     name = _named(identifier)
     if volts is not None:
         volts = _terminal(name, Number(unit="V", limits=_limits(supply, name, "VOLT")).settle(volts, supply))
@@ -144,66 +144,66 @@ def _apply(supply: E36312A, identifier: str, volts: Any, amps: Any) -> None:
     supply.program(name, volts=volts, amps=amps)
 
 
-def _applied(supply: E36312A, identifier: str | None) -> str:
+def _applied(supply: SimulatedE36312A, identifier: str | None) -> str:
     name = supply.selected if identifier is None else _named(identifier)
     output = supply.outputs[name]
     return f"{_terminal(name, output.volts):.6f},{output.amps:.6f}"
 
 
-def _select(supply: E36312A, identifier: str) -> None:
+def _select(supply: SimulatedE36312A, identifier: str) -> None:
     supply.selected = _named(identifier)
 
 
-def _select_number(supply: E36312A, number: int) -> None:
+def _select_number(supply: SimulatedE36312A, number: int) -> None:
     supply.selected = _NAMES[number - 1]
 
 
-def _selected_number(supply: E36312A) -> int:
+def _selected_number(supply: SimulatedE36312A) -> int:
     return supply.output.kind.number
 
 
 # --- switches, protection, measurements -----------------------------------------------------------------------------
 
 
-def _switch(supply: E36312A, state: object, names: Names | None) -> None:
+def _switch(supply: SimulatedE36312A, state: object, names: Names | None) -> None:
     supply.switch(_of(supply, names), on=bool(state))
 
 
 def _kept(attribute: str, header: str, parameter: Parameter, reply: Callable[[Any], str]) -> Command:
-    def write(supply: E36312A, value: Any, names: Names | None) -> None:
+    def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
         kept = getattr(supply, attribute)
         kept.update({name: bool(value) if isinstance(parameter, Boolean) else value for name in _of(supply, names)})
         supply.regulate()
 
-    def read(supply: E36312A, names: Names | None) -> list[Any]:
+    def read(supply: SimulatedE36312A, names: Names | None) -> list[Any]:
         return [getattr(supply, attribute)[name] for name in _of(supply, names)]
 
     return Command(header, (parameter, _LIST), do=write, query=read, query_parameters=(_LIST,), reply=_listed(reply))
 
 
 def _tripped(cause: str) -> Callable[..., list[bool]]:
-    def read(supply: E36312A, names: Names | None) -> list[bool]:
+    def read(supply: SimulatedE36312A, names: Names | None) -> list[bool]:
         supply.observe()
         return [supply.tripped[name] == cause for name in _of(supply, names)]
 
     return read
 
 
-def _clear(supply: E36312A, names: Names | None) -> None:
+def _clear(supply: SimulatedE36312A, names: Names | None) -> None:
     supply.tripped.update(dict.fromkeys(_of(supply, names), ""))
 
 
-def _pair(supply: E36312A, state: str) -> None:
+def _pair(supply: SimulatedE36312A, state: str) -> None:
     """OFF is all that is simulated."""
     del supply, state
 
 
-def _measure_volts(supply: E36312A, names: Names | None) -> list[float]:
+def _measure_volts(supply: SimulatedE36312A, names: Names | None) -> list[float]:
     supply.observe()
     return [_terminal(name, supply.outputs[name].voltage_reading()) for name in _of(supply, names)]
 
 
-def _measure_amps(supply: E36312A, names: Names | None) -> list[float]:
+def _measure_amps(supply: SimulatedE36312A, names: Names | None) -> list[float]:
     supply.observe()
     return [supply.outputs[name].current_reading() for name in _of(supply, names)]
 
@@ -212,11 +212,11 @@ def _measurement(header: str, read: Callable[..., list[float]]) -> Command:
     return Command(header, query=read, query_parameters=(_LIST,), reply=_listed(_NR3), query_takes_s=_READBACK_S)
 
 
-def _show(supply: E36312A, text: str) -> None:
+def _show(supply: SimulatedE36312A, text: str) -> None:
     supply.display_text = text[:12]
 
 
-def _nothing(supply: E36312A) -> None:
+def _nothing(supply: SimulatedE36312A) -> None:
     del supply
 
 

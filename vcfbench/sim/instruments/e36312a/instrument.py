@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec.structs import replace
 
-from vcfbench.sim.instruments.e3631a.errors import Accuracy
-from vcfbench.sim.instruments.e3631a.instrument import E3631A, SupplyErrors
+from vcfbench.sim.instruments.e3631a.errors import OutputAccuracy
+from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A, SupplyErrors
 from vcfbench.sim.instruments.e3631a.kinds import KINDS
 from vcfbench.sim.scpi import GPIB, LAN, USB, Dialect
 
@@ -39,16 +39,16 @@ full load nothing is known."""
 class Errors36312A(SupplyErrors, frozen=True):
     """Imperfections of an E36312A, of an E3631A's kinds; the accuracy is from memory and unverified."""
 
-    accuracy: ClassVar[Mapping[str, Accuracy]] = MappingProxyType(
+    accuracy: ClassVar[Mapping[str, OutputAccuracy]] = MappingProxyType(
         {
-            "P6V": Accuracy((3e-4, 3e-3), (1e-3, 5e-3), (3e-4, 3e-3)),
-            "P25V": Accuracy((3e-4, 5e-3), (1e-3, 2e-3), (3e-4, 5e-3)),
-            "N25V": Accuracy((3e-4, 5e-3), (1e-3, 2e-3), (3e-4, 5e-3)),
+            "P6V": OutputAccuracy((3e-4, 3e-3), (1e-3, 5e-3), (3e-4, 3e-3)),
+            "P25V": OutputAccuracy((3e-4, 5e-3), (1e-3, 2e-3), (3e-4, 5e-3)),
+            "N25V": OutputAccuracy((3e-4, 5e-3), (1e-3, 2e-3), (3e-4, 5e-3)),
         }
     )
 
 
-class E36312A(E3631A):
+class SimulatedE36312A(SimulatedE3631A):
     """The supply; arguments as of the E3631A."""
 
     errors_class: ClassVar = Errors36312A

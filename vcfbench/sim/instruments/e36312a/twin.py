@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.instruments.e36312a.commands import TABLE
-from vcfbench.sim.instruments.e36312a.instrument import E36312A
+from vcfbench.sim.instruments.e36312a.instrument import SimulatedE36312A
 
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["E36312ATwin"]
 
 
-class E36312ATwin(E36312A):
+class E36312ATwin(SimulatedE36312A):
     """The E36312A with its commands; arguments as of the supply."""
 
     table: ClassVar[CommandTable] = TABLE

@@ -16,9 +16,9 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.e3631a.output import Output
+    from vcfbench.sim.instruments.e3631a.output import SupplyOutput
 
-__all__ = ["Calibration", "Point", "adjust_amps", "adjust_volts", "level_a", "level_v"]
+__all__ = ["CalibrationPoint", "SupplyCalibration", "adjust_amps", "adjust_volts", "level_a", "level_v"]
 
 _SHARES = {"MIN": 0.05, "MAX": 1.0}
 """The two points, parts of the rated value (of the voltage, the range less its 3 %)."""
@@ -26,7 +26,7 @@ _FURTHEST = 0.05
 """Relative error, and error as a part of the rated value, beyond which constants are refused."""
 
 
-class Point(NamedTuple):
+class CalibrationPoint(NamedTuple):
     """What is known at a calibration point."""
 
     programmed: float
@@ -54,7 +54,7 @@ class Correction(NamedTuple):
         return cls(gain, offset)
 
 
-class Calibration(Struct):
+class SupplyCalibration(Struct):
     """The calibration memory, guarded by a code (p. 104), and the adjustment under way."""
 
     secured: bool = True
@@ -63,7 +63,7 @@ class Calibration(Struct):
     text: str = ""
     level: str | None = None
     """The point that the output was sent to, "MIN" or "MAX"."""
-    points: dict[str, Point] = field(default_factory=dict)
+    points: dict[str, CalibrationPoint] = field(default_factory=dict)
     """What has been told, by point."""
     subject: tuple[str, str] = ("", "")
     """Output and quantity that are being adjusted."""
@@ -79,7 +79,9 @@ class Calibration(Struct):
             self.points.clear()
         self.subject, self.level = (output, quantity), level
 
-    def take(self, output: str, quantity: str, point: Point) -> tuple[Point, Point] | None:
+    def take(
+        self, output: str, quantity: str, point: CalibrationPoint
+    ) -> tuple[CalibrationPoint, CalibrationPoint] | None:
         """Note what was measured; return both points once they are there."""
         if self.subject != (output, quantity) or self.level is None:
             raise ScpiError(-221)
@@ -92,28 +94,28 @@ class Calibration(Struct):
         return both
 
 
-def level_v(output: Output, level: str) -> float:
+def level_v(output: SupplyOutput, level: str) -> float:
     """Return the voltage of the point `level`, "MIN" or "MAX"."""
     return output.kind.sign * (_SHARES[level] * _rated_v(output))
 
 
-def level_a(output: Output, level: str) -> float:
+def level_a(output: SupplyOutput, level: str) -> float:
     """Return the current of the point `level`, "MIN" or "MAX"."""
     return _SHARES[level] * output.kind.rated_a
 
 
-def _rated_v(output: Output) -> float:
+def _rated_v(output: SupplyOutput) -> float:
     return abs(output.kind.volts.maximum) / 1.03
 
 
-def _lines(low: Point, high: Point, rated: float) -> tuple[Correction, Correction]:
+def _lines(low: CalibrationPoint, high: CalibrationPoint, rated: float) -> tuple[Correction, Correction]:
     """Return what has to be programmed for a measured value, and what has to be shown for a shown one."""
     measured = (low.measured, high.measured)
     programming = Correction.through(measured, (low.programmed, high.programmed), rated, 712)
     return programming, Correction.through((low.shown, high.shown), measured, rated, 713)
 
 
-def adjust_volts(output: Output, low: Point, high: Point) -> None:
+def adjust_volts(output: SupplyOutput, low: CalibrationPoint, high: CalibrationPoint) -> None:
     """Give `output` the voltage constants that two measured points ask for."""
     errors, sign = output.errors, output.kind.sign
     programming, shown = _lines(low, high, _rated_v(output))
@@ -126,7 +128,7 @@ def adjust_volts(output: Output, low: Point, high: Point) -> None:
     )
 
 
-def adjust_amps(output: Output, low: Point, high: Point) -> None:
+def adjust_amps(output: SupplyOutput, low: CalibrationPoint, high: CalibrationPoint) -> None:
     """Give `output` the current constants that two measured points ask for."""
     errors = output.errors
     gain = 1.0 + errors.current_programming_gain

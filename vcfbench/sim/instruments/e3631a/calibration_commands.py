@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.instruments.e3631a.calibration import Point, adjust_amps, adjust_volts, level_a, level_v
+from vcfbench.sim.instruments.e3631a.calibration import CalibrationPoint, adjust_amps, adjust_volts, level_a, level_v
 from vcfbench.sim.instruments.e3631a.system_commands import remote_only
 from vcfbench.sim.scpi import (
     Boolean,
@@ -20,83 +20,83 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.e3631a.instrument import E3631A
+    from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 
 __all__ = ["CALIBRATION_COMMANDS"]
 
 
-def _require_on(supply: E3631A) -> None:
+def _require_on(supply: SimulatedE3631A) -> None:
     supply.calibration.require_unsecured()
     if not supply.output_on:
         raise ScpiError(708)
 
 
 @remote_only
-def _go_to_volts(supply: E3631A, level: str) -> None:
+def _go_to_volts(supply: SimulatedE3631A, level: str) -> None:
     _require_on(supply)
     supply.calibration.begin(supply.selected, "VOLT", level)
     supply.program(supply.selected, volts=level_v(supply.output, level))
 
 
 @remote_only
-def _go_to_amps(supply: E3631A, level: str) -> None:
+def _go_to_amps(supply: SimulatedE3631A, level: str) -> None:
     _require_on(supply)
     supply.calibration.begin(supply.selected, "CURR", level)
     supply.program(supply.selected, amps=level_a(supply.output, level))
 
 
 @remote_only
-def _take_volts(supply: E3631A, measured: float) -> None:
+def _take_volts(supply: SimulatedE3631A, measured: float) -> None:
     _require_on(supply)
     supply.observe()
     output = supply.output
     shown = output.voltage_reading()
-    both = supply.calibration.take(supply.selected, "VOLT", Point(output.volts, measured, shown))
+    both = supply.calibration.take(supply.selected, "VOLT", CalibrationPoint(output.volts, measured, shown))
     if both is not None:
         adjust_volts(output, *both)
         supply.drive()
 
 
 @remote_only
-def _take_amps(supply: E3631A, measured: float) -> None:
+def _take_amps(supply: SimulatedE3631A, measured: float) -> None:
     _require_on(supply)
     supply.observe()
     output = supply.output
     shown = output.current_reading()
-    both = supply.calibration.take(supply.selected, "CURR", Point(output.amps, measured, shown))
+    both = supply.calibration.take(supply.selected, "CURR", CalibrationPoint(output.amps, measured, shown))
     if both is not None:
         adjust_amps(output, *both)
         supply.drive()
 
 
-def _count(supply: E3631A) -> int:
+def _count(supply: SimulatedE3631A) -> int:
     return supply.calibration.count
 
 
 @remote_only
-def _set_code(supply: E3631A, code: str) -> None:
+def _set_code(supply: SimulatedE3631A, code: str) -> None:
     supply.calibration.require_unsecured()
     supply.calibration.code = code
 
 
 @remote_only
-def _set_secured(supply: E3631A, state: object, code: str) -> None:
+def _set_secured(supply: SimulatedE3631A, state: object, code: str) -> None:
     if code != supply.calibration.code:
         raise ScpiError(703)
     supply.calibration.secured = bool(state)
 
 
-def _secured(supply: E3631A) -> bool:
+def _secured(supply: SimulatedE3631A) -> bool:
     return supply.calibration.secured
 
 
 @remote_only
-def _set_text(supply: E3631A, text: str) -> None:
+def _set_text(supply: SimulatedE3631A, text: str) -> None:
     supply.calibration.require_unsecured()
     supply.calibration.text = text
 
 
-def _text(supply: E3631A) -> str:
+def _text(supply: SimulatedE3631A) -> str:
     return supply.calibration.text
 
 

@@ -20,7 +20,7 @@ from vcfbench.sim.sources import Ripple, Sine
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Accuracy", "OutputErrors", "SupplyErrors"]
+__all__ = ["OutputAccuracy", "OutputErrors", "SupplyErrors"]
 
 _SQRT2 = math.sqrt(2.0)
 _NOISE_LIMIT_V = 0.35e-3
@@ -87,7 +87,7 @@ class OutputErrors(Struct, frozen=True):
         return Ripple(self.ripple_v, self.ripple_hz, self.ripple_phase_rad, beside)
 
 
-class Accuracy(Struct, frozen=True):
+class OutputAccuracy(Struct, frozen=True):
     """Published 12-month accuracy at 25 +- 5 C (p. 186): relative part and fixed part."""
 
     programming: tuple[float, float]
@@ -95,11 +95,11 @@ class Accuracy(Struct, frozen=True):
     readback: tuple[float, float]
 
 
-_ACCURACY: Mapping[str, Accuracy] = MappingProxyType(
+_ACCURACY: Mapping[str, OutputAccuracy] = MappingProxyType(
     {
-        "P6V": Accuracy((1e-3, 5e-3), (2e-3, 10e-3), (1e-3, 5e-3)),
-        "P25V": Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
-        "N25V": Accuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
+        "P6V": OutputAccuracy((1e-3, 5e-3), (2e-3, 10e-3), (1e-3, 5e-3)),
+        "P25V": OutputAccuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
+        "N25V": OutputAccuracy((0.5e-3, 20e-3), (1.5e-3, 4e-3), (0.5e-3, 10e-3)),
     }
 )
 
@@ -107,7 +107,7 @@ _ACCURACY: Mapping[str, Accuracy] = MappingProxyType(
 class SupplyErrors(Struct, frozen=True):
     """Imperfections of a specimen; each can be set by itself."""
 
-    accuracy: ClassVar[Mapping[str, Accuracy]] = _ACCURACY
+    accuracy: ClassVar[Mapping[str, OutputAccuracy]] = _ACCURACY
     p6v: OutputErrors = field(default_factory=OutputErrors)
     """The +6 V output."""
     p25v: OutputErrors = field(default_factory=OutputErrors)
@@ -152,7 +152,7 @@ def _draw(rng: np.random.Generator, limit: float) -> float:
     return float(rng.normal(0.0, limit / 4.0))
 
 
-def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: Accuracy) -> OutputErrors:
+def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: OutputAccuracy) -> OutputErrors:
     limits = (*accuracy.programming, *accuracy.current, *accuracy.readback, *accuracy.current)
     names = OutputErrors.__struct_fields__[: len(limits)]
     drawn = {name: _draw(rng, limit) for name, limit in zip(names, limits, strict=True)}

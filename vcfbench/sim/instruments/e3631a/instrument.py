@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, ClassVar
 from msgspec import Struct
 
 from vcfbench.sim.adjustment import Adjustment
-from vcfbench.sim.instruments.e3631a.calibration import Calibration
+from vcfbench.sim.instruments.e3631a.calibration import SupplyCalibration
 from vcfbench.sim.instruments.e3631a.errors import OutputErrors, SupplyErrors
 from vcfbench.sim.instruments.e3631a.kinds import KINDS
-from vcfbench.sim.instruments.e3631a.output import Output, stepped
-from vcfbench.sim.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiInstrument, Status, bare_integer
+from vcfbench.sim.instruments.e3631a.output import SupplyOutput, stepped
+from vcfbench.sim.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiTwin, Status, bare_integer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable, Interface
     from vcfbench.sim.world import World
 
-__all__ = ["E3631A", "OutputErrors", "SupplyErrors"]
+__all__ = ["OutputErrors", "SimulatedE3631A", "SupplyErrors"]
 
 _INTERFACES = {"gpib": GPIB, "rs232": RS232}
 _DIALECT = Dialect(
@@ -73,7 +73,7 @@ DEFAULT_SETTINGS = Settings(
 _RAILS: Mapping[str, str] = MappingProxyType({"P25V": "positive", "N25V": "negative"})
 
 
-class E3631A(ScpiInstrument):
+class SimulatedE3631A(ScpiTwin):
     """The supply.
 
     Args:
@@ -106,7 +106,7 @@ class E3631A(ScpiInstrument):
         self.instrument_summary = Register(self.questionable, 13)
         registers = [Register(self.instrument_summary, kind.number) for kind in self.kinds]
         self.outputs = {
-            kind.name: Output(kind, world, rails.get(kind.name), register, errors)
+            kind.name: SupplyOutput(kind, world, rails.get(kind.name), register, errors)
             for kind, register in zip(self.kinds, registers, strict=True)
         }
         status = Status({3: self.questionable}, (*registers, self.instrument_summary))
@@ -119,7 +119,7 @@ class E3631A(ScpiInstrument):
         self.transfer_at_s: float | None = None
         self._next_s: float | None = None
         self._looks_until_s = -math.inf
-        self.calibration = Calibration()
+        self.calibration = SupplyCalibration()
         self.display_on = True
         self.display_text = ""
         self.coupled: tuple[str, ...] = ()
@@ -197,7 +197,7 @@ class E3631A(ScpiInstrument):
     # --- outputs ------------------------------------------------------------------------------------------
 
     @property
-    def output(self) -> Output:
+    def output(self) -> SupplyOutput:
         """The selected output."""
         return self.outputs[self.selected]
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import Register
     from vcfbench.sim.world import World
 
-__all__ = ["Output", "stepped"]
+__all__ = ["SupplyOutput", "stepped"]
 
 _LOOKS = 8
 """How often, in equal shares of its way, an output that moves looks whether its load still draws what it did."""
@@ -64,7 +64,7 @@ class _Regulated(Struct, frozen=True):
     limited: bool
 
 
-class Output:
+class SupplyOutput:
     """One output: its settings, and the voltage and current really there."""
 
     __slots__ = (

@@ -24,7 +24,7 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.e3631a.instrument import E3631A
+    from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 
 __all__ = ["OUTPUT_COMMANDS", "TRIGGER_COMMANDS"]
 
@@ -39,54 +39,54 @@ _AMP_LIMITS = {kind.name: kind.amps._replace(default=None) for kind in KINDS}
 """Without DEF, which is a word of APPLy only (p. 91)."""
 
 
-def _volt_limits(supply: E3631A) -> Limits:
+def _volt_limits(supply: SimulatedE3631A) -> Limits:
     return _VOLT_LIMITS[supply.selected]
 
 
-def _amp_limits(supply: E3631A) -> Limits:
+def _amp_limits(supply: SimulatedE3631A) -> Limits:
     return _AMP_LIMITS[supply.selected]
 
 
 @remote_only
-def _set_volts(supply: E3631A, volts: float) -> None:
+def _set_volts(supply: SimulatedE3631A, volts: float) -> None:
     supply.program(supply.selected, volts=volts)
 
 
-def _volts(supply: E3631A) -> float:
+def _volts(supply: SimulatedE3631A) -> float:
     return supply.output.volts
 
 
 @remote_only
-def _set_amps(supply: E3631A, amps: float) -> None:
+def _set_amps(supply: SimulatedE3631A, amps: float) -> None:
     supply.program(supply.selected, amps=amps)
 
 
-def _amps(supply: E3631A) -> float:
+def _amps(supply: SimulatedE3631A) -> float:
     return supply.output.amps
 
 
 @remote_only
-def _set_triggered_volts(supply: E3631A, volts: float) -> None:
+def _set_triggered_volts(supply: SimulatedE3631A, volts: float) -> None:
     supply.output.triggered_volts = volts
 
 
-def _triggered_volts(supply: E3631A) -> float:
+def _triggered_volts(supply: SimulatedE3631A) -> float:
     pending = supply.output.triggered_volts
     return supply.output.volts if pending is None else pending
 
 
 @remote_only
-def _set_triggered_amps(supply: E3631A, amps: float) -> None:
+def _set_triggered_amps(supply: SimulatedE3631A, amps: float) -> None:
     supply.output.triggered_amps = amps
 
 
-def _triggered_amps(supply: E3631A) -> float:
+def _triggered_amps(supply: SimulatedE3631A) -> float:
     pending = supply.output.triggered_amps
     return supply.output.amps if pending is None else pending
 
 
 @remote_only
-def _apply(supply: E3631A, name: str, volts: Any, amps: Any) -> None:
+def _apply(supply: SimulatedE3631A, name: str, volts: Any, amps: Any) -> None:
     kind = supply.outputs[name].kind
     volts = None if volts is None else kind.volt_parameter.settle(volts, supply)
     amps = None if amps is None else kind.amp_parameter.settle(amps, supply)
@@ -94,31 +94,31 @@ def _apply(supply: E3631A, name: str, volts: Any, amps: Any) -> None:
     supply.program(name, volts=volts, amps=amps)
 
 
-def _applied(supply: E3631A, name: str | None) -> str:
+def _applied(supply: SimulatedE3631A, name: str | None) -> str:
     output = supply.outputs[name or supply.selected]
     return f"{output.volts:.6f},{output.amps:.6f}"
 
 
 @remote_only
-def _select(supply: E3631A, name: str) -> None:
+def _select(supply: SimulatedE3631A, name: str) -> None:
     supply.selected = name
 
 
-def _selected(supply: E3631A) -> str:
+def _selected(supply: SimulatedE3631A) -> str:
     return supply.selected
 
 
 @remote_only
-def _select_number(supply: E3631A, number: int) -> None:
+def _select_number(supply: SimulatedE3631A, number: int) -> None:
     supply.selected = KINDS[number - 1].name
 
 
-def _selected_number(supply: E3631A) -> int:
+def _selected_number(supply: SimulatedE3631A) -> int:
     return supply.output.kind.number
 
 
 @remote_only
-def _couple(supply: E3631A, *names: str) -> None:
+def _couple(supply: SimulatedE3631A, *names: str) -> None:
     if ("ALL" in names or "NONE" in names) and len(names) > 1:
         raise ScpiError(-108)
     wanted = tuple(kind.name for kind in KINDS if kind.name in names or "ALL" in names)
@@ -127,34 +127,34 @@ def _couple(supply: E3631A, *names: str) -> None:
     supply.coupled = wanted
 
 
-def _coupling(supply: E3631A) -> str:
+def _coupling(supply: SimulatedE3631A) -> str:
     if len(supply.coupled) == len(KINDS):
         return "ALL"
     return ",".join(supply.coupled) or "NONE"
 
 
-def _measure_volts(supply: E3631A, name: str | None) -> float:
+def _measure_volts(supply: SimulatedE3631A, name: str | None) -> float:
     supply.observe()
     return supply.outputs[name or supply.selected].voltage_reading()
 
 
-def _measure_amps(supply: E3631A, name: str | None) -> float:
+def _measure_amps(supply: SimulatedE3631A, name: str | None) -> float:
     supply.observe()
     return supply.outputs[name or supply.selected].current_reading()
 
 
 @remote_only
-def _switch(supply: E3631A, state: object) -> None:
+def _switch(supply: SimulatedE3631A, state: object) -> None:
     supply.output_on = bool(state)
     supply.drive()
 
 
-def _switched(supply: E3631A) -> bool:
+def _switched(supply: SimulatedE3631A) -> bool:
     return supply.output_on
 
 
 @remote_only
-def _track(supply: E3631A, state: object) -> None:
+def _track(supply: SimulatedE3631A, state: object) -> None:
     if state and {"P25V", "N25V"} <= set(supply.coupled):
         raise ScpiError(801)
     supply.tracking = bool(state)
@@ -163,12 +163,12 @@ def _track(supply: E3631A, state: object) -> None:
     supply.drive()
 
 
-def _tracking(supply: E3631A) -> bool:
+def _tracking(supply: SimulatedE3631A) -> bool:
     return supply.tracking
 
 
 @remote_only
-def _initiate(supply: E3631A) -> None:
+def _initiate(supply: SimulatedE3631A) -> None:
     if supply.initiated or supply.transfer_at_s is not None:
         raise ScpiError(-213)
     if supply.trigger_source == "IMM":
@@ -177,7 +177,7 @@ def _initiate(supply: E3631A) -> None:
         supply.initiated = True
 
 
-def _trigger(supply: E3631A) -> None:
+def _trigger(supply: SimulatedE3631A) -> None:
     if not supply.initiated:
         raise ScpiError(-211)
     supply.initiated = False
@@ -187,20 +187,20 @@ def _trigger(supply: E3631A) -> None:
 
 
 @remote_only
-def _set_delay(supply: E3631A, seconds: float) -> None:
+def _set_delay(supply: SimulatedE3631A, seconds: float) -> None:
     supply.trigger_delay_s = seconds
 
 
-def _delay(supply: E3631A) -> float:
+def _delay(supply: SimulatedE3631A) -> float:
     return supply.trigger_delay_s
 
 
 @remote_only
-def _set_source(supply: E3631A, source: str) -> None:
+def _set_source(supply: SimulatedE3631A, source: str) -> None:
     supply.trigger_source = source
 
 
-def _source(supply: E3631A) -> str:
+def _source(supply: SimulatedE3631A) -> str:
     return supply.trigger_source
 
 

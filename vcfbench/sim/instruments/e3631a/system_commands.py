@@ -30,7 +30,7 @@ from vcfbench.sim.scpi import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.e3631a.instrument import E3631A
+    from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 
 __all__ = ["STATUS_COMMANDS", "SYSTEM_COMMANDS", "remote_only"]
 
@@ -44,7 +44,7 @@ def remote_only(handler: Callable[..., Any]) -> Callable[..., Any]:
     """Refuse with 550 while an RS-232 unit is in local; that all setting commands do so is unverified."""
 
     @wraps(handler)
-    def guarded(supply: E3631A, *arguments: Any) -> Any:
+    def guarded(supply: SimulatedE3631A, *arguments: Any) -> Any:
         if supply.local and supply.engine.interface is RS232:
             raise ScpiError(550)
         return handler(supply, *arguments)
@@ -52,84 +52,84 @@ def remote_only(handler: Callable[..., Any]) -> Callable[..., Any]:
     return guarded
 
 
-def _set_display(supply: E3631A, state: object) -> None:
+def _set_display(supply: SimulatedE3631A, state: object) -> None:
     supply.display_on = bool(state)
 
 
-def _display(supply: E3631A) -> bool:
+def _display(supply: SimulatedE3631A) -> bool:
     return supply.display_on
 
 
-def _set_display_text(supply: E3631A, text: str) -> None:
+def _set_display_text(supply: SimulatedE3631A, text: str) -> None:
     supply.display_text = text[:12]
 
 
-def _display_text(supply: E3631A) -> str:
+def _display_text(supply: SimulatedE3631A) -> str:
     return supply.display_text
 
 
-def _clear_display_text(supply: E3631A) -> None:
+def _clear_display_text(supply: SimulatedE3631A) -> None:
     supply.display_text = ""
 
 
-def _beep(supply: E3631A) -> None:
+def _beep(supply: SimulatedE3631A) -> None:
     del supply
 
 
-def _version(supply: E3631A) -> str:
+def _version(supply: SimulatedE3631A) -> str:
     del supply
     return "1995.0"
 
 
-def _go_local(supply: E3631A) -> None:
+def _go_local(supply: SimulatedE3631A) -> None:
     _require_rs232(supply)
     supply.local = True
 
 
-def _go_remote(supply: E3631A) -> None:
+def _go_remote(supply: SimulatedE3631A) -> None:
     _require_rs232(supply)
     supply.local = False
 
 
-def _require_rs232(supply: E3631A) -> None:
+def _require_rs232(supply: SimulatedE3631A) -> None:
     if supply.engine.interface is not RS232:
         raise ScpiError(514)
 
 
-def _self_test(supply: E3631A) -> str:
+def _self_test(supply: SimulatedE3631A) -> str:
     del supply
     return "0"
 
 
 @remote_only
-def _save(supply: E3631A, slot: int) -> None:
+def _save(supply: SimulatedE3631A, slot: int) -> None:
     supply.save(slot)
 
 
 @remote_only
-def _recall(supply: E3631A, slot: int) -> None:
+def _recall(supply: SimulatedE3631A, slot: int) -> None:
     supply.recall(slot)
 
 
-def _summary_condition(supply: E3631A, number: int) -> int:
+def _summary_condition(supply: SimulatedE3631A, number: int) -> int:
     supply.observe()
     return _summary(supply, number).condition
 
 
-def _summary(supply: E3631A, number: int) -> Register:
+def _summary(supply: SimulatedE3631A, number: int) -> Register:
     return supply.outputs[KINDS[number - 1].name].register
 
 
-def _summary_event(supply: E3631A, number: int) -> int:
+def _summary_event(supply: SimulatedE3631A, number: int) -> int:
     supply.observe()
     return _summary(supply, number).read_event()
 
 
-def _set_summary_enable(supply: E3631A, number: int, mask: int) -> None:
+def _set_summary_enable(supply: SimulatedE3631A, number: int, mask: int) -> None:
     _summary(supply, number).enable = mask
 
 
-def _summary_enable(supply: E3631A, number: int) -> int:
+def _summary_enable(supply: SimulatedE3631A, number: int) -> int:
     return _summary(supply, number).enable
 
 

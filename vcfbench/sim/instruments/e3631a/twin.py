@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.instruments.e3631a.commands import TABLE
-from vcfbench.sim.instruments.e3631a.instrument import E3631A
+from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["E3631ATwin"]
 
 
-class E3631ATwin(E3631A):
+class E3631ATwin(SimulatedE3631A):
     """The E3631A with its commands; arguments as of the supply."""
 
     table: ClassVar[CommandTable] = TABLE

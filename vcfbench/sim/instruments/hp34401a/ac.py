@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.errors import AcErrors
     from vcfbench.sim.trace import Piece
 
-__all__ = ["SETTLING_S", "Detected", "Phasors", "Response", "crest_limit", "detect", "phasors"]
+__all__ = ["SETTLING_S", "AcResponse", "Detected", "Phasors", "crest_limit", "detect", "phasors"]
 
 SETTLING_S = MappingProxyType({3.0: 7.0, 20.0: 1.0, 200.0: 0.1})
 """What the converter's output depends on, by filter: its settling time to 0.01 % (p. 58)."""
@@ -77,7 +77,7 @@ class Phasors(Struct, frozen=True):
         return max(float(np.abs(self.at(times)).max()) for times in looks)
 
 
-class Response(Struct, frozen=True):
+class AcResponse(Struct, frozen=True):
     """The way from a node of `source_ohm` to the converter, errors of the specimen included."""
 
     filter_hz: float
@@ -119,7 +119,7 @@ def crest_limit(crest_factor: float) -> float:
     return float(np.interp(crest_factor, factors, limits))
 
 
-def phasors(piece: Piece, response: Response) -> Phasors:
+def phasors(piece: Piece, response: AcResponse) -> Phasors:
     """Return the sines of a piece behind the response, without those too small to matter."""
     sines = piece.sines or ()
     frequencies = np.array([sine.frequency_hz for sine in sines])
@@ -129,7 +129,7 @@ def phasors(piece: Piece, response: Response) -> Phasors:
     return Phasors(sizes[kept], math.tau * frequencies[kept])
 
 
-def detect(pieces: Iterable[Piece], start_s: float, stop_s: float, response: Response) -> Detected:
+def detect(pieces: Iterable[Piece], start_s: float, stop_s: float, response: AcResponse) -> Detected:
     """Return rms and peak over a window, weighted towards its middle (Hann); nothing was before the first piece."""
     within = [piece for piece in pieces if piece.stop_s > start_s and piece.start_s < stop_s]
     if any(piece.sines is None for piece in within):
@@ -170,7 +170,7 @@ def _integral(speeds: NDArray[np.float64], centre_s: float, length_s: float) -> 
     return np.asarray(length_s * np.exp(1j * speeds * centre_s) * np.sinc(speeds * length_s / math.tau))
 
 
-def _banded(pieces: list[Piece], start_s: float, stop_s: float, response: Response) -> Detected:
+def _banded(pieces: list[Piece], start_s: float, stop_s: float, response: AcResponse) -> Detected:
     """Return rms and peak by the means of the volts and of their squares in small parts of the window."""
     edges = np.linspace(start_s, stop_s, _WINDOW_POINTS + 1)
     parts, means, squares, peak = _in_parts(merged(pieces), edges, response.fast)

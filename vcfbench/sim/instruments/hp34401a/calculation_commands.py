@@ -10,7 +10,7 @@ from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, ScpiErro
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
 
 __all__ = ["COMMANDS"]
@@ -20,58 +20,58 @@ _ON_OFF = (Boolean(),)
 _DBM_OHMS = (50, 75, 93, 110, 124, 125, 135, 150, 250, 300, 500, 600, 800, 900, 1000, 1200, 8000)
 
 
-def _set_math(meter: Hp34401A, operation: str) -> None:
+def _set_math(meter: SimulatedHp34401A, operation: str) -> None:
     if meter.math.on and meter.function.name not in MATH_RULES[operation]:
         meter.math.on = False
         raise ScpiError(-221)
     meter.math.choose(operation)
 
 
-def _math(meter: Hp34401A) -> str:
+def _math(meter: SimulatedHp34401A) -> str:
     return meter.math.operation
 
 
-def _set_math_state(meter: Hp34401A, state: object) -> None:
+def _set_math_state(meter: SimulatedHp34401A, state: object) -> None:
     if state and meter.function.name not in MATH_RULES[meter.math.operation]:
         meter.math.on = False
         raise ScpiError(-221)
     meter.math.switch(on=bool(state))
 
 
-def _math_state(meter: Hp34401A) -> bool:
+def _math_state(meter: SimulatedHp34401A) -> bool:
     return meter.math.on
 
 
-def _null_limits(meter: Hp34401A) -> Limits:
+def _null_limits(meter: SimulatedHp34401A) -> Limits:
     top = 1.2 * (meter.function.ranges[-1] if meter.function.ranges else meter.function.highest)
     return Limits(-top, top)
 
 
-def _require_math(meter: Hp34401A) -> None:
+def _require_math(meter: SimulatedHp34401A) -> None:
     """Null and dB registers can be written only while math is on; the error number is unverified."""
     if not meter.math.on:
         raise ScpiError(-221)
 
 
-def _set_null(meter: Hp34401A, value: float) -> None:
+def _set_null(meter: SimulatedHp34401A, value: float) -> None:
     _require_math(meter)
     meter.math.null_offset = value
 
 
-def _set_db(meter: Hp34401A, value: float) -> None:
+def _set_db(meter: SimulatedHp34401A, value: float) -> None:
     _require_math(meter)
     meter.math.db_reference = value
 
 
-def _set_dbm(meter: Hp34401A, value: float) -> None:
+def _set_dbm(meter: SimulatedHp34401A, value: float) -> None:
     meter.math.dbm_reference = value
 
 
-def _set_lower(meter: Hp34401A, value: float) -> None:
+def _set_lower(meter: SimulatedHp34401A, value: float) -> None:
     meter.math.lower = value
 
 
-def _set_upper(meter: Hp34401A, value: float) -> None:
+def _set_upper(meter: SimulatedHp34401A, value: float) -> None:
     meter.math.upper = value
 
 

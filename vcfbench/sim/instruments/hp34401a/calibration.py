@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.instruments.hp34401a.functions import Function
-    from vcfbench.sim.instruments.hp34401a.inputs import Conditions, Inputs, Reading
+    from vcfbench.sim.instruments.hp34401a.inputs import Inputs, MeasuringConditions, MeterReading
     from vcfbench.sim.instruments.hp34401a.setup import Setup
 
-__all__ = ["Calibration", "CalibrationMemory"]
+__all__ = ["CalibrationMemory", "MeterCalibration"]
 
 _COUNT_LIMIT = 32767
 """After it the count is 0 again (p. 97)."""
@@ -61,7 +61,7 @@ class CalibrationMemory:
         self.count = self.count + 1 if self.count < _COUNT_LIMIT else 0
 
 
-class Calibration:
+class MeterCalibration:
     """One CALibration?: the range's end or zero is measured, and the reading corrected.
 
     Args:
@@ -80,7 +80,7 @@ class Calibration:
         self._setup = replace(setup, auto=False, nplc=100.0, aperture_s=1.0)
         self._value = value
 
-    def begin(self, start_s: float, conditions: Conditions, finish: Callable[[], object]) -> Pending:
+    def begin(self, start_s: float, conditions: MeasuringConditions, finish: Callable[[], object]) -> Pending:
         """Measure; `finish` is called for the answer when the corrections are made.
 
         Raises:
@@ -95,7 +95,7 @@ class Calibration:
         end = max(reading.end_s for reading in begun.values())
         return Pending.at(end, lambda: self._adjust(begun, finish))
 
-    def _adjust(self, begun: dict[float, Reading], finish: Callable[[], object]) -> object:
+    def _adjust(self, begun: dict[float, MeterReading], finish: Callable[[], object]) -> object:
         read = {range_: reading.value() for range_, reading in begun.items()}
         later = {range_: each for range_, each in read.items() if not isinstance(each, float)}
         if later:  # a counter that needs longer

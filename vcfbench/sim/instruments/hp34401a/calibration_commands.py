@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from vcfbench.sim.scpi import Boolean, Command, Number, ScpiError, Text, Word, boolean, quoted, real, signed_integer
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
     from vcfbench.sim.scpi import Pending
 
 
@@ -16,44 +16,44 @@ __all__ = ["COMMANDS"]
 _NR3 = real(8)
 
 
-def _calibrate(meter: Hp34401A) -> Pending:
+def _calibrate(meter: SimulatedHp34401A) -> Pending:
     return meter.calibrate()
 
 
-def _calibration_count(meter: Hp34401A) -> int:
+def _calibration_count(meter: SimulatedHp34401A) -> int:
     return meter.calibration.count
 
 
-def _set_code(meter: Hp34401A, code: str) -> None:
+def _set_code(meter: SimulatedHp34401A, code: str) -> None:
     meter.calibration.require_unsecured()
     meter.calibration.code = code
 
 
-def _set_secured(meter: Hp34401A, state: object, code: str) -> None:
+def _set_secured(meter: SimulatedHp34401A, state: object, code: str) -> None:
     if code != meter.calibration.code:
         raise ScpiError(703)
     meter.calibration.secured = bool(state)
 
 
-def _secured(meter: Hp34401A) -> bool:
+def _secured(meter: SimulatedHp34401A) -> bool:
     return meter.calibration.secured
 
 
-def _set_calibration_text(meter: Hp34401A, text: str) -> None:
+def _set_calibration_text(meter: SimulatedHp34401A, text: str) -> None:
     meter.calibration.require_unsecured()
     meter.calibration.text = text
 
 
-def _calibration_text(meter: Hp34401A) -> str:
+def _calibration_text(meter: SimulatedHp34401A) -> str:
     return meter.calibration.text
 
 
-def _set_calibration_value(meter: Hp34401A, value: float) -> None:
+def _set_calibration_value(meter: SimulatedHp34401A, value: float) -> None:
     meter.calibration.require_unsecured()
     meter.calibration.value = value
 
 
-def _calibration_value(meter: Hp34401A) -> float:
+def _calibration_value(meter: SimulatedHp34401A) -> float:
     return meter.calibration.value
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from vcfbench.sim.components import Component, Values
-    from vcfbench.sim.instruments.hp34401a.ac import Response
+    from vcfbench.sim.instruments.hp34401a.ac import AcResponse
     from vcfbench.sim.trace import Piece
 
 __all__ = ["LONGEST_WAIT_S", "OVERHEAD_S", "Counted", "count", "rises"]
@@ -60,7 +60,7 @@ class Counted(NamedTuple):
 
 
 def count(
-    pieces: list[Piece], gate_s: tuple[float, float], known_s: float, response: Response, least_v: float
+    pieces: list[Piece], gate_s: tuple[float, float], known_s: float, response: AcResponse, least_v: float
 ) -> Counted:
     """Return what a gate has brought of a signal that is known up to `known_s`; sines below `least_v` rms are none."""
     known = merged(piece for piece in pieces if piece.stop_s > piece.start_s)
@@ -79,7 +79,7 @@ def _counted(events: int, first_s: float, last_s: float, closes_s: float) -> Cou
 class _Behind:
     """What is behind the ac path, as far as one gate needs it."""
 
-    def __init__(self, pieces: list[Piece], start_s: float, stop_s: float, response: Response) -> None:
+    def __init__(self, pieces: list[Piece], start_s: float, stop_s: float, response: AcResponse) -> None:
         self._parts = [(piece.start_s, piece.stop_s, piece.components()) for piece in pieces]
         self.response = response
         self._start_s = start_s

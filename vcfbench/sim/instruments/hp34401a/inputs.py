@@ -11,7 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.sim.instruments.hp34401a import counter, ohms
-from vcfbench.sim.instruments.hp34401a.ac import SETTLING_S, Response, crest_limit, detect
+from vcfbench.sim.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit, detect
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.instruments.hp34401a.corrections import Corrections
 from vcfbench.sim.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.trace import History, Piece
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["FAST_APERTURES_S", "Conditions", "Inputs", "MeterErrors", "Reading"]
+__all__ = ["FAST_APERTURES_S", "Inputs", "MeasuringConditions", "MeterErrors", "MeterReading"]
 
 FAST_APERTURES_S = MappingProxyType({0.02: 400e-6, 0.2: 3e-3})
 """Integration below one cycle does not depend on the line (p. 217)."""
@@ -55,14 +55,14 @@ _AC_LIMIT_LOWEST, _AC_LIMIT = 4e-4, 3e-4
 """Published error of range of ac voltage, on the lowest range and above (p. 218)."""
 
 
-class Reading(Struct, frozen=True):
+class MeterReading(Struct, frozen=True):
     """A reading under way: `value()` may be asked for from `end_s` on, and may be a further reading that it needs."""
 
     end_s: float
-    value: Callable[[], float | Reading]
+    value: Callable[[], float | MeterReading]
 
 
-class Conditions(Struct, frozen=True):
+class MeasuringConditions(Struct, frozen=True):
     """What a reading depends on beside function and setup.
 
     Args:
@@ -165,7 +165,7 @@ class Inputs:
 
     # --- beginning a reading ------------------------------------------------------------------------------
 
-    def begin(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+    def begin(self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions) -> MeterReading:
         """Start a reading on a trigger at `start_s`; alternating ones find their range, which they leave in `setup`."""
         if function.unit == "A":
             return self._current(function, start_s, setup, conditions)
@@ -199,7 +199,9 @@ class Inputs:
 
     # --- direct voltage, ohms -----------------------------------------------------------------------------
 
-    def _integrated(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+    def _integrated(
+        self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions
+    ) -> MeterReading:
         aperture = self.aperture_s(setup.nplc)
         autozero = conditions.autozero or function.name in ("FRES", "VOLT:RAT")
         end = start_s + aperture * (2 if autozero else 1) + _OVERHEAD_S.get(setup.nplc, 0.0)
@@ -209,16 +211,16 @@ class Inputs:
             loading = self.loading(setup.range, high_impedance=conditions.high_impedance)
             peak = self._peak(start_s, start_s + aperture) if setup.range <= _LOOKED_AT_V else None
 
-            def volts() -> float | Reading:
+            def volts() -> float | MeterReading:
                 seen_v = window.mean_v() * loading
                 most_v = seen_v if peak is None else max(seen_v, peak() * loading, key=abs)
                 again = self._integrated_again(function, setup, conditions, most_v)
                 return again or self._as_read(seen_v, scale, most_v, autozero=autozero)
 
-            return Reading(end, volts)
+            return MeterReading(end, volts)
         if function.name == "VOLT:RAT":
             return self._ratio(function, window.mean_v, scale, start_s, setup.nplc)
-        return Reading(end, lambda: self._resistive(function, window.mean_v(), scale))
+        return MeterReading(end, lambda: self._resistive(function, window.mean_v(), scale))
 
     def _scale(self, function: Function, range_: float, nplc: float) -> _Scale:
         fraction, added = function.fraction_of(nplc), 0.0
@@ -245,8 +247,8 @@ class Inputs:
         return farthest_v
 
     def _integrated_again(
-        self, function: Function, setup: Setup, conditions: Conditions, seen_v: float
-    ) -> Reading | None:
+        self, function: Function, setup: Setup, conditions: MeasuringConditions, seen_v: float
+    ) -> MeterReading | None:
         """Autorange that meets an overload, because the voltage has changed meanwhile, takes a higher range."""
         higher = _fitting(function, setup.range, abs(seen_v))
         if not setup.auto or higher <= setup.range:
@@ -283,12 +285,12 @@ class Inputs:
 
     def _ratio(
         self, function: Function, signal_v: Callable[[], float], scale: _Scale, start_s: float, nplc: float
-    ) -> Reading:
+    ) -> MeterReading:
         """Both inputs are read one after the other, each with its zero; the reference up to 12 V (p. 52, 217)."""
         aperture = self.aperture_s(nplc)
         middle, end = start_s + 2 * aperture, start_s + 4 * aperture + _OVERHEAD_S.get(nplc, 0.0)
         if self._sense is None:
-            return Reading(end, lambda: OVERLOAD)
+            return MeterReading(end, lambda: OVERLOAD)
         reference = self._world.window(self._sense, middle, middle + aperture)
 
         def value() -> float:
@@ -299,7 +301,7 @@ class Inputs:
             overloaded = OVERLOAD in (abs(below), abs(above)) or below == 0.0
             return OVERLOAD if overloaded else above / below
 
-        return Reading(end, value)
+        return MeterReading(end, value)
 
     def _sense_open(self, function: Function) -> bool:
         return function.name == "FRES" and self._sense is None
@@ -329,45 +331,51 @@ class Inputs:
 
     # --- current ------------------------------------------------------------------------------------------
 
-    def _current(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+    def _current(
+        self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions
+    ) -> MeterReading:
         start_s += conditions.delay_s
         range_, errors = setup.range, self._errors.current
         if function.alternating:
             own = self.corrections.apply(function.name, range_, open_ac_input_a(errors, range_))
-            return Reading(start_s + _AC_READING_S, lambda: self._shown(own, _AC_DIGIT * range_))
+            return MeterReading(start_s + _AC_READING_S, lambda: self._shown(own, _AC_DIGIT * range_))
         own = self.corrections.apply(function.name, range_, open_dc_input_a(errors, range_))
         aperture = self.aperture_s(setup.nplc) * (2 if conditions.autozero else 1)
         end = start_s + aperture + _OVERHEAD_S.get(setup.nplc, 0.0)
-        return Reading(end, lambda: self._shown(own, function.fraction_of(setup.nplc) * range_))
+        return MeterReading(end, lambda: self._shown(own, function.fraction_of(setup.nplc) * range_))
 
     # --- alternating voltage, frequency, period -----------------------------------------------------------
 
-    def _ranged_ac(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+    def _ranged_ac(
+        self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions
+    ) -> MeterReading:
         if not setup.auto:
             return self._ac(function, start_s + conditions.delay_s, setup, conditions)
         ranged = function.voltage_ranged
 
-        def look() -> Reading:
+        def look() -> MeterReading:
             level = self._detected(start_s, start_s + _RANGING_S, conditions.filter_hz)
             better = _fitting(ranged, setup.range, level.rms_v, level.peak_v)
             begun = start_s + _RANGING_S + (function.autorange_s if better != setup.range else 0.0)
             setup.range = better
             return self._ac(function, begun + conditions.delay_s, setup, conditions)
 
-        return Reading(start_s + _RANGING_S, look)
+        return MeterReading(start_s + _RANGING_S, look)
 
-    def _ac(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+    def _ac(self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions) -> MeterReading:
         if function.gated:
             return self._gate(function, start_s, setup, conditions)
         stop = start_s + _AC_READING_S
 
-        def value() -> float | Reading:
+        def value() -> float | MeterReading:
             seen = self._detected(stop - SETTLING_S[conditions.filter_hz], stop, conditions.filter_hz)
             return self._again(function, setup, conditions, seen) or self._rms(function, setup.range, seen)
 
-        return Reading(stop, value)
+        return MeterReading(stop, value)
 
-    def _again(self, function: Function, setup: Setup, conditions: Conditions, seen: Detected) -> Reading | None:
+    def _again(
+        self, function: Function, setup: Setup, conditions: MeasuringConditions, seen: Detected
+    ) -> MeterReading | None:
         """Autorange that looked too briefly at a slow signal finds out in the end, and takes another range."""
         ranged = function.voltage_ranged
         if not setup.auto or not _overloads(ranged, setup.range, seen) or setup.range == ranged.ranges[-1]:
@@ -391,11 +399,11 @@ class Inputs:
             reading = round(reading / step) * step
         return max(reading, 0.0)
 
-    def _gate(self, function: Function, start_s: float, setup: Setup, conditions: Conditions) -> Reading:
+    def _gate(self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions) -> MeterReading:
         gate, ranged = setup.aperture_s, function.voltage_ranged
         stop = start_s + gate
 
-        def value(known: float) -> float | Reading:
+        def value(known: float) -> float | MeterReading:
             seen = self._detected(start_s, stop, conditions.filter_hz)
             if _overloads(ranged, setup.range, seen):
                 return self._again(function, setup, conditions, seen) or OVERLOAD
@@ -407,10 +415,10 @@ class Inputs:
             if counted.closes_s <= known or known >= longest:
                 return self._counted(function, counted.frequency_hz, gate)
             later = min(counted.closes_s, longest)
-            return Reading(later, lambda: value(later))
+            return MeterReading(later, lambda: value(later))
 
         end = stop + counter.OVERHEAD_S
-        return Reading(end, lambda: value(end))
+        return MeterReading(end, lambda: value(end))
 
     def _counted(self, function: Function, frequency_hz: float, gate_s: float) -> float:
         if frequency_hz == 0.0:
@@ -429,13 +437,13 @@ class Inputs:
     def _detected(self, start_s: float, stop_s: float, filter_hz: float) -> Detected:
         return detect(self._pieces(), start_s, stop_s, self._response(filter_hz))
 
-    def _response(self, filter_hz: float) -> Response:
+    def _response(self, filter_hz: float) -> AcResponse:
         source_ohm = 0.0 if math.isinf(self._errors.input_ohm) else self._world.source_ohm(self._node)
         source_ohm = 0.0 if math.isinf(source_ohm) else source_ohm  # nothing is there, whatever loads it
         errors = self._errors.ac
         flatness = self.corrections.flatness
         errors = replace(errors, flatness_error=errors.flatness_error + flatness) if flatness else errors
-        return Response(filter_hz, errors, source_ohm)
+        return AcResponse(filter_hz, errors, source_ohm)
 
 
 def _overloads(function: Function, range_: float, seen: Detected) -> bool:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.sim.instruments.hp34401a import ohms
 from vcfbench.sim.instruments.hp34401a.calculation import MATH_RULES, OVERLOAD, Math
-from vcfbench.sim.instruments.hp34401a.calibration import Calibration, CalibrationMemory
+from vcfbench.sim.instruments.hp34401a.calibration import CalibrationMemory, MeterCalibration
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 from vcfbench.sim.instruments.hp34401a.functions import BY_NAME, Function
-from vcfbench.sim.instruments.hp34401a.inputs import FAST_APERTURES_S, Conditions, Inputs
+from vcfbench.sim.instruments.hp34401a.inputs import FAST_APERTURES_S, Inputs, MeasuringConditions
 from vcfbench.sim.instruments.hp34401a.setup import Setup, configured
 from vcfbench.sim.instruments.hp34401a.trigger import TriggerSystem
 from vcfbench.sim.scpi import (
@@ -28,7 +28,7 @@ from vcfbench.sim.scpi import (
     Register,
     ScpiEngine,
     ScpiError,
-    ScpiInstrument,
+    ScpiTwin,
     Status,
     real,
 )
@@ -37,11 +37,11 @@ from vcfbench.specifications import HP_34401A
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.sim.instruments.hp34401a.inputs import Reading
+    from vcfbench.sim.instruments.hp34401a.inputs import MeterReading
     from vcfbench.sim.scpi import CommandTable, Interface
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["Hp34401A", "MeterErrors"]
+__all__ = ["MeterErrors", "SimulatedHp34401A"]
 
 _DIALECT = Dialect(
     queue_depth=20,
@@ -58,7 +58,7 @@ _SCPI = 1
 _WAY_BACK = re.compile(rb"(?i)\bL1\b")
 
 
-class Hp34401A(ScpiInstrument):
+class SimulatedHp34401A(ScpiTwin):
     """The meter.
 
     Args:
@@ -196,13 +196,13 @@ class Hp34401A(ScpiInstrument):
             return self.triggering.delay_s
         return self.function.auto_delay_s(self.setup.nplc, self.bandwidth_hz, self.setup.range)
 
-    def _begin_reading(self, start_s: float) -> Reading:
+    def _begin_reading(self, start_s: float) -> MeterReading:
         setup, function = self.setup, self.function
         if setup.auto and function.ranges and function.name != "VOLT:AC":
             better = self.inputs.autorange(function, setup.range)
             start_s += function.autorange_s if better != setup.range else 0.0
             setup.range = better
-        conditions = Conditions(self.autozero, self.high_impedance, self.bandwidth_hz, self.delay_s())
+        conditions = MeasuringConditions(self.autozero, self.high_impedance, self.bandwidth_hz, self.delay_s())
         return self.inputs.begin(function, start_s, setup, conditions)
 
     def _finish_reading(self, value: float) -> float:
@@ -267,12 +267,12 @@ class Hp34401A(ScpiInstrument):
         """CALibration? (p. 147): adjust the present function and range to the value told before.
 
         Raises:
-            ScpiError: 702 while secured, and what :class:`Calibration` refuses.
+            ScpiError: 702 while secured, and what :class:`MeterCalibration` refuses.
         """
         self.calibration.require_unsecured()
-        running = Calibration(self.inputs, self.function, self.setup, self.calibration.value)
+        running = MeterCalibration(self.inputs, self.function, self.setup, self.calibration.value)
         delay = self.function.auto_delay_s(100.0, _CALIBRATION_FILTER_HZ, self.setup.range)
-        conditions = Conditions(filter_hz=_CALIBRATION_FILTER_HZ, delay_s=delay)
+        conditions = MeasuringConditions(filter_hz=_CALIBRATION_FILTER_HZ, delay_s=delay)
         return self._attended(running.begin(self.clock.now(), conditions, self._calibrated))
 
     def _attended(self, pending: Pending) -> Pending:

@@ -12,9 +12,9 @@ from vcfbench.sim.scpi.mnemonics import Mnemonic
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
     from vcfbench.sim.instruments.hp34401a.setup import Setup
-    from vcfbench.sim.instruments.hp34401a.trigger import Sequence, TriggerSystem
+    from vcfbench.sim.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 
 
 __all__ = ["COMMANDS", "CONFIGURATION", "FUNCTION", "measurement_commands"]
@@ -38,17 +38,17 @@ class _Readings:
         return b"".join(_NR3(value).encode() + b"," for value in self._triggering.take_streamed())
 
 
-def _require_remote(meter: Hp34401A) -> None:
+def _require_remote(meter: SimulatedHp34401A) -> None:
     if meter.local and meter.engine.interface is RS232:
         raise ScpiError(550)
 
 
-def _running(meter: Hp34401A, sequence: Sequence, finish: Callable[[], Any]) -> Pending:
+def _running(meter: SimulatedHp34401A, sequence: TriggerSequence, finish: Callable[[], Any]) -> Pending:
     """Return what keeps the parser busy until `sequence` is through."""
     return Pending(lambda: meter.clock.now() if meter.triggering.sequence is not sequence else None, finish)
 
 
-def _read(meter: Hp34401A) -> Pending:
+def _read(meter: SimulatedHp34401A) -> Pending:
     _require_remote(meter)
     if meter.triggering.source == "BUS":
         raise ScpiError(-214)
@@ -58,34 +58,34 @@ def _read(meter: Hp34401A) -> Pending:
     return running
 
 
-def _initiate(meter: Hp34401A) -> Pending:
+def _initiate(meter: SimulatedHp34401A) -> Pending:
     if meter.triggering.feed and meter.triggering.readings_to_come > meter.triggering.capacity:
         raise ScpiError(531)
     return _running(meter, meter.triggering.start(stored=True), lambda: None)
 
 
-def _fetch(meter: Hp34401A) -> list[float]:
+def _fetch(meter: SimulatedHp34401A) -> list[float]:
     if not meter.triggering.memory:
         raise ScpiError(-230)
     return meter.triggering.memory
 
 
 def _configure(function: Function) -> Callable[..., None]:
-    def configure(meter: Hp34401A, expected: Any = None, resolution: Any = None) -> None:
+    def configure(meter: SimulatedHp34401A, expected: Any = None, resolution: Any = None) -> None:
         meter.configure(function, expected, resolution)
 
     return configure
 
 
 def _measure(function: Function, read: Callable[[Any], Pending]) -> Callable[..., Pending]:
-    def measure(meter: Hp34401A, expected: Any = None, resolution: Any = None) -> Pending:
+    def measure(meter: SimulatedHp34401A, expected: Any = None, resolution: Any = None) -> Pending:
         meter.configure(function, expected, resolution)
         return read(meter)
 
     return measure
 
 
-def _configuration(meter: Hp34401A) -> str:
+def _configuration(meter: SimulatedHp34401A) -> str:
     setup, function = meter.setup, meter.function
     resolution = _gate_resolution(setup, function) if not function.ranges else setup.resolution * setup.range
     range_ = function.slowest if function.gated else setup.range
@@ -96,11 +96,11 @@ def _gate_resolution(setup: Setup, function: Function) -> float:
     return function.slowest * APERTURES_S[setup.aperture_s] if function.gated else setup.range * setup.resolution
 
 
-def _set_function(meter: Hp34401A, name: str) -> None:
+def _set_function(meter: SimulatedHp34401A, name: str) -> None:
     meter.choose(_function_named(meter, name))
 
 
-def _function_named(meter: Hp34401A, text: str) -> Function:
+def _function_named(meter: SimulatedHp34401A, text: str) -> Function:
     """Return the function a string names, in short or long forms, `:DC` being optional."""
     words = tuple(text.strip().upper().split(":"))
     for function in meter.functions.values():
@@ -114,7 +114,7 @@ def _spells(words: tuple[str, ...], spelling: str) -> bool:
     return len(nodes) == len(words) and all(word in node.spellings for word, node in zip(words, nodes, strict=True))
 
 
-def _function(meter: Hp34401A) -> str:
+def _function(meter: SimulatedHp34401A) -> str:
     return meter.function.name
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 
-__all__ = ["BEEP_DIODE_V", "BEEP_OHM", "TEST_CURRENT_A", "Limits", "diode_v", "limits", "resistance_ohm"]
+__all__ = ["BEEP_DIODE_V", "BEEP_OHM", "TEST_CURRENT_A", "OhmsAccuracy", "diode_v", "limits", "resistance_ohm"]
 
 TEST_CURRENT_A = MappingProxyType({1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 5e-6, 1e7: 5e-7, 1e8: 5e-7})
 """Test current by range (p. 216)."""
@@ -26,7 +26,7 @@ BEEP_DIODE_V = (0.3, 0.8)
 """The diode test sounds in between (p. 51)."""
 
 
-class Limits(NamedTuple):
+class OhmsAccuracy(NamedTuple):
     """Published one-year accuracy of a range: parts of reading and of range."""
 
     reading: float
@@ -35,19 +35,19 @@ class Limits(NamedTuple):
 
 _LIMITS = MappingProxyType(
     {
-        1e2: Limits(1e-4, 4e-5),
-        1e3: Limits(1e-4, 1e-5),
-        1e4: Limits(1e-4, 1e-5),
-        1e5: Limits(1e-4, 1e-5),
-        1e6: Limits(1e-4, 1e-5),
-        1e7: Limits(4e-4, 1e-5),
-        1e8: Limits(8e-3, 1e-4),
+        1e2: OhmsAccuracy(1e-4, 4e-5),
+        1e3: OhmsAccuracy(1e-4, 1e-5),
+        1e4: OhmsAccuracy(1e-4, 1e-5),
+        1e5: OhmsAccuracy(1e-4, 1e-5),
+        1e6: OhmsAccuracy(1e-4, 1e-5),
+        1e7: OhmsAccuracy(4e-4, 1e-5),
+        1e8: OhmsAccuracy(8e-3, 1e-4),
     }
 )
 """Four-wire, or two-wire after null (p. 216)."""
 
 
-def limits(range_ohm: float) -> Limits:
+def limits(range_ohm: float) -> OhmsAccuracy:
     """Return the published one-year accuracy of a resistance range."""
     return _LIMITS[range_ohm]
 

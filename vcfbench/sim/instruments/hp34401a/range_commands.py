@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.instruments.hp34401a.functions import Function
-    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
 
 __all__ = ["COMMANDS", "gate_command", "nplc_command", "range_commands", "resolution_command"]
@@ -33,7 +33,7 @@ _INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
 
 
 def _set_range(name: str) -> Callable[..., None]:
-    def write(meter: Hp34401A, value: float) -> None:
+    def write(meter: SimulatedHp34401A, value: float) -> None:
         setup = meter.setups[name]
         setup.range = meter.functions[name].voltage_ranged.range_for(value)
         setup.auto = False
@@ -46,7 +46,7 @@ def _range(name: str) -> Callable[..., float]:
 
 
 def _set_auto(name: str) -> Callable[..., None]:
-    def write(meter: Hp34401A, state: object) -> None:
+    def write(meter: SimulatedHp34401A, state: object) -> None:
         meter.setups[name].auto = bool(state)
 
     return write
@@ -56,13 +56,13 @@ def _auto(name: str) -> Callable[..., bool]:
     return lambda meter: bool(meter.setups[name].auto)
 
 
-def _resolution_limits(function: Function) -> Callable[[Hp34401A], Limits]:
+def _resolution_limits(function: Function) -> Callable[[SimulatedHp34401A], Limits]:
     legal, name = function.resolutions, function.name
     return lambda meter: Limits(min(legal) * meter.setups[name].range, max(legal) * meter.setups[name].range)
 
 
 def _set_resolution(name: str) -> Callable[..., None]:
-    def write(meter: Hp34401A, value: Any) -> None:
+    def write(meter: SimulatedHp34401A, value: Any) -> None:
         setup, function = meter.setups[name], meter.functions[name]
         setup.resolution = attainable_fraction(function, setup.range, value)
         setup.nplc = function.nplc_for(setup.resolution)
@@ -75,7 +75,7 @@ def _resolution(name: str) -> Callable[..., float]:
 
 
 def _set_nplc(name: str) -> Callable[..., None]:
-    def write(meter: Hp34401A, cycles: float) -> None:
+    def write(meter: SimulatedHp34401A, cycles: float) -> None:
         meter.setups[name].nplc = cycles
         meter.setups[name].resolution = meter.functions[name].fraction_of(cycles)
 
@@ -87,7 +87,7 @@ def _nplc(name: str) -> Callable[..., float]:
 
 
 def _set_aperture(name: str) -> Callable[..., None]:
-    def write(meter: Hp34401A, seconds: float) -> None:
+    def write(meter: SimulatedHp34401A, seconds: float) -> None:
         meter.setups[name].aperture_s = seconds
 
     return write
@@ -97,32 +97,32 @@ def _aperture(name: str) -> Callable[..., float]:
     return lambda meter: float(meter.setups[name].aperture_s)
 
 
-def _set_bandwidth(meter: Hp34401A, hertz: float) -> None:
+def _set_bandwidth(meter: SimulatedHp34401A, hertz: float) -> None:
     """A filter is chosen that is slow enough for `hertz` (p. 115)."""
     meter.bandwidth_hz = 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0
 
 
-def _bandwidth(meter: Hp34401A) -> float:
+def _bandwidth(meter: SimulatedHp34401A) -> float:
     return meter.bandwidth_hz
 
 
-def _set_autozero(meter: Hp34401A, state: object) -> None:
+def _set_autozero(meter: SimulatedHp34401A, state: object) -> None:
     meter.autozero = state is True
 
 
-def _autozero(meter: Hp34401A) -> bool:
+def _autozero(meter: SimulatedHp34401A) -> bool:
     return meter.autozero
 
 
-def _set_impedance(meter: Hp34401A, state: object) -> None:
+def _set_impedance(meter: SimulatedHp34401A, state: object) -> None:
     meter.high_impedance = bool(state)
 
 
-def _impedance(meter: Hp34401A) -> bool:
+def _impedance(meter: SimulatedHp34401A) -> bool:
     return meter.high_impedance
 
 
-def _terminals(meter: Hp34401A) -> str:
+def _terminals(meter: SimulatedHp34401A) -> str:
     del meter
     return "FRON"
 
@@ -134,7 +134,7 @@ def range_commands(function: Function, header: str) -> tuple[Command, ...]:
     shown = Choice(("MINimum", "MAXimum"), required=False)
     bounds = {"MIN": ranged.ranges[0], "MAX": ranged.ranges[-1]}
 
-    def read(meter: Hp34401A, which: str | None) -> float:
+    def read(meter: SimulatedHp34401A, which: str | None) -> float:
         return bounds[which] if which else float(meter.setups[name].range)
 
     return (
@@ -164,8 +164,8 @@ def resolution_command(function: Function, header: str) -> Command:
     )
 
 
-def _limited(value: Callable[..., float], limits: Callable[[Hp34401A], Limits]) -> Callable[..., float]:
-    def read(meter: Hp34401A, which: str | None) -> float:
+def _limited(value: Callable[..., float], limits: Callable[[SimulatedHp34401A], Limits]) -> Callable[..., float]:
+    def read(meter: SimulatedHp34401A, which: str | None) -> float:
         if which is None:
             return value(meter)
         bounds = limits(meter)

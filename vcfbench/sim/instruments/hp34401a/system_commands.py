@@ -9,7 +9,7 @@ from vcfbench.sim.scpi import RS232, Boolean, Command, ScpiError, Text, boolean,
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
 
 __all__ = ["COMMANDS"]
@@ -19,71 +19,71 @@ _SELF_TEST_S = 15.0
 _ON_OFF = (Boolean(),)
 
 
-def _set_display(meter: Hp34401A, state: object) -> None:
+def _set_display(meter: SimulatedHp34401A, state: object) -> None:
     meter.display_on = bool(state)
 
 
-def _display(meter: Hp34401A) -> bool:
+def _display(meter: SimulatedHp34401A) -> bool:
     return meter.display_on
 
 
-def _set_text(meter: Hp34401A, text: str) -> None:
+def _set_text(meter: SimulatedHp34401A, text: str) -> None:
     meter.display_text = text[:12]
 
 
-def _text(meter: Hp34401A) -> str:
+def _text(meter: SimulatedHp34401A) -> str:
     return meter.display_text
 
 
-def _clear_text(meter: Hp34401A) -> None:
+def _clear_text(meter: SimulatedHp34401A) -> None:
     meter.display_text = ""
 
 
-def _nothing(meter: Hp34401A) -> None:
+def _nothing(meter: SimulatedHp34401A) -> None:
     del meter
 
 
-def _set_beeper(meter: Hp34401A, state: object) -> None:
+def _set_beeper(meter: SimulatedHp34401A, state: object) -> None:
     meter.beeper = bool(state)
 
 
-def _beeper(meter: Hp34401A) -> bool:
+def _beeper(meter: SimulatedHp34401A) -> bool:
     return meter.beeper
 
 
-def _version(meter: Hp34401A) -> str:
+def _version(meter: SimulatedHp34401A) -> str:
     del meter
     return "1991.0"
 
 
-def _require_rs232(meter: Hp34401A) -> None:
+def _require_rs232(meter: SimulatedHp34401A) -> None:
     if meter.engine.interface is not RS232:
         raise ScpiError(514)
 
 
-def _go_local(meter: Hp34401A) -> None:
+def _go_local(meter: SimulatedHp34401A) -> None:
     _require_rs232(meter)
     meter.local = True
 
 
-def _go_remote(meter: Hp34401A) -> None:
+def _go_remote(meter: SimulatedHp34401A) -> None:
     _require_rs232(meter)
     meter.local = False
 
 
-def _self_test(meter: Hp34401A) -> str:
+def _self_test(meter: SimulatedHp34401A) -> str:
     meter.triggering.memory = []
     return "+0"
 
 
-def _preset_status(meter: Hp34401A) -> None:
+def _preset_status(meter: SimulatedHp34401A) -> None:
     meter.questionable.enable = 0
 
 
-def _language(number: int) -> Callable[[Hp34401A], None]:
+def _language(number: int) -> Callable[[SimulatedHp34401A], None]:
     """L1 is SCPI; with RS-232 there is no other."""
 
-    def choose(meter: Hp34401A) -> None:
+    def choose(meter: SimulatedHp34401A) -> None:
         if meter.engine.interface is RS232:
             raise ScpiError(-113)
         meter.language = number

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct, field
 
-from vcfbench.sim.instruments.hp34401a.inputs import Reading
+from vcfbench.sim.instruments.hp34401a.inputs import MeterReading
 from vcfbench.sim.scpi import ScpiError
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["MEMORY", "Sequence", "TriggerSystem"]
+__all__ = ["MEMORY", "TriggerSequence", "TriggerSystem"]
 
 MEMORY = 512
 """Readings that INITiate can store (p. 84)."""
@@ -23,7 +23,7 @@ _ARMING_S = 0.02
 """From leaving idle to waiting for the trigger (p. 79: about 20 ms)."""
 
 
-class Sequence(Struct):
+class TriggerSequence(Struct):
     """A running measurement: what is left of it and what it has given.
 
     Args:
@@ -38,7 +38,7 @@ class Sequence(Struct):
     streamed: bool
     armed_s: float
     readings: deque[float] = field(default_factory=deque)
-    current: Reading | None = None
+    current: MeterReading | None = None
     triggered: bool = False
     stalled: bool = False
 
@@ -56,7 +56,7 @@ class TriggerSystem:
     def __init__(
         self,
         clock: Clock,
-        begin: Callable[[float], Reading],
+        begin: Callable[[float], MeterReading],
         finished: Callable[[float], float],
         capacity: int = MEMORY,
     ) -> None:
@@ -68,7 +68,7 @@ class TriggerSystem:
 
     def preset(self) -> None:
         """Take the settings that *RST, CONFigure and MEASure share (p. 112); the memory is cleared."""
-        self.sequence: Sequence | None = None
+        self.sequence: TriggerSequence | None = None
         self.memory: list[float] = []
         self.source = "IMM"
         self.delay_s = 0.0
@@ -83,7 +83,7 @@ class TriggerSystem:
         """How many readings a sequence gives, infinity for ever."""
         return self.sample_count * self.trigger_count
 
-    def start(self, *, stored: bool) -> Sequence:
+    def start(self, *, stored: bool) -> TriggerSequence:
         """Leave idle; -213 when measuring already. Readings of READ? that the memory would not hold go out at once."""
         if self.sequence is not None:
             raise ScpiError(-213)
@@ -91,7 +91,7 @@ class TriggerSystem:
             self.memory = []
         streamed = not stored and self.readings_to_come > self.capacity
         armed = self._clock.now() + _ARMING_S
-        self.sequence = Sequence(self.trigger_count, self.sample_count, stored, streamed, armed)
+        self.sequence = TriggerSequence(self.trigger_count, self.sample_count, stored, streamed, armed)
         if self.source == "IMM":
             self.fire()
         elif self._external_pending:
@@ -153,16 +153,16 @@ class TriggerSystem:
             self._start_reading(sequence)
         return taken
 
-    def _start_reading(self, sequence: Sequence) -> None:
+    def _start_reading(self, sequence: TriggerSequence) -> None:
         """Begin a reading; with nobody to read those that wait, the meter waits too (p. 84, unverified)."""
         sequence.stalled = sequence.streamed and len(sequence.readings) >= self.capacity
         if not sequence.stalled:
             sequence.current = self._begin(max(self._clock.now(), sequence.armed_s))
 
-    def _finish_reading(self, sequence: Sequence) -> None:
+    def _finish_reading(self, sequence: TriggerSequence) -> None:
         assert sequence.current is not None  # noqa: S101  (service looked)
         outcome = sequence.current.value()
-        if isinstance(outcome, Reading):
+        if isinstance(outcome, MeterReading):
             sequence.current = outcome
             return
         sequence.current = None
@@ -173,14 +173,14 @@ class TriggerSystem:
         else:
             self._finish_trigger(sequence)
 
-    def keep(self, sequence: Sequence, value: float) -> None:
+    def keep(self, sequence: TriggerSequence, value: float) -> None:
         """Put a reading where it belongs."""
         if not sequence.stored:
             sequence.readings.append(value)
         elif self.feed:
             self.memory.append(value)
 
-    def _finish_trigger(self, sequence: Sequence) -> None:
+    def _finish_trigger(self, sequence: TriggerSequence) -> None:
         sequence.triggers -= 1
         sequence.triggered = False
         if sequence.triggers <= 0:

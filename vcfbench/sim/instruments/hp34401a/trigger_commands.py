@@ -20,7 +20,7 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+    from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
 
 __all__ = ["COMMANDS"]
@@ -29,66 +29,66 @@ _NR3 = real(8)
 _ON_OFF = (Boolean(),)
 
 
-def _trigger(meter: Hp34401A) -> None:
+def _trigger(meter: SimulatedHp34401A) -> None:
     if meter.triggering.source != "BUS" or not meter.triggering.waiting():
         raise ScpiError(-211)
     meter.triggering.fire()
 
 
-def _set_feed(meter: Hp34401A, destination: str, source: str) -> None:
+def _set_feed(meter: SimulatedHp34401A, destination: str, source: str) -> None:
     del destination
     if source and source.upper() not in ("CALC", "CALCULATE"):
         raise ScpiError(-224)
     meter.triggering.feed = "CALC" if source else ""
 
 
-def _feed(meter: Hp34401A, destination: str | None) -> str:
+def _feed(meter: SimulatedHp34401A, destination: str | None) -> str:
     del destination
     return meter.triggering.feed
 
 
-def _points(meter: Hp34401A) -> int:
+def _points(meter: SimulatedHp34401A) -> int:
     return len(meter.triggering.memory)
 
 
-def _set_source(meter: Hp34401A, source: str) -> None:
+def _set_source(meter: SimulatedHp34401A, source: str) -> None:
     meter.triggering.source = source
 
 
-def _source(meter: Hp34401A) -> str:
+def _source(meter: SimulatedHp34401A) -> str:
     return meter.triggering.source
 
 
-def _set_delay(meter: Hp34401A, seconds: float) -> None:
+def _set_delay(meter: SimulatedHp34401A, seconds: float) -> None:
     meter.triggering.delay_s = round(seconds, 5)
     meter.triggering.delay_auto = False
 
 
-def _delay(meter: Hp34401A) -> float:
+def _delay(meter: SimulatedHp34401A) -> float:
     return meter.delay_s()
 
 
-def _set_delay_auto(meter: Hp34401A, state: object) -> None:
+def _set_delay_auto(meter: SimulatedHp34401A, state: object) -> None:
     meter.triggering.delay_auto = bool(state)
 
 
-def _delay_auto(meter: Hp34401A) -> bool:
+def _delay_auto(meter: SimulatedHp34401A) -> bool:
     return meter.triggering.delay_auto
 
 
-def _set_samples(meter: Hp34401A, count: int) -> None:
+def _set_samples(meter: SimulatedHp34401A, count: int) -> None:
     meter.triggering.sample_count = count
 
 
-def _samples(meter: Hp34401A) -> int:
+def _samples(meter: SimulatedHp34401A) -> int:
     return meter.triggering.sample_count
 
 
-def _set_triggers(meter: Hp34401A, count: float) -> None:
+def _set_triggers(meter: SimulatedHp34401A, count: float) -> None:
     meter.triggering.trigger_count = float(count)
 
 
-def _triggers(meter: Hp34401A) -> float:
+def _triggers(meter: SimulatedHp34401A) -> float:
     return meter.triggering.trigger_count
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.instruments.hp34401a.commands import TABLE
-from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
+from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["Hp34401ATwin"]
 
 
-class Hp34401ATwin(Hp34401A):
+class Hp34401ATwin(SimulatedHp34401A):
     """The 34401A with its commands; arguments as of the meter."""
 
     table: ClassVar[CommandTable] = TABLE

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from vcfbench.sim.instruments.infiniivision.instrument import (
-    InfiniiVisionX,
-    KeysightDsoX3024A,
-    KeysightDsoX4104A,
-    KeysightMsoX3104T,
+    InfiniiVisionXTwin,
+    KeysightDsoX3024ATwin,
+    KeysightDsoX4104ATwin,
+    KeysightMsoX3104TTwin,
     XSeriesErrors,
 )
 
-__all__ = ["InfiniiVisionX", "KeysightDsoX3024A", "KeysightDsoX4104A", "KeysightMsoX3104T", "XSeriesErrors"]
+__all__ = [
+    "InfiniiVisionXTwin",
+    "KeysightDsoX3024ATwin",
+    "KeysightDsoX4104ATwin",
+    "KeysightMsoX3104TTwin",
+    "XSeriesErrors",
+]

@@ -15,18 +15,24 @@ from typing import TYPE_CHECKING, ClassVar
 
 from msgspec.structs import replace
 
-from vcfbench.sim.instruments.dso7104b import Dso7104B, ScopeErrors
-from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, Kind
+from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["InfiniiVisionX", "KeysightDsoX3024A", "KeysightDsoX4104A", "KeysightMsoX3104T", "XSeriesErrors"]
+__all__ = [
+    "InfiniiVisionXTwin",
+    "KeysightDsoX3024ATwin",
+    "KeysightDsoX4104ATwin",
+    "KeysightMsoX3104TTwin",
+    "XSeriesErrors",
+]
 
 _LENGTHS = (*(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 62_500), *(100_000, 200_000, 500_000, 1_000_000))
 
 
-def _kind(name: str, identity: str, millions: int, rate_hz: float) -> Kind:
+def _kind(name: str, identity: str, millions: int, rate_hz: float) -> ScopeKind:
     """Return a model with so many million points, half of them and half the rate with both channels of a pair."""
     deepest = tuple(each * 1_000_000 for each in (2, 4) if each <= millions)
     return replace(
@@ -62,7 +68,7 @@ def _two_digits(kind: type[XSeriesErrors], like: ScopeErrors) -> XSeriesErrors:
     return kind(**{**fields, "exponent_digits": 2})
 
 
-class InfiniiVisionX(Dso7104B):
+class InfiniiVisionXTwin(Dso7104BTwin):
     """An oscilloscope of the X series; arguments as of the DSO7104B."""
 
     errors_class: ClassVar = XSeriesErrors
@@ -73,19 +79,19 @@ class InfiniiVisionX(Dso7104B):
         return self.kind.identity.format(model)
 
 
-class KeysightDsoX3024A(InfiniiVisionX):
+class KeysightDsoX3024ATwin(InfiniiVisionXTwin):
     """The DSO-X 3024A, 200 MHz, four channels."""
 
-    kind: ClassVar[Kind] = _kind("DSOX3024A", "AGILENT TECHNOLOGIES,{},MY51360123,02.38.2014110300", 4, 4e9)
+    kind: ClassVar[ScopeKind] = _kind("DSOX3024A", "AGILENT TECHNOLOGIES,{},MY51360123,02.38.2014110300", 4, 4e9)
 
 
-class KeysightMsoX3104T(InfiniiVisionX):
+class KeysightMsoX3104TTwin(InfiniiVisionXTwin):
     """The MSO-X 3104T, 1 GHz, four channels; its digital ones are not simulated."""
 
-    kind: ClassVar[Kind] = _kind("MSOX3104T", "KEYSIGHT TECHNOLOGIES,{},MY55510123,07.30.2019051434", 4, 5e9)
+    kind: ClassVar[ScopeKind] = _kind("MSOX3104T", "KEYSIGHT TECHNOLOGIES,{},MY55510123,07.30.2019051434", 4, 5e9)
 
 
-class KeysightDsoX4104A(InfiniiVisionX):
+class KeysightDsoX4104ATwin(InfiniiVisionXTwin):
     """The DSO-X 4104A, 1 GHz, four channels."""
 
-    kind: ClassVar[Kind] = _kind("DSOX4104A", "KEYSIGHT TECHNOLOGIES,{},MY54100123,04.08.2016071800", 4, 5e9)
+    kind: ClassVar[ScopeKind] = _kind("DSOX4104A", "KEYSIGHT TECHNOLOGIES,{},MY54100123,04.08.2016071800", 4, 5e9)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from vcfbench.sim.instruments.hp34401a.functions import Function
-    from vcfbench.sim.instruments.truevolt.instrument import Truevolt
+    from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.specifications import VoltmeterSpecification
 
 __all__ = [
@@ -59,12 +59,12 @@ def drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, 
     return {**fields, "gain_error": gain_error, "offset_v": offset_v}
 
 
-def ignored(meter: Truevolt, *values: Any) -> None:
+def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     """Take what nothing on the bench takes notice of."""
     del meter, values
 
 
-def once_idle(meter: Truevolt, outcome: Callable[[], Any]) -> Any:
+def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
     """Return what `outcome` returns, once the measurement is at its end."""
     if meter.triggering.sequence is None:
         return outcome()
@@ -89,7 +89,7 @@ def setting(pattern: str, key: str, parameter: Any, reply: Callable[[Any], str] 
 def _integration(name: str, header: str, limits: tuple[float, float]) -> Command:
     """Any power-line cycles within the limits can be set; the resolution goes with them."""
 
-    def write(meter: Truevolt, cycles: float) -> None:
+    def write(meter: SimulatedTruevolt, cycles: float) -> None:
         setup = meter.setups[name]
         setup.nplc, setup.resolution = cycles, meter.functions[name].fraction_of(cycles)
 

@@ -25,8 +25,8 @@ from vcfbench.sim.instruments.keithley.common import (
     settings_of_functions,
     spelled,
 )
-from vcfbench.sim.instruments.truevolt.instrument import Truevolt
-from vcfbench.sim.instruments.truevolt.kinds import Kind
+from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
+from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 from vcfbench.sim.scpi import (
     COMMON_COMMANDS,
     GPIB,
@@ -240,11 +240,11 @@ _TABLE = CommandTable(
 )
 
 
-class KeithleyDMM6500Twin(Truevolt):
+class KeithleyDMM6500Twin(SimulatedTruevolt):
     """The meter; arguments as of the 34401A."""
 
     errors_class: ClassVar = Errors6500
-    kind: ClassVar[Kind] = Kind("DMM6500", "1.7.12b", _SHEET, memory=_BUFFER, most_readings=1_000_000)
+    kind: ClassVar[MeterKind] = MeterKind("DMM6500", "1.7.12b", _SHEET, memory=_BUFFER, most_readings=1_000_000)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS
     table: ClassVar[CommandTable] = _TABLE
     dialect: ClassVar[Dialect] = Dialect(queue_depth=64, takes_blocks=False)

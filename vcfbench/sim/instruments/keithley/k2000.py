@@ -27,8 +27,8 @@ from vcfbench.sim.instruments.keithley.common import (
     settings_of_functions,
     spelled,
 )
-from vcfbench.sim.instruments.truevolt.instrument import Truevolt
-from vcfbench.sim.instruments.truevolt.kinds import Kind
+from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
+from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 from vcfbench.sim.scpi import (
     COMMON_COMMANDS,
     GPIB,
@@ -263,11 +263,11 @@ _TABLE = CommandTable(
 )
 
 
-class Keithley2000Twin(Truevolt):
+class Keithley2000Twin(SimulatedTruevolt):
     """The meter; arguments as of the 34401A."""
 
     errors_class: ClassVar = Errors2000
-    kind: ClassVar[Kind] = Kind("2000", "A20  /A02", _SHEET, memory=_BUFFER, most_readings=_BUFFER)
+    kind: ClassVar[MeterKind] = MeterKind("2000", "A20  /A02", _SHEET, memory=_BUFFER, most_readings=_BUFFER)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS
     table: ClassVar[CommandTable] = _TABLE
     dialect: ClassVar[Dialect] = Dialect(queue_depth=10, takes_blocks=False)

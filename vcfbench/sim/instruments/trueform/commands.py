@@ -42,12 +42,12 @@ from vcfbench.sim.scpi import (
     real,
     signed_integer,
 )
-from vcfbench.sim.scpi.lexer import Kind, Token
+from vcfbench.sim.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.trueform.instrument import Trueform as _Model
+    from vcfbench.sim.instruments.trueform.instrument import SimulatedTrueform as _Model
 
 __all__ = ["TABLE"]
 
@@ -76,7 +76,7 @@ class _Name(Parameter, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> str:
         """Return it bare."""
-        if token.kind not in {Kind.WORD, Kind.STRING}:
+        if token.kind not in {TokenKind.WORD, TokenKind.STRING}:
             raise self.refuse_kind(token)
         return bare_name(token.text)
 

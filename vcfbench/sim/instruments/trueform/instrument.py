@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from vcfbench.sim.instruments.agilent33220a.instrument import Agilent33220A, GeneratorErrors
+from vcfbench.sim.instruments.agilent33220a.instrument import GeneratorErrors, SimulatedAgilent33220A
 from vcfbench.sim.instruments.agilent33220a.settings import RESET, OutputRange
 from vcfbench.sim.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
-from vcfbench.sim.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, Series, kind
+from vcfbench.sim.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
 from vcfbench.sim.instruments.trueform.levels import LimitedLevels
 from vcfbench.specifications import KEYSIGHT_33500B
 
@@ -49,13 +49,13 @@ class TrueformErrors(GeneratorErrors, frozen=True):
         return cls(ranges, amplitude, float(rng.uniform(-_FREQUENCY_ERROR, _FREQUENCY_ERROR)), sheet.bits, 4)
 
 
-class Trueform(Agilent33220A):
+class SimulatedTrueform(SimulatedAgilent33220A):
     """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A."""
 
     errors_class: ClassVar = TrueformErrors
     table: ClassVar[CommandTable]
     longest_line: ClassVar[int] = _LONGEST_LINE
-    series: ClassVar[Series]
+    series: ClassVar[TrueformSeries]
 
     @classmethod
     def of_model(cls, model: str, sine_hz: float) -> type[Self]:

@@ -11,9 +11,9 @@ from types import MappingProxyType
 
 from msgspec import Struct
 
-from vcfbench.sim.instruments.agilent33220a.settings import Kind
+from vcfbench.sim.instruments.agilent33220a.settings import GeneratorKind
 
-__all__ = ["LONGEST_BURST_S", "PRBS_BITS", "SERIES_33500B", "SERIES_33600A", "Series", "kind"]
+__all__ = ["LONGEST_BURST_S", "PRBS_BITS", "SERIES_33500B", "SERIES_33600A", "TrueformSeries", "kind"]
 
 PRBS_BITS = 127
 """Bits of PN7, the only sequence that is simulated."""
@@ -21,7 +21,7 @@ LONGEST_BURST_S = 8000.0
 """Longest period of bursts of the internal timer (PyMeasure's tests of a real 33500B)."""
 
 
-class Series(Struct, frozen=True):
+class TrueformSeries(Struct, frozen=True):
     """One of the two series.
 
     Args:
@@ -47,7 +47,7 @@ class Series(Struct, frozen=True):
     least_points: int
 
 
-SERIES_33500B = Series(
+SERIES_33500B = TrueformSeries(
     "Agilent Technologies,{},MY52701054,3.05-1.19-2.00-52-00",  # users' records of real ones
     ramp_hz=200e3,
     square_hz=30e6,
@@ -58,7 +58,7 @@ SERIES_33500B = Series(
     bits_hz=50e6,
     least_points=8,
 )
-SERIES_33600A = Series(
+SERIES_33600A = TrueformSeries(
     "Keysight Technologies,{},MY53801234,A.02.03-3.15-03-64-02",  # the form is unverified
     ramp_hz=800e3,
     square_hz=100e6,
@@ -71,7 +71,7 @@ SERIES_33600A = Series(
 )
 
 
-def kind(series: Series, highest_hz: float) -> Kind:
+def kind(series: TrueformSeries, highest_hz: float) -> GeneratorKind:
     """Return what a model of `series` can do whose sines go up to `highest_hz`."""
     square_hz = min(highest_hz, series.square_hz)
     highest = {
@@ -85,7 +85,7 @@ def kind(series: Series, highest_hz: float) -> Kind:
         "NOIS": highest_hz,
         "DC": highest_hz,
     }
-    return Kind(
+    return GeneratorKind(
         frequency_hz=MappingProxyType({function: (1e-6, hz) for function, hz in highest.items()}),
         least_vpp=2e-3,  # 1 mVpp into 50 ohm: users' tests find 354 uVrms to be the least
         edge_s=series.edge_s,

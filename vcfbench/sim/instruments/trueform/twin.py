@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.instruments.trueform.commands import TABLE
-from vcfbench.sim.instruments.trueform.instrument import Trueform
+from vcfbench.sim.instruments.trueform.instrument import SimulatedTrueform
 
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["TrueformTwin"]
 
 
-class TrueformTwin(Trueform):
+class TrueformTwin(SimulatedTrueform):
     """A generator of the series with its commands; arguments as of the 33220A."""
 
     table: ClassVar[CommandTable] = TABLE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.truevolt.instrument import Errors34461A, Errors34465A, Truevolt
+from vcfbench.sim.instruments.truevolt.instrument import Errors34461A, Errors34465A, SimulatedTruevolt
 from vcfbench.sim.instruments.truevolt.twin import Keysight34461ATwin, Keysight34465ATwin
 
-__all__ = ["Errors34461A", "Errors34465A", "Keysight34461ATwin", "Keysight34465ATwin", "Truevolt"]
+__all__ = ["Errors34461A", "Errors34465A", "Keysight34461ATwin", "Keysight34465ATwin", "SimulatedTruevolt"]

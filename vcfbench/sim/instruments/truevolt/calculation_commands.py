@@ -9,7 +9,7 @@ from vcfbench.sim.scpi import Boolean, Command, Limits, Number, boolean, comma_l
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.truevolt.instrument import Truevolt
+    from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.sim.instruments.truevolt.mathematics import Statistics
 
 __all__ = ["COMMANDS"]
@@ -20,32 +20,32 @@ _AVERAGE, _LIMIT = "CALCulate:AVERage", "CALCulate:LIMit"
 _ANY = Number(unit=("V", "OHM", "HZ", "S"), limits=Limits(-1e15, 1e15, 0.0))
 
 
-def _switch_statistics(meter: Truevolt, state: object) -> None:
+def _switch_statistics(meter: SimulatedTruevolt, state: object) -> None:
     meter.statistics.switch(on=bool(state))
 
 
-def _clear_statistics(meter: Truevolt) -> None:
+def _clear_statistics(meter: SimulatedTruevolt) -> None:
     meter.statistics.clear()
 
 
-def _statistic(value: Callable[[Statistics], float]) -> Callable[[Truevolt], float]:
+def _statistic(value: Callable[[Statistics], float]) -> Callable[[SimulatedTruevolt], float]:
     return lambda meter: float(value(meter.statistics))
 
 
-def _all(meter: Truevolt) -> tuple[float, ...]:
-    told = meter.statistics
-    return told.mean, told.deviation(), told.minimum, told.maximum
+def _all(meter: SimulatedTruevolt) -> tuple[float, ...]:
+    statistics = meter.statistics
+    return statistics.mean, statistics.deviation(), statistics.minimum, statistics.maximum
 
 
-def _switch_limits(meter: Truevolt, state: object) -> None:
+def _switch_limits(meter: SimulatedTruevolt, state: object) -> None:
     meter.limit_test.on = bool(state)
 
 
-def _set_lower(meter: Truevolt, value: float) -> None:
+def _set_lower(meter: SimulatedTruevolt, value: float) -> None:
     meter.limit_test.lower = value
 
 
-def _set_upper(meter: Truevolt, value: float) -> None:
+def _set_upper(meter: SimulatedTruevolt, value: float) -> None:
     meter.limit_test.upper = value
 
 
@@ -55,12 +55,12 @@ COMMANDS = (
     ),
     Command(f"{_AVERAGE}:CLEar[:IMMediate]", do=_clear_statistics),
     Command(f"{_AVERAGE}:ALL", query=_all, reply=comma_list(_NR3)),
-    Command(f"{_AVERAGE}:AVERage", query=_statistic(lambda told: told.mean), reply=_NR3),
-    Command(f"{_AVERAGE}:COUNt", query=_statistic(lambda told: told.count), reply=_NR3),
-    Command(f"{_AVERAGE}:MAXimum", query=_statistic(lambda told: told.maximum), reply=_NR3),
-    Command(f"{_AVERAGE}:MINimum", query=_statistic(lambda told: told.minimum), reply=_NR3),
-    Command(f"{_AVERAGE}:PTPeak", query=_statistic(lambda told: told.span()), reply=_NR3),
-    Command(f"{_AVERAGE}:SDEViation", query=_statistic(lambda told: told.deviation()), reply=_NR3),
+    Command(f"{_AVERAGE}:AVERage", query=_statistic(lambda statistics: statistics.mean), reply=_NR3),
+    Command(f"{_AVERAGE}:COUNt", query=_statistic(lambda statistics: statistics.count), reply=_NR3),
+    Command(f"{_AVERAGE}:MAXimum", query=_statistic(lambda statistics: statistics.maximum), reply=_NR3),
+    Command(f"{_AVERAGE}:MINimum", query=_statistic(lambda statistics: statistics.minimum), reply=_NR3),
+    Command(f"{_AVERAGE}:PTPeak", query=_statistic(lambda statistics: statistics.span()), reply=_NR3),
+    Command(f"{_AVERAGE}:SDEViation", query=_statistic(lambda statistics: statistics.deviation()), reply=_NR3),
     Command(f"{_LIMIT}[:STATe]", _ON_OFF, do=_switch_limits, query=lambda meter: meter.limit_test.on, reply=boolean),
     Command(f"{_LIMIT}:LOWer[:DATA]", (_ANY,), do=_set_lower, query=lambda meter: meter.limit_test.lower, reply=_NR3),
     Command(f"{_LIMIT}:UPPer[:DATA]", (_ANY,), do=_set_upper, query=lambda meter: meter.limit_test.upper, reply=_NR3),

@@ -13,12 +13,12 @@ from vcfbench.sim.instruments.truevolt import (
 from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.truevolt.kinds import Kind
+    from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
 __all__ = ["table"]
 
 
-def table(kind: Kind) -> CommandTable:
+def table(kind: MeterKind) -> CommandTable:
     """Return the command table of a model."""
     return CommandTable(
         *COMMON_COMMANDS,

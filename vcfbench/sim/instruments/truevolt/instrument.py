@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from vcfbench import specifications
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
-from vcfbench.sim.instruments.hp34401a.instrument import Hp34401A
-from vcfbench.sim.instruments.truevolt.kinds import KIND_34461A, KIND_34465A, Kind
+from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
+from vcfbench.sim.instruments.truevolt.kinds import KIND_34461A, KIND_34465A, MeterKind
 from vcfbench.sim.instruments.truevolt.mathematics import LimitTest, Null, Statistics
 from vcfbench.sim.instruments.truevolt.memory import RingTriggerSystem
 from vcfbench.sim.scpi import GPIB, LAN, USB, Dialect, Register
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import Interface
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["Errors34461A", "Errors34465A", "Truevolt"]
+__all__ = ["Errors34461A", "Errors34465A", "SimulatedTruevolt"]
 
 _DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_blocks=False)
 """Depth and words are unverified."""
@@ -72,7 +72,7 @@ def _drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str,
     return {**fields, "gain_error": gain_error, "offset_v": offset_v}
 
 
-class Truevolt(Hp34401A):
+class SimulatedTruevolt(SimulatedHp34401A):
     """A meter of the series.
 
     Args:
@@ -86,7 +86,7 @@ class Truevolt(Hp34401A):
         model: what it calls itself.
     """
 
-    kind: ClassVar[Kind]
+    kind: ClassVar[MeterKind]
     dialect: ClassVar[Dialect] = _DIALECT
     interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "usb": USB, "lan": LAN})
 

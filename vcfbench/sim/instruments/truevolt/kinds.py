@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["KIND_34461A", "KIND_34465A", "Kind"]
+__all__ = ["KIND_34461A", "KIND_34465A", "MeterKind"]
 
 _DIGITISING = 0.02
 """Power line cycles below this are an option (guide p. 329)."""
 
 
-class Kind(Struct, frozen=True):
+class MeterKind(Struct, frozen=True):
     """A model of the series.
 
     Args:
@@ -59,7 +59,7 @@ class Kind(Struct, frozen=True):
         )
 
 
-KIND_34461A = Kind(
+KIND_34461A = MeterKind(
     "34461A",
     "A.02.17-02.40-02.17-00.52-03-01",
     specifications.KEYSIGHT_34461A,
@@ -68,7 +68,7 @@ KIND_34461A = Kind(
     fast_apertures_s=MappingProxyType({0.02: 0.3e-3, 0.2: 3e-3}),
 )
 
-KIND_34465A = Kind(
+KIND_34465A = MeterKind(
     "34465A",
     "A.02.17-02.40-02.17-00.52-03-01",
     specifications.KEYSIGHT_34465A,

@@ -25,7 +25,7 @@ class Null(Struct):
         self.on = on
         self._wanted = on and self.automatic
 
-    def told(self, value: float) -> None:
+    def set_value(self, value: float) -> None:
         """Take a value, which ends automatic."""
         self.value, self.automatic, self._wanted = value, False, False
 

@@ -33,8 +33,8 @@ from vcfbench.sim.scpi.parameters import Boolean
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.instruments.truevolt.instrument import Truevolt
-    from vcfbench.sim.instruments.truevolt.kinds import Kind
+    from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
+    from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
 __all__ = ["AUTO", "commands", "forgetting"]
 
@@ -53,21 +53,21 @@ def forgetting(command: Command) -> Command:
     if do is None:
         return command
 
-    def change(meter: Truevolt, *arguments: Any) -> Any:
+    def change(meter: SimulatedTruevolt, *arguments: Any) -> Any:
         meter.forget()
         return do(meter, *arguments)
 
     return replace(command, do=change)
 
 
-def _finished(meter: Truevolt, outcome: Callable[[], Any]) -> Any:
+def _finished(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
     """Return what `outcome` returns, once the measurement is at its end."""
     if meter.triggering.sequence is None:
         return outcome()
     return Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
 
 
-def _read(meter: Truevolt) -> Any:
+def _read(meter: SimulatedTruevolt) -> Any:
     """READ?: INITiate, then FETCh?."""
     if meter.triggering.source == "BUS":
         raise ScpiError(-214)
@@ -75,15 +75,15 @@ def _read(meter: Truevolt) -> Any:
     return _finished(meter, lambda: list(meter.triggering.memory))
 
 
-def _initiate(meter: Truevolt) -> None:
+def _initiate(meter: SimulatedTruevolt) -> None:
     meter.triggering.start(stored=True)
 
 
-def _abort(meter: Truevolt) -> None:
+def _abort(meter: SimulatedTruevolt) -> None:
     meter.triggering.abort()
 
 
-def _fetch(meter: Truevolt) -> Any:
+def _fetch(meter: SimulatedTruevolt) -> Any:
     def stored() -> list[float]:
         if not meter.triggering.memory:
             raise ScpiError(-230)
@@ -92,12 +92,12 @@ def _fetch(meter: Truevolt) -> Any:
     return _finished(meter, stored)
 
 
-def _take_now(meter: Truevolt, most: int | None) -> bytes:
+def _take_now(meter: SimulatedTruevolt, most: int | None) -> bytes:
     taken = meter.ring.take(most or meter.kind.memory)
     return block(_READINGS(taken).encode())
 
 
-def _take_whole(meter: Truevolt, count: int, wait: str | None) -> Any:
+def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
     """DATA:REMove?: with WAIT it waits for them; that too few without it are -222 is unverified."""
     memory = meter.ring
 
@@ -116,62 +116,62 @@ def _take_whole(meter: Truevolt, count: int, wait: str | None) -> Any:
     return Pending(ready_at, taken)
 
 
-def _last(meter: Truevolt) -> str:
+def _last(meter: SimulatedTruevolt) -> str:
     last = meter.ring.last
     unit = "VAC" if meter.function.name == "VOLT:AC" else _UNITS[meter.function.unit]
     return f"{_NR3(_NOT_A_NUMBER if last is None else last)} {unit}"
 
 
-def _set_slope(meter: Truevolt, slope: str) -> None:
+def _set_slope(meter: SimulatedTruevolt, slope: str) -> None:
     meter.ring.slope = slope
 
 
-def _slope(meter: Truevolt) -> str:
+def _slope(meter: SimulatedTruevolt) -> str:
     return meter.ring.slope
 
 
-def _set_samples(meter: Truevolt, count: int) -> None:
+def _set_samples(meter: SimulatedTruevolt, count: int) -> None:
     meter.triggering.sample_count = count
 
 
-def _samples(meter: Truevolt) -> int:
+def _samples(meter: SimulatedTruevolt) -> int:
     return meter.triggering.sample_count
 
 
-def _set_triggers(meter: Truevolt, count: float) -> None:
+def _set_triggers(meter: SimulatedTruevolt, count: float) -> None:
     meter.triggering.trigger_count = float(count)
 
 
-def _triggers(meter: Truevolt) -> float:
+def _triggers(meter: SimulatedTruevolt) -> float:
     return meter.triggering.trigger_count
 
 
-def _set_source(meter: Truevolt, source: str) -> None:
+def _set_source(meter: SimulatedTruevolt, source: str) -> None:
     meter.triggering.source = source
 
 
-def _source(meter: Truevolt) -> str:
+def _source(meter: SimulatedTruevolt) -> str:
     return meter.triggering.source
 
 
-def _set_delay(meter: Truevolt, seconds: float) -> None:
+def _set_delay(meter: SimulatedTruevolt, seconds: float) -> None:
     meter.triggering.delay_s = round(seconds, 6)
     meter.triggering.delay_auto = False
 
 
-def _delay(meter: Truevolt) -> float:
+def _delay(meter: SimulatedTruevolt) -> float:
     return meter.delay_s()
 
 
-def _set_delay_auto(meter: Truevolt, state: object) -> None:
+def _set_delay_auto(meter: SimulatedTruevolt, state: object) -> None:
     meter.triggering.delay_auto = bool(state)
 
 
-def _delay_auto(meter: Truevolt) -> bool:
+def _delay_auto(meter: SimulatedTruevolt) -> bool:
     return meter.triggering.delay_auto
 
 
-def _trigger_commands(kind: Kind) -> tuple[Command, ...]:
+def _trigger_commands(kind: MeterKind) -> tuple[Command, ...]:
     counts = Limits(1, kind.most_readings, 1)
     settings = (
         Command("SAMPle:COUNt", (Integer(limits=counts),), do=_set_samples, query=_samples, reply=signed_integer),
@@ -192,7 +192,7 @@ def _trigger_commands(kind: Kind) -> tuple[Command, ...]:
     return tuple(forgetting(each) for each in settings)
 
 
-def commands(kind: Kind) -> tuple[Command, ...]:
+def commands(kind: MeterKind) -> tuple[Command, ...]:
     """Return what a model understands of measuring."""
     of_functions = (
         each for function in kind.functions().values() for each in measurement_commands(function, _read, {"AUTO": AUTO})

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.clock import Clock
-    from vcfbench.sim.instruments.hp34401a.inputs import Reading
-    from vcfbench.sim.instruments.hp34401a.trigger import Sequence
+    from vcfbench.sim.instruments.hp34401a.inputs import MeterReading
+    from vcfbench.sim.instruments.hp34401a.trigger import TriggerSequence
 
 __all__ = ["RingTriggerSystem"]
 
@@ -22,7 +22,7 @@ class RingTriggerSystem(TriggerSystem):
     def __init__(
         self,
         clock: Clock,
-        begin: Callable[[float], Reading],
+        begin: Callable[[float], MeterReading],
         finished: Callable[[float], float],
         capacity: int,
         overflowed: Callable[[], None],
@@ -36,7 +36,7 @@ class RingTriggerSystem(TriggerSystem):
         self.slope = "NEG"
         self.last: float | None = None
 
-    def keep(self, sequence: Sequence, value: float) -> None:
+    def keep(self, sequence: TriggerSequence, value: float) -> None:
         """Store a reading; the oldest gives way without an error."""
         del sequence
         self.last = value

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.instruments.hp34401a.functions import Function
-    from vcfbench.sim.instruments.truevolt.instrument import Truevolt
-    from vcfbench.sim.instruments.truevolt.kinds import Kind
+    from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
+    from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
 __all__ = ["commands"]
 
@@ -47,7 +47,7 @@ def _zero_command(name: str) -> Command:
 
 
 def _set_autorange(name: str) -> Callable[..., None]:
-    def write(meter: Truevolt, state: object) -> None:
+    def write(meter: SimulatedTruevolt, state: object) -> None:
         if state == "ONCE":
             meter.autorange_once(name)
         else:
@@ -62,27 +62,27 @@ def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
     return fixed, replace(automatic, parameters=_ONCE, do=_set_autorange(function.name))
 
 
-def _set_impedance(meter: Truevolt, state: object) -> None:
+def _set_impedance(meter: SimulatedTruevolt, state: object) -> None:
     meter.high_impedance = bool(state)
 
 
-def _impedance(meter: Truevolt) -> bool:
+def _impedance(meter: SimulatedTruevolt) -> bool:
     return meter.high_impedance
 
 
-def _set_bandwidth(meter: Truevolt, hertz: float) -> None:
+def _set_bandwidth(meter: SimulatedTruevolt, hertz: float) -> None:
     """A filter is chosen that is slow enough for `hertz`."""
     meter.bandwidth_hz = 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0
 
 
-def _bandwidth(meter: Truevolt) -> float:
+def _bandwidth(meter: SimulatedTruevolt) -> float:
     return meter.bandwidth_hz
 
 
 def _set_aperture(name: str) -> Callable[..., None]:
     """The integration time in seconds is kept as power line cycles, which need not be whole."""
 
-    def write(meter: Truevolt, seconds: float) -> None:
+    def write(meter: SimulatedTruevolt, seconds: float) -> None:
         setup = meter.setups[name]
         setup.nplc = round(seconds, 6) * meter.line_hz
         setup.resolution = meter.functions[name].fraction_of(setup.nplc)
@@ -96,7 +96,7 @@ def _aperture(name: str) -> Callable[..., float]:
 
 
 def _enable_aperture(name: str) -> Callable[..., None]:
-    def write(meter: Truevolt, state: object) -> None:
+    def write(meter: SimulatedTruevolt, state: object) -> None:
         meter.aperture_on[name] = bool(state)
 
     return write
@@ -120,29 +120,29 @@ def _ending_aperture(name: str, command: Command) -> Command:
     """Power line cycles and resolution end an integration time in seconds (p. 329)."""
     do: Any = command.do
 
-    def change(meter: Truevolt, value: Any) -> None:
+    def change(meter: SimulatedTruevolt, value: Any) -> None:
         do(meter, value)
         meter.aperture_on[name] = False
 
     return replace(command, do=change)
 
 
-def _set_null_state(meter: Truevolt, state: object) -> None:
+def _set_null_state(meter: SimulatedTruevolt, state: object) -> None:
     meter.null.switch(on=bool(state))
 
 
-def _set_null_value(meter: Truevolt, value: float) -> None:
-    meter.null.told(value)
+def _set_null_value(meter: SimulatedTruevolt, value: float) -> None:
+    meter.null.set_value(value)
 
 
-def _set_null_auto(meter: Truevolt, state: object) -> None:
+def _set_null_auto(meter: SimulatedTruevolt, state: object) -> None:
     meter.null.automatic = bool(state)
 
 
 _NULL = "[SENSe:]VOLTage[:DC]:NULL"
 
 
-def commands(kind: Kind) -> tuple[Command, ...]:
+def commands(kind: MeterKind) -> tuple[Command, ...]:
     """Return what a model understands of ranges and integration."""
     functions = kind.functions()
     apertures = kind.apertures_s

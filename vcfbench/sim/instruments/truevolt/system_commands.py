@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from vcfbench.sim.scpi import Boolean, Choice, Command, Text, boolean, condition, enable, event, quoted
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.truevolt.instrument import Truevolt
-    from vcfbench.sim.instruments.truevolt.kinds import Kind
+    from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
+    from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
 __all__ = ["commands"]
 
@@ -19,51 +19,51 @@ _TEXT_LIMIT = 40
 """Characters on the display (users' drivers)."""
 
 
-def _nothing(meter: Truevolt) -> None:
+def _nothing(meter: SimulatedTruevolt) -> None:
     del meter
 
 
-def _set_display(meter: Truevolt, state: object) -> None:
+def _set_display(meter: SimulatedTruevolt, state: object) -> None:
     meter.display_on = bool(state)
 
 
-def _set_text(meter: Truevolt, text: str) -> None:
+def _set_text(meter: SimulatedTruevolt, text: str) -> None:
     meter.display_text = text[:_TEXT_LIMIT]
 
 
-def _clear_text(meter: Truevolt) -> None:
+def _clear_text(meter: SimulatedTruevolt) -> None:
     meter.display_text = ""
 
 
-def _set_beeper(meter: Truevolt, state: object) -> None:
+def _set_beeper(meter: SimulatedTruevolt, state: object) -> None:
     meter.beeper = bool(state)
 
 
-def _self_test(meter: Truevolt) -> str:
+def _self_test(meter: SimulatedTruevolt) -> str:
     meter.forget()
     return "+0"
 
 
-def _identify_as(meter: Truevolt, name: str) -> None:
+def _identify_as(meter: SimulatedTruevolt, name: str) -> None:
     meter.identifies_as = name
 
 
-def _preset(meter: Truevolt) -> None:
+def _preset(meter: SimulatedTruevolt) -> None:
     meter.reset()
 
 
-def _preset_status(meter: Truevolt) -> None:
+def _preset_status(meter: SimulatedTruevolt) -> None:
     meter.questionable.enable = 0
     meter.operation.enable = 0
 
 
-def _identities(kind: Kind) -> tuple[str, ...]:
+def _identities(kind: MeterKind) -> tuple[str, ...]:
     """Return what SYSTem:IDENtify takes (p. 270)."""
     older = ("HP34401A", "AT34461A") if kind.model == "34461A" else ("HP34401A", "AT34410A", "AT34411A")
     return ("DEFault", *older)
 
 
-def commands(kind: Kind) -> tuple[Command, ...]:
+def commands(kind: MeterKind) -> tuple[Command, ...]:
     """Return what a model understands of itself."""
     return (
         Command("DISPlay[:STATe]", _ON_OFF, do=_set_display, query=lambda meter: meter.display_on, reply=boolean),

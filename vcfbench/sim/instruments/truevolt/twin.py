@@ -5,34 +5,34 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.sim.instruments.truevolt.commands import table
-from vcfbench.sim.instruments.truevolt.instrument import Errors34461A, Errors34465A, Truevolt
+from vcfbench.sim.instruments.truevolt.instrument import Errors34461A, Errors34465A, SimulatedTruevolt
 from vcfbench.sim.instruments.truevolt.kinds import KIND_34461A, KIND_34465A
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.sim.instruments.hp34401a.functions import Function
-    from vcfbench.sim.instruments.truevolt.kinds import Kind
+    from vcfbench.sim.instruments.truevolt.kinds import MeterKind
     from vcfbench.sim.scpi import CommandTable
 
 __all__ = ["Keysight34461ATwin", "Keysight34465ATwin"]
 
 
-class Keysight34461ATwin(Truevolt):
+class Keysight34461ATwin(SimulatedTruevolt):
     """The 34461A."""
 
     errors_class: ClassVar = Errors34461A
-    kind: ClassVar[Kind] = KIND_34461A
+    kind: ClassVar[MeterKind] = KIND_34461A
     functions: ClassVar[Mapping[str, Function]] = KIND_34461A.functions()
     table: ClassVar[CommandTable] = table(KIND_34461A)
     fast_apertures_s: ClassVar[Mapping[float, float]] = KIND_34461A.fast_apertures_s
 
 
-class Keysight34465ATwin(Truevolt):
+class Keysight34465ATwin(SimulatedTruevolt):
     """The 34465A without options."""
 
     errors_class: ClassVar = Errors34465A
-    kind: ClassVar[Kind] = KIND_34465A
+    kind: ClassVar[MeterKind] = KIND_34465A
     functions: ClassVar[Mapping[str, Function]] = KIND_34465A.functions()
     table: ClassVar[CommandTable] = table(KIND_34465A)
     fast_apertures_s: ClassVar[Mapping[float, float]] = KIND_34465A.fast_apertures_s

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.rate_tables.axis import Axis, PositionMoves, TableErrors, TableWorld
+from vcfbench.sim.rate_tables.axis import PositionMoves, TableAxis, TableErrors, TableWorld
 
 if TYPE_CHECKING:
-    from vcfbench.sim.rate_tables.acl.limits import Limits
+    from vcfbench.sim.rate_tables.acl.limits import AclLimits
 
-__all__ = ["HARDWARE_ABORT_BIT", "NORMAL_UNSERVO_BIT", "POLL_S", "SOFTWARE_ABORT_BIT", "Drive"]
+__all__ = ["HARDWARE_ABORT_BIT", "NORMAL_UNSERVO_BIT", "POLL_S", "SOFTWARE_ABORT_BIT", "AclDrive"]
 
 POLL_S = 0.002
 """How often the measured rate is looked at when it decides what happens next."""
@@ -24,16 +24,16 @@ _HELD_DEG_S2 = 1e4
 """How fast an axis that something holds comes to rest (chosen)."""
 
 
-class Drive:
+class AclDrive:
     """The servo of the axis with what it measures, and how it is shut down.
 
     `motion` is the true one, `axis` the measured one, `moves` the move to a position that is under way.
     """
 
-    def __init__(self, world: TableWorld, errors: TableErrors, limits: Limits) -> None:
+    def __init__(self, world: TableWorld, errors: TableErrors, limits: AclLimits) -> None:
         self.clock = world.clock
         self.motion = world.table
-        self.axis = Axis(world, errors)
+        self.axis = TableAxis(world, errors)
         self.moves = PositionMoves(world, self.axis)
         self._limits = limits
         self.closing_at_s: float | None = None

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from vcfbench.sim.rate_tables.acl.demand import Demand
 from vcfbench.sim.rate_tables.acl.demand_commands import DemandCommands
-from vcfbench.sim.rate_tables.acl.drive import Drive
+from vcfbench.sim.rate_tables.acl.drive import AclDrive
 from vcfbench.sim.rate_tables.acl.front_panel import FrontPanel
 from vcfbench.sim.rate_tables.acl.interlock_commands import InterlockCommands
-from vcfbench.sim.rate_tables.acl.language import MAX_MESSAGE_CHARS, BadCommand, Request, parse_message
+from vcfbench.sim.rate_tables.acl.language import MAX_MESSAGE_CHARS, AclRequest, BadCommand, parse_message
 from vcfbench.sim.rate_tables.acl.limit_commands import LimitCommands
-from vcfbench.sim.rate_tables.acl.limits import Limits
+from vcfbench.sim.rate_tables.acl.limits import AclLimits
 from vcfbench.sim.rate_tables.acl.mode_commands import ModeCommands
 from vcfbench.sim.rate_tables.acl.oscillator import Oscillator
 from vcfbench.sim.rate_tables.acl.profiler import Profiler
@@ -28,7 +28,7 @@ from vcfbench.sim.rate_tables.acl.readback import Readback
 from vcfbench.sim.rate_tables.acl.refusal import LOCAL, PARSING, TOO_LONG, Refusal
 from vcfbench.sim.rate_tables.acl.registers import Registers
 from vcfbench.sim.rate_tables.acl.replies import StateFormat
-from vcfbench.sim.rate_tables.acl.status import Status
+from vcfbench.sim.rate_tables.acl.status import AclStatus
 from vcfbench.sim.rate_tables.acl.system_queries import system_queries
 from vcfbench.sim.rate_tables.axis import TableErrors
 from vcfbench.sim.rate_tables.interlocked import interlock_adjustments
@@ -61,9 +61,9 @@ class AclTable(LineDevice):
     def __init__(self, world: TableWorld, errors: TableErrors, header: Header = "none") -> None:
         super().__init__(world, _TIMING, terminators=b"\r\n", longest=MAX_MESSAGE_CHARS)
         self._header = header
-        self._panel, self._status = FrontPanel(), Status()
-        self._demand, self._limits = Demand(), Limits()
-        self._drive = Drive(world, errors, self._limits)
+        self._panel, self._status = FrontPanel(), AclStatus()
+        self._demand, self._limits = Demand(), AclLimits()
+        self._drive = AclDrive(world, errors, self._limits)
         oscillator = Oscillator(self._drive, self._limits, self._demand)
         self._profiler = Profiler(self._drive, self._limits, self._demand, oscillator)
         self._protection = Protection(self._drive, oscillator, self._limits, self._status, wired=errors.interlocks)
@@ -148,7 +148,7 @@ class AclTable(LineDevice):
             return body + b"\r\n"
         return struct.pack("<II" if self._header == "u32le2" else ">II", code, len(body)) + body
 
-    def _do(self, item: Request | BadCommand) -> str | None:
+    def _do(self, item: AclRequest | BadCommand) -> str | None:
         if isinstance(item, BadCommand):
             raise Refusal(PARSING)
         # Act2000 compatibility: the question mark of a Read may be left out
@@ -162,7 +162,7 @@ class AclTable(LineDevice):
         action(item.arguments)
         return None
 
-    def _query(self, request: Request) -> str:
+    def _query(self, request: AclRequest) -> str:
         query = self._queries.get(request.path)
         if query is None:
             raise Refusal(PARSING)

@@ -10,9 +10,9 @@ from vcfbench.sim.rate_tables.acl.drive import NORMAL_UNSERVO_BIT
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.sim.rate_tables.acl.drive import Drive
+    from vcfbench.sim.rate_tables.acl.drive import AclDrive
     from vcfbench.sim.rate_tables.acl.protection import Protection
-    from vcfbench.sim.rate_tables.acl.status import Status
+    from vcfbench.sim.rate_tables.acl.status import AclStatus
 
 __all__ = ["InterlockCommands"]
 
@@ -20,7 +20,7 @@ __all__ = ["InterlockCommands"]
 class InterlockCommands:
     """Interlock and all below it; `advance` does what is due of the whole controller."""
 
-    def __init__(self, drive: Drive, protection: Protection, status: Status, advance: Callable[[], None]) -> None:
+    def __init__(self, drive: AclDrive, protection: Protection, status: AclStatus, advance: Callable[[], None]) -> None:
         self._drive = drive
         self._protection = protection
         self._status = status

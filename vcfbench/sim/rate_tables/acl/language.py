@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from msgspec import Struct, field
 
-__all__ = ["COMMANDS", "MAX_MESSAGE_CHARS", "BadCommand", "Request", "parse_message"]
+__all__ = ["COMMANDS", "MAX_MESSAGE_CHARS", "AclRequest", "BadCommand", "parse_message"]
 
 MAX_MESSAGE_CHARS = 32768
 """Longest message; a longer one overflows the read buffer and is lost (TM-8004-C 2.5)."""
@@ -76,7 +76,7 @@ class BadCommand(Exception):
     """A command that does not parse; its text is the offending command."""
 
 
-class Request(Struct, frozen=True):
+class AclRequest(Struct, frozen=True):
     """One command of a message: full path (``Demand:Rate`` or ``*IDN``), whether it is a query, its arguments."""
 
     path: str
@@ -125,7 +125,7 @@ _MESSAGES_KEPT = 64
 _COMMAND = re.compile(r"(?P<header>\*?[A-Za-z:][A-Za-z0-9:]*)(?P<query>\s*\?)?(?:\s+(?P<rest>\S.*))?")
 
 
-def parse_message(text: str) -> list[Request | BadCommand]:
+def parse_message(text: str) -> list[AclRequest | BadCommand]:
     """Return the requests of one message in order; what does not parse stands in its place as a `BadCommand`.
 
     A leading colon starts from the root, ``;`` stays at the level of the command before, ``;:`` goes back to the
@@ -135,9 +135,9 @@ def parse_message(text: str) -> list[Request | BadCommand]:
 
 
 @lru_cache(maxsize=_MESSAGES_KEPT)
-def _parsed(text: str) -> tuple[Request | BadCommand, ...]:
+def _parsed(text: str) -> tuple[AclRequest | BadCommand, ...]:
     """Return what a message asks for; kept, since a controller is asked the same again and again."""
-    level, requests = _ROOT, list[Request | BadCommand]()
+    level, requests = _ROOT, list[AclRequest | BadCommand]()
     for command in text.split(";"):
         stripped = command.strip()
         if not stripped:
@@ -151,7 +151,7 @@ def _parsed(text: str) -> tuple[Request | BadCommand, ...]:
     return tuple(requests)
 
 
-def _parse_command(command: str, level: _Node) -> tuple[Request, _Node]:
+def _parse_command(command: str, level: _Node) -> tuple[AclRequest, _Node]:
     match = _COMMAND.fullmatch(command)
     if match is None:
         raise BadCommand(command)
@@ -161,9 +161,9 @@ def _parse_command(command: str, level: _Node) -> tuple[Request, _Node]:
         query, rest = True, rest[1:].strip()
     arguments = tuple(part.strip() for part in rest.split(",")) if rest else ()
     if header.startswith("*"):
-        return Request(header.upper(), query, arguments), level
+        return AclRequest(header.upper(), query, arguments), level
     node, parent = _resolve(header, level, command)
-    return Request(node.path, query, arguments), parent
+    return AclRequest(node.path, query, arguments), parent
 
 
 def _resolve(header: str, level: _Node, command: str) -> tuple[_Node, _Node]:

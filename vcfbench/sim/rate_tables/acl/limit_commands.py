@@ -11,7 +11,7 @@ from vcfbench.sim.rate_tables.acl.limits import FACTORY, FACTORY_OVERALL, AxisLi
 from vcfbench.sim.rate_tables.acl.replies import decimal, listed
 
 if TYPE_CHECKING:
-    from vcfbench.sim.rate_tables.acl.limits import Limits
+    from vcfbench.sim.rate_tables.acl.limits import AclLimits
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
 
 __all__ = ["LimitCommands"]
@@ -27,7 +27,7 @@ _OVERALL = {"Limit:Vtrip": "trip_deg_s", "Limit:HighPosition": "high_deg", "Limi
 class LimitCommands:
     """Limit and all below it; new limits of the present mode act at once."""
 
-    def __init__(self, limits: Limits, profiler: Profiler) -> None:
+    def __init__(self, limits: AclLimits, profiler: Profiler) -> None:
         self._limits = limits
         self._profiler = profiler
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.sim.rate_tables.acl.arguments import MODES, check_within
 from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 
-__all__ = ["FACTORY", "FACTORY_OVERALL", "UNLIMITED_DEG", "AxisLimits", "Limits", "OverallLimits"]
+__all__ = ["FACTORY", "FACTORY_OVERALL", "UNLIMITED_DEG", "AclLimits", "AxisLimits", "OverallLimits"]
 
 FRAME_S = 1e-4
 """One frame of the profiler, at its 10 kHz (ACUTROL3000e data sheet): in less than that the acceleration steps."""
@@ -63,7 +63,7 @@ _POWER_ON = AxisLimits(1000.0, 100.0, 1e6)
 _POWER_ON_OVERALL = OverallLimits(-UNLIMITED_DEG, UNLIMITED_DEG, 1100.0, 5.0)
 
 
-class Limits:
+class AclLimits:
     """The limits as they stand."""
 
     def __init__(self) -> None:

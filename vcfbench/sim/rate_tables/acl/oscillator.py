@@ -14,8 +14,8 @@ from vcfbench.sim.rate_tables.acl.replies import decimal
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.demand import Demand
-    from vcfbench.sim.rate_tables.acl.drive import Drive
-    from vcfbench.sim.rate_tables.acl.limits import Limits
+    from vcfbench.sim.rate_tables.acl.drive import AclDrive
+    from vcfbench.sim.rate_tables.acl.limits import AclLimits
 
 __all__ = ["Oscillator", "OscillatorSetup"]
 
@@ -36,7 +36,7 @@ class OscillatorSetup(Struct, frozen=True):
 class Oscillator:
     """Oscillates about where the axis stands, by the demanded magnitude, frequency and phase."""
 
-    def __init__(self, drive: Drive, limits: Limits, demand: Demand) -> None:
+    def __init__(self, drive: AclDrive, limits: AclLimits, demand: Demand) -> None:
         self._drive = drive
         self._clock = drive.clock
         self._motion = drive.motion

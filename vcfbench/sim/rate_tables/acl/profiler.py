@@ -12,8 +12,8 @@ from vcfbench.sim.s_curve import braking_deg
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.demand import Demand
-    from vcfbench.sim.rate_tables.acl.drive import Drive
-    from vcfbench.sim.rate_tables.acl.limits import AxisLimits, Limits
+    from vcfbench.sim.rate_tables.acl.drive import AclDrive
+    from vcfbench.sim.rate_tables.acl.limits import AclLimits, AxisLimits
     from vcfbench.sim.rate_tables.acl.oscillator import Oscillator
 
 __all__ = ["Profiler"]
@@ -26,7 +26,7 @@ _TRACK_REACH_S = 0.1
 class Profiler:
     """Turns the demand into motion, mode by mode; what happens on the way comes by :meth:`advance`."""
 
-    def __init__(self, drive: Drive, limits: Limits, demand: Demand, oscillator: Oscillator) -> None:
+    def __init__(self, drive: AclDrive, limits: AclLimits, demand: Demand, oscillator: Oscillator) -> None:
         self._drive = drive
         self._motion = drive.motion
         self._moves = drive.moves

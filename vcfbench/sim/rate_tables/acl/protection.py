@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from vcfbench.sim.rate_tables.acl.drive import POLL_S, SOFTWARE_ABORT_BIT
 
 if TYPE_CHECKING:
-    from vcfbench.sim.rate_tables.acl.drive import Drive
-    from vcfbench.sim.rate_tables.acl.limits import Limits
+    from vcfbench.sim.rate_tables.acl.drive import AclDrive
+    from vcfbench.sim.rate_tables.acl.limits import AclLimits
     from vcfbench.sim.rate_tables.acl.oscillator import Oscillator
-    from vcfbench.sim.rate_tables.acl.status import Status
+    from vcfbench.sim.rate_tables.acl.status import AclStatus
 
 __all__ = ["Protection"]
 
@@ -31,7 +31,9 @@ class Protection:
     `wired` tells whether the table has interlocks.
     """
 
-    def __init__(self, drive: Drive, oscillator: Oscillator, limits: Limits, status: Status, *, wired: bool) -> None:
+    def __init__(
+        self, drive: AclDrive, oscillator: Oscillator, limits: AclLimits, status: AclStatus, *, wired: bool
+    ) -> None:
         self._drive = drive
         self._motion = drive.motion
         self._clock = drive.clock

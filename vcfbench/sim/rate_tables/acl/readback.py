@@ -8,7 +8,7 @@ from vcfbench.sim.rate_tables.acl.replies import ACCELERATION, ANGLE, RATE
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.arguments import Query
-    from vcfbench.sim.rate_tables.acl.drive import Drive
+    from vcfbench.sim.rate_tables.acl.drive import AclDrive
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
     from vcfbench.sim.rate_tables.acl.replies import StateFormat
 
@@ -18,7 +18,7 @@ __all__ = ["Readback"]
 class Readback:
     """Read and all below it."""
 
-    def __init__(self, drive: Drive, profiler: Profiler, states: StateFormat) -> None:
+    def __init__(self, drive: AclDrive, profiler: Profiler, states: StateFormat) -> None:
         self._axis = drive.axis
         self._profiler = profiler
         self._states = states

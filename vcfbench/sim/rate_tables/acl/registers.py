@@ -9,11 +9,11 @@ from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.demand import Demand
-    from vcfbench.sim.rate_tables.acl.drive import Drive
+    from vcfbench.sim.rate_tables.acl.drive import AclDrive
     from vcfbench.sim.rate_tables.acl.front_panel import FrontPanel
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
     from vcfbench.sim.rate_tables.acl.protection import Protection
-    from vcfbench.sim.rate_tables.acl.status import Status
+    from vcfbench.sim.rate_tables.acl.status import AclStatus
 
 __all__ = ["Registers"]
 
@@ -23,12 +23,12 @@ class Registers:
 
     def __init__(
         self,
-        drive: Drive,
+        drive: AclDrive,
         demand: Demand,
         profiler: Profiler,
         protection: Protection,
         *,
-        status: Status,
+        status: AclStatus,
         panel: FrontPanel,
     ) -> None:
         self._drive = drive
