@@ -9,6 +9,7 @@ import pytest
 from tests.sim.rate_tables.real import RealWorld
 from vcfbench.clock import sleep
 from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
+from vcfbench.sim.rate_tables.axis import TableAxis
 from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
 
 if TYPE_CHECKING:
@@ -67,6 +68,27 @@ def test_a_message_does_not_work_out_what_has_not_changed(turning: tuple[RealWor
     assert worked_out == [world.clock.now()]
 
 
+@pytest.mark.parametrize("turning", [_acl], indirect=True)
+def test_a_question_works_out_nothing(turning: tuple[RealWorld, Any, list[float]]) -> None:
+    """Whatever it asks: the axis goes on as it did."""
+    world, table, worked_out = turning
+    for question in (b":Read:Rate? 1\n", b":Interlock? 1\r", b":Status:CSR? A1STATE;:Mode? 1\n"):
+        sleep(world.clock, 1.0)
+        table.write(question)
+        sleep(world.clock, 0.1)
+        assert table.read(1000)[0]
+        table.wake_at()
+    assert worked_out == []
+    for other in (b":Demand:Rate 1,2\n", b":Read:Rate? 1;:Demand:Rate 1,2\n", b"nonsense\n", b":Read:Rate? 1"):
+        sleep(world.clock, 1.0)
+        table.wake_at()
+        worked_out.clear()
+        table.write(other)
+        table.wake_at()
+        assert worked_out, other
+        table.write(b"\n")
+
+
 def test_an_encoder_far_from_the_trip_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     world = RealWorld()
     table = _acl(world)
@@ -80,8 +102,8 @@ def test_an_encoder_far_from_the_trip_is_not_asked(monkeypatch: pytest.MonkeyPat
     table.wake_at()
     assert world.table.goal_deg_s() == 50.0
     asked: list[float] = []
-    monkeypatch.setattr("vcfbench.sim.rate_tables.axis.Axis.rate_deg_s", lambda _: asked.append(world.clock.now()) or 0)
-    table.write(b":Mode? 1\r")
+    monkeypatch.setattr(TableAxis, "rate_deg_s", lambda _: asked.append(world.clock.now()) or 0)
+    table.write(b":Demand:Rate 1,50\r")
     table.wake_at()
     assert table.answering
     assert asked == []

@@ -7,6 +7,7 @@ What characters take is the wire's: nothing on a socket, and on a serial line wh
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,7 @@ class LineDevice:
         self._commands_known = 0
         self._timing = timing
         self._terminators = terminators
+        self._message_end = re.compile(b"[%b]" % re.escape(terminators) if terminators else b"(?!)")
         self._longest = longest
         self._input = bytearray()
         self._overflowed = False
@@ -69,12 +71,13 @@ class LineDevice:
         """Take bytes from the controller; `end` terminates a message like its terminator."""
         if not self._quiet:
             self._advance()
-        self._quiet_until_s = -math.inf
+        if not self._only_asks(data):
+            self._quiet_until_s = -math.inf
         begun = 0
-        for stop in [place for place, byte in enumerate(data) if byte in self._terminators]:
-            self._take(data[begun:stop])
+        for stop in self._message_end.finditer(data):
+            self._take(data[begun : stop.start()])
             self._finish_message()
-            begun = stop + 1
+            begun = stop.end()
         self._take(data[begun:])
         if end:
             self._finish_message()
@@ -158,6 +161,11 @@ class LineDevice:
 
     def _advance(self) -> None:
         """Bring what happens by itself up to now; whoever changes something from outside forgets the quiet first."""
+
+    def _only_asks(self, data: bytes) -> bool:
+        """Tell whether bytes are sure to change nothing of what happens by itself: a whole message that asks."""
+        del data
+        return False
 
     def _own_events_s(self) -> tuple[float, ...]:
         """Return the future instants at which :meth:`_advance` will have something to do, as far as known."""

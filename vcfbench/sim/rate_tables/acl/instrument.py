@@ -136,6 +136,12 @@ class AclTable(LineDevice):
                     replies.append(reply)
         return self._framed(code, replies)
 
+    def _only_asks(self, data: bytes) -> bool:
+        if self._input or data[-1:] not in (b"\r", b"\n"):
+            return False
+        items = parse_message(data[:-1].decode("latin-1"))
+        return bool(items) and all(isinstance(item, AclRequest) and item.query for item in items)
+
     def _overflow(self) -> bytes | None:
         self._status.refuse(TOO_LONG)
         return self._framed(TOO_LONG, [])

@@ -8,6 +8,8 @@ from vcfbench.sim.rate_tables.acl.arguments import MODES, Arguments, Query, inte
 from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vcfbench.sim.rate_tables.acl.demand import Demand
     from vcfbench.sim.rate_tables.acl.drive import AclDrive
     from vcfbench.sim.rate_tables.acl.front_panel import FrontPanel
@@ -37,6 +39,22 @@ class Registers:
         self._protection = protection
         self._status = status
         self._panel = panel
+        self._registers: dict[str, Callable[[], int]] = {
+            "A1STATE": self._state,
+            "A1STATIC": self._state,
+            "A1DYN": self._dynamic,
+            "A1ERR": lambda: 0,
+            "A1SWFLT": lambda: protection.faults,
+            "A1SWFAULT": lambda: protection.faults,
+            "A1INTLK": lambda: protection.interlocks,
+            "A1": self._axis,
+            "ACP": lambda: bool(self._axis()) << 1,
+            "SI": lambda: bool(protection.interlocks) << 2 | bool(protection.faults) << 3,
+            "G1INTLK": lambda: (protection.interlocks >> 7 & 3) | (protection.interlocks >> 9 & 1) << 15,
+            "SUP": lambda: 1,
+            "SUP1": self._supervisor,
+            "RI": lambda: 0,
+        }
 
     def queries(self) -> dict[str, Query]:
         """Return how a register is asked for."""
@@ -45,33 +63,16 @@ class Registers:
     def _ask(self, arguments: Arguments) -> str:
         if not 1 <= len(arguments) <= 2:
             raise Refusal(OUT_OF_RANGE)
-        value = self._values().get(arguments[0].upper())
-        if value is None:
+        register = self._registers.get(arguments[0].upper())
+        if register is None:
             raise Refusal(OUT_OF_RANGE)
+        value = register()
         if len(arguments) == 1:
             return str(value)
         return str(value >> integer(arguments[1], 0, 15) & 1)
 
-    def _values(self) -> dict[str, int]:
-        state, dynamic = self._state(), self._dynamic()
-        interlocks, faults = self._protection.interlocks, self._protection.faults
-        axis = bool(state) | bool(dynamic) << 1
-        return {
-            "A1STATE": state,
-            "A1STATIC": state,
-            "A1DYN": dynamic,
-            "A1ERR": 0,
-            "A1SWFLT": faults,
-            "A1SWFAULT": faults,
-            "A1INTLK": interlocks,
-            "A1": axis,
-            "ACP": bool(axis) << 1,
-            "SI": bool(interlocks) << 2 | bool(faults) << 3,
-            "G1INTLK": (interlocks >> 7 & 3) | (interlocks >> 9 & 1) << 15,
-            "SUP": 1,
-            "SUP1": self._supervisor(),
-            "RI": 0,
-        }
+    def _axis(self) -> int:
+        return bool(self._state()) | bool(self._dynamic()) << 1
 
     def _state(self) -> int:
         drive = self._drive
