@@ -225,11 +225,11 @@ class Session:
 
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
-        return self._exchange(command, self._read_block, deadline)
+        return self._exchange(command, self._read_block, _as_it_came, deadline)
 
     def query_raw(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask `command` and return the answer as it came, a line or a block with its header, without its terminator."""
-        return self._exchange(command, self._read_raw, deadline)
+        return self._exchange(command, self._read_raw, _as_it_came, deadline)
 
     # Commands
 
@@ -482,17 +482,23 @@ class Session:
 
     def _ask(self, command: str, read: Callable[[bytes], _T], deadline: Deadline | None) -> _T:
         """Ask `command`; `read` makes a value of the line that is answered."""
-        return self._exchange(command, lambda limit: read(self._read_line(limit)), deadline)
+        return self._exchange(command, self._read_line, read, deadline)
 
-    def _exchange(self, command: str, take: Callable[[Deadline], _T], deadline: Deadline | None) -> _T:
-        """Send `command`; `take` reads the answer from the wire."""
+    def _exchange(
+        self,
+        command: str,
+        take: Callable[[Deadline], bytes],
+        read: Callable[[bytes], _T],
+        deadline: Deadline | None,
+    ) -> _T:
+        """Send `command`; `take` takes the answer from the wire, `read` makes a value of it."""
         limit = deadline or Deadline.after(self.clock, self.timeout_s)
         with self._lock:
             self._in_step(limit)
             self._dirty = True  # until the exchange is whole, whatever ends it: an error, a signal, an interrupt
             try:
                 self._say(command, limit)
-                value = take(limit)
+                value = read(take(limit))
             except TransportError as error:
                 raise self._failed(error, command, limit)  # noqa: B904 - the same error, now knowing where
             except MeasurementError as error:  # a whole answer, though no value
@@ -526,7 +532,7 @@ class Session:
             raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
 
     def _say(self, command: str, deadline: Deadline) -> None:
-        if deadline.remaining() <= 0.0:
+        if deadline.expired():
             raise DeadlineExceeded("the time was up before anything was sent")
         self._wire.send(command.encode("ascii") + b"\n", deadline)
 
@@ -594,6 +600,10 @@ class Session:
             self._closed_because = because
             self._dirty = True
             self._wire.close()
+
+
+def _as_it_came(answer: bytes) -> bytes:
+    return answer
 
 
 def _error_entry(line: bytes) -> tuple[int, str]:

@@ -424,7 +424,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     @staticmethod
     def _check_owner(session: VISASession, opened: _Session) -> None:
-        if opened.place.locked_against(session):
+        place = opened.place
+        if (place.owner is not None or place.sharers) and place.locked_against(session):
             raise errors.VisaIOError(StatusCode.error_resource_locked)
 
     def lock(
