@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vcfbench.models import MODELS, resolve
+from vcfbench.procedures import tones
 from vcfbench.specifications import AGILENT_33220A, HP_34401A, KEYSIGHT_34461A, KEYSIGHT_34465A, VoltmeterSpecification
 
 METERS = (HP_34401A, KEYSIGHT_34461A, KEYSIGHT_34465A)
@@ -64,3 +65,8 @@ def test_a_level_is_promised_as_a_part_and_a_voltage() -> None:
 def test_every_meter_that_comes_along_has_its_own_sheet(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
     assert resolve(row.specifications).model == row.name
     assert set(resolve(row.specifications).resolution) == set(resolve(row.driver).integration_times_nplc)
+
+
+@pytest.mark.parametrize("row", [row for row in MODELS if "multimeter" in row.roles], ids=lambda row: row.name)
+def test_every_meter_that_comes_along_integrates_as_briefly_as_sines_ask(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    assert {tones.NPLC, 1.0} <= set(resolve(row.driver).integration_times_nplc)

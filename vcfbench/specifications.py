@@ -224,7 +224,7 @@ KEYSIGHT_34465A: Final = VoltmeterSpecification(
     limit_sigmas=_TRUEVOLT_SIGMAS,
 )
 
-_KEITHLEY_DIGITS: Final = MappingProxyType({0.01: 1e-4, 0.1: 1e-5, 1.0: 1e-6, 10.0: 1e-6})
+_KEITHLEY_DIGITS: Final = MappingProxyType({0.01: 1e-4, 0.1: 1e-5, 0.2: 1e-5, 1.0: 1e-6, 10.0: 1e-6})
 
 KEITHLEY_2000: Final = VoltmeterSpecification(
     model="2000",
@@ -240,15 +240,17 @@ KEITHLEY_2000: Final = VoltmeterSpecification(
     resolution=_KEITHLEY_DIGITS,
     accuracy_source="data sheet of the 2016 (Rev. D), a 2000 with more functions; of the 2000's own this table was "
     "not at hand",
-    resolution_source="digits by power-line cycles in the same sheet: 6 1/2 at 10 and 1, 5 1/2 at 0.1, 4 1/2 at 0.01",
+    resolution_source="digits by power-line cycles in the same sheet: 6 1/2 at 10 and 1, 5 1/2 at 0.1 (and 0.2, "
+    "between them), 4 1/2 at 0.01",
 )
 
 KEITHLEY_DMM6500: Final = VoltmeterSpecification(
     model="DMM6500",
     accuracy=MappingProxyType({10.0: _ages(year=(0.0025, 0.0005))}),
-    resolution=MappingProxyType({0.01: 1e-5, 0.1: 1e-5, 1.0: 1e-6, 10.0: 1e-6}),
+    resolution=MappingProxyType({0.01: 1e-5, 0.1: 1e-5, 0.2: 1e-5, 1.0: 1e-6, 10.0: 1e-6}),
     accuracy_source="Calibration and Adjustment Manual DMM6500-905-01 p. 2-4; other ranges and ages were not at hand",
-    resolution_source="digits by power-line cycles in its data sheet p. 9 (resistance): 6 1/2 at 1, 5 1/2 at 0.1, 0.01",
+    resolution_source="digits by power-line cycles in its data sheet p. 9 (resistance): 6 1/2 at 1, 5 1/2 at 0.1, 0.01 "
+    "(and 0.2, between them)",
 )
 
 AGILENT_33220A: Final = LevelSpecification(

@@ -34,7 +34,8 @@ class _Keithley(Hp34401A):
 
     makers: ClassVar[tuple[str, ...]] = ("KEITHLEY",)
     reading_form: ClassVar[replies.NumberForm] = replies.ANY_NUMBER  # digits follow settings
-    integration_times_nplc: ClassVar[tuple[float, ...]] = (0.01, 0.1, 1.0, 10.0)
+    integration_times_nplc: ClassVar[tuple[float, ...]] = (0.01, 0.1, 0.2, 1.0, 10.0)
+    """Those in use: both take any from 0.01 to 10 (PyMeasure's drivers), and have no more digits in between."""
     fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({})
     begin: ClassVar[str] = "INIT"
 
