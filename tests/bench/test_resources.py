@@ -7,10 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.check import check_bench
+from vcfbench.bench.file import parse_bench, template
 from vcfbench.bench.resources import resource_key
+from vcfbench.bench.safing import safe_bench
+from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
 
 
 @pytest.mark.parametrize(
@@ -52,3 +60,21 @@ def test_a_port_is_its_device_whatever_links_lead_there(tmp_path: Path) -> None:
 @given(st.text(max_size=40))
 def test_every_text_has_a_key(text: str) -> None:
     assert resource_key(text.replace("TCPIP", "").replace("socket", "").replace("rfc", "")) is not None
+
+
+def _with_one_meter_twice() -> BenchDescription:
+    second = '[v_vc_meter]\nmodel = "34401A"\nresource = "gpib::22"\n\n[wiring]'
+    return parse_bench(template().replace("[wiring]", second, 1), "lab.toml")
+
+
+@pytest.mark.parametrize("open_", [open_bench, check_bench])
+def test_one_instrument_cannot_have_two_roles_under_two_names(open_: Callable[[BenchDescription], object]) -> None:
+    words = r"v_vc_meter at gpib::22: the same instrument as multimeter at GPIB0::22::INSTR"
+    with pytest.raises(ConfigError, match=words):
+        open_(_with_one_meter_twice())
+
+
+def test_what_may_be_on_is_looked_after_whatever_the_names_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path))
+    made = safe_bench(_with_one_meter_twice())
+    assert {each.role for each in made.instruments} >= {"power", "rate_source", "rate_table"}

@@ -16,7 +16,7 @@ from vcfbench.bench.limits import LimitChecks, LimitedChamber, LimitedGenerator,
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
 from vcfbench.bench.signals import ControlClock, StopSignals
-from vcfbench.bench.station import station
+from vcfbench.bench.station import require_instruments_apart, station
 from vcfbench.errors import Aborted, BenchError
 
 if TYPE_CHECKING:
@@ -181,14 +181,15 @@ def open_bench(
     broken off; by default bench time begins.
 
     Raises:
-        ConfigError: the bench file cannot be used, or has no instrument for a role that is needed, or a real bench was
-            asked for a speed.
+        ConfigError: the bench file cannot be used, has no instrument for a role that is needed, or one for two roles,
+            or a real bench was asked for a speed.
         BenchError: the bench is in use, or instruments did not open; the message names them all.
         InterlockError: the table was found turning.
         NotSafe: something was found on, or turning, and could not be made safe.
     """
     description = described(bench)
     roles = needed_roles(description, needs)
+    require_instruments_apart(description)
     stops = signals or StopSignals()
     holding: Holding | None = None
     with ExitStack() as stack:

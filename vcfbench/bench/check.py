@@ -10,7 +10,7 @@ from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import filled_roles, require_still, safe_action
 from vcfbench.bench.safety import SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
-from vcfbench.bench.station import station
+from vcfbench.bench.station import require_instruments_apart, station
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, InterlockError
 
@@ -52,8 +52,10 @@ def check_bench(description: BenchDescription) -> BenchCheck:
     """Open every instrument, ask who it is, read its error queue and, of a table, its faults; then make all safe.
 
     Raises:
+        ConfigError: one instrument has two roles.
         BenchError: another process has the bench.
     """
+    require_instruments_apart(description)
     with StopSignals() as signals, station(description, None, None) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         checked: list[CheckedInstrument] = []

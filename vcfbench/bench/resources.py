@@ -12,9 +12,33 @@ import os
 import re
 import socket
 import sys
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-__all__ = ["resource_key"]
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["require_apart", "resource_key"]
+
+
+def require_apart(resources: Mapping[str, str]) -> None:
+    """Check that no two roles have one instrument, under whatever names; `resources` are names by role.
+
+    Raises:
+        ConfigError: two have.
+    """
+    found: dict[str, str] = {}
+    for role, resource in resources.items():
+        other = found.setdefault(resource_key(resource), role)
+        if other != role:
+            raise ConfigError(
+                f"the same instrument as {other} at {resources[other]}, written otherwise",
+                instrument=role,
+                resource=resource,
+                hint="each role has an instrument of its own",
+            )
 
 
 def resource_key(resource: str) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from msgspec import Struct
 
 from vcfbench.bench.lock import instrument_locks
+from vcfbench.bench.resources import require_apart
 from vcfbench.bench.roles import filled_roles
 from vcfbench.bench.served import lockstep_bench
 from vcfbench.clock import PacedClock, VirtualClock, WallClock
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.simulated import SimulatedBench
     from vcfbench.clock import Clock
 
-__all__ = ["Builder", "UnopenedBench", "checked_pace", "station", "table_port"]
+__all__ = ["Builder", "UnopenedBench", "checked_pace", "require_instruments_apart", "station", "table_port"]
 
 FASTEST = "max"
 SLOWEST = 0.001
@@ -73,6 +74,18 @@ def station(
     if description.served is not None:
         return _served(description, description.served, roles)
     return _real(description, roles) if description.simulation is None else _simulated(description, seed, pace, build)
+
+
+def require_instruments_apart(description: BenchDescription) -> None:
+    """Check that no instrument has two roles; what is simulated in this process is what the bench file says it is.
+
+    Making safe does without: whatever the bench file says, something may turn.
+
+    Raises:
+        ConfigError: one has, under two names.
+    """
+    if description.simulation is None:
+        require_apart({each.name: getattr(description, each.name).resource for each in filled_roles(description)})
 
 
 def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[None]:
