@@ -30,6 +30,18 @@ def test_every_device_acts_at_its_own_instants() -> None:
     assert (first.done, second.done) == ([1.0, 2.5], [2.0, 2.5])
 
 
+def test_who_waits_for_a_device_stops_at_the_next_that_acts() -> None:
+    clock = AttendedClock(VirtualClock())
+    clock.attend(Alarm(clock, 1.0, 2.5), Alarm(clock, 2.0))
+    stops = []
+    for _ in range(4):
+        clock.sleep_to_next(5.0)
+        stops.append(clock.now())
+    assert stops == [1.0, 2.0, 2.5, 5.0]
+    clock.sleep_to_next(5.0)
+    assert clock.now() == 5.0
+
+
 def test_a_device_that_is_due_for_ever_does_not_stop_time() -> None:
     class Stuck:
         def wake_at(self) -> float:

@@ -127,6 +127,17 @@ def test_a_reading_takes_its_time_and_a_short_time_out_loses_it(station: Station
     assert meter.query("*OPC?") == "1"
 
 
+def test_who_waits_for_a_reading_looks_in_on_each_device_once(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_in = []
+    wake_at = Hp34401ATwin.wake_at
+    monkeypatch.setattr(Hp34401ATwin, "wake_at", lambda meter: looked_in.append(meter) or wake_at(meter))
+    meter = station.open(read_termination="\n")
+    assert meter.query("READ?") == "+1.25000000E+00"
+    assert len(looked_in) == len(NAMES)
+
+
 def test_an_endless_time_out_with_nothing_under_way_ends(station: Station) -> None:
     meter = station.open()
     del meter.timeout

@@ -55,6 +55,10 @@ class AttendedClock:
             self._clock.sleep_until(due)
         self._clock.sleep_until(instant_s)
 
+    def sleep_to_next(self, latest_s: float) -> None:
+        """Wait until a device next does something by itself, at most until `latest_s`."""
+        self._clock.sleep_until(self._next_due(latest_s))
+
     def _next_due(self, instant_s: float) -> float:
         """Return the next instant before `instant_s` at which a device acts, else `instant_s`."""
         if instant_s <= self.now():

@@ -24,6 +24,7 @@ class NodeLoads:
     def __init__(self, sources: SourceResistance) -> None:
         self._sources_ohm = sources.by_node()
         self._loads: dict[Hashable, tuple[str, float]] = {}
+        self._conductances_s: dict[str, float] = {}
         self.shares: dict[str, float] = {}
         """What is left of the open voltage of the PCB's outputs; of those that nothing loads nothing is said."""
 
@@ -38,12 +39,16 @@ class NodeLoads:
         self._loads.pop(who, None)
         if math.isfinite(resistance_ohm):
             self._loads[who] = (node, resistance_ohm)
-        loaded = {node for node, _ in self._loads.values() if node in self._sources_ohm}
-        self.shares = {node: 1.0 / (1.0 + self._sources_ohm[node] * self.conductance_s(node)) for node in loaded}
+        loaded = {node for node, _ in self._loads.values()}
+        self._conductances_s = {
+            node: sum(1.0 / ohm for on, ohm in self._loads.values() if on == node) for node in loaded
+        }
+        own = self._sources_ohm
+        self.shares = {node: 1.0 / (1.0 + own[node] * self.conductance_s(node)) for node in loaded if node in own}
 
     def conductance_s(self, node: str) -> float:
         """Return the conductance from `node` to ground, S."""
-        return sum(1.0 / ohm for loaded, ohm in self._loads.values() if loaded == node)
+        return self._conductances_s.get(node, 0.0)
 
     def presented_ohm(self, node: str, own_ohm: float | None = None) -> float:
         """Return what `node` presents to who is wired to it: its own resistance beside the loads; a rail has none."""

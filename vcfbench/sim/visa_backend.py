@@ -346,17 +346,21 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     def _await(self, opened: _Session, count: int, deadline: float) -> bool:
         """Wait until a device that is silent now says something; False when it does not before `deadline`."""
-        clock, device = opened.bench.clock, opened.place.device
-        while (now := clock.now()) < deadline:
-            with opened.bench.lock:
-                wake = device.wake_at()
-            instant = deadline if wake is None or wake <= now else min(wake, deadline)
-            if math.isinf(instant):
+        clock = opened.bench.clock
+        while clock.now() < deadline:
+            if math.isinf(deadline) and not self._will_act(opened):
                 return False
-            clock.sleep_until(instant)
+            clock.sleep_to_next(deadline)
             if self._fetch(opened, count):
                 return True
         return False
+
+    @staticmethod
+    def _will_act(opened: _Session) -> bool:
+        """Tell whether a device will do something by itself; it is not waited for for ever where it will not."""
+        with opened.bench.lock:
+            wake_s = opened.place.device.wake_at()
+        return wake_s is not None and opened.bench.clock.now() < wake_s < math.inf
 
     def buffer_read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
         """Receive like :meth:`read`: there is no formatted buffer in between."""

@@ -217,7 +217,7 @@ class Chain(Struct, frozen=True, dict=True):
             constant = (slope - steady) / own
             turned_constant -= turned_slope * lag
         else:
-            slope, turned_slope = np.zeros_like(own), np.zeros_like(lag)
+            slope, turned_slope = np.zeros(own.shape, complex), np.zeros(lag.shape, complex)
             constant = -steady / own
         if forcing.rate_terms or forcing.virtual_terms:
             exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)

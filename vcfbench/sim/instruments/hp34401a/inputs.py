@@ -250,8 +250,7 @@ class Inputs:
         self, function: Function, setup: Setup, conditions: MeasuringConditions, seen_v: float
     ) -> MeterReading | None:
         """Autorange that meets an overload, because the voltage has changed meanwhile, takes a higher range."""
-        higher = _fitting(function, setup.range, abs(seen_v))
-        if not setup.auto or higher <= setup.range:
+        if not setup.auto or (higher := _fitting(function, setup.range, abs(seen_v))) <= setup.range:
             return None
         setup.range = higher
         begun = self._world.clock.now() + function.autorange_s
