@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ from vcfbench.analysis.rate_band import (
     Tone,
     fit_rate_band,
     fit_tone,
+    response_phase_deg,
     split_guess_hz,
     split_response,
     true_spacing_s,
@@ -77,6 +79,24 @@ def test_the_response_is_that_of_p_and_r() -> None:
     f = np.linspace(0.1, 60.0, 300)
     mine = split_response(f, 3488.9, np.array([24.8, 1224.0, 0.8, 146.9, 0.05]))
     np.testing.assert_allclose(mine, response(f, 24.8, 1224.0, 0.8, 0.05), rtol=1e-9)
+
+
+def test_the_phase_of_the_response_is_that_of_p_and_r_behind_a_butterworth_filter() -> None:
+    """Of fourth order and 100 Hz: two pairs of poles, 1 / (u^2 + a u + 1) with a of 0.765 and 1.848."""
+    wd = 2.0 * math.pi * 3488.9
+    for at_hz in (0.3, 13.0, 24.8, 40.0, 70.0):
+        total = []
+        for s in (2j * math.pi * at_hz, 0j):
+            sum_ = 0j
+            for part, w in ((1.0, wd - 2.0 * math.pi * 24.8), (0.8, 2.0 * math.pi * 3342.0)):
+                p, r = s**2 + w / 1224.0 * s + w**2 - wd**2, 2.0 * s * wd + w * wd / 1224.0
+                sum_ += part * (p * math.cos(0.05) - r * math.sin(0.05)) / (p**2 + r**2)
+            total.append(sum_)
+        u = 1j * at_hz / 100.0
+        low_pass = 1.0 / ((u**2 + 0.7653668647 * u + 1.0) * (u**2 + 1.8477590650 * u + 1.0))
+        expected = math.degrees(cmath.phase(total[0] / total[1] * low_pass))
+        seen = response_phase_deg(at_hz, Known(3488.9), np.array([24.8, 1224.0, 0.8, 146.9, 0.05]))
+        assert seen == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.exhaustive

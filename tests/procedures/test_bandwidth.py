@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import cmath
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.bench.description import Limits
+from vcfbench.bench.description import BenchDescription, Limits
+from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import LimitError
-from vcfbench.plans.steps import SetSine
+from vcfbench.plans.steps import CaptureSines, SetSine
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from vcfbench.sim.parameters import BenchParameters
+
 COLD = {"thermal": {"self_heating_k": 0.0}}
 """A gyroscope that needs no warming up."""
-QUICK = {
+QUICK: dict[str, Any] = {
     "warm_up_s": 0.0,
     "frequencies_hz": [2.0, 6.0, 12.0, 18.0, 30.0, 40.0, 55.0],
     "around_split": [0.54, 0.75, 0.92, 0.97, 1.0, 1.03, 1.08, 1.2, 1.5],
@@ -42,6 +48,66 @@ def test_split_and_q_come_back_from_readings_alone(tmp_path: Path) -> None:
     assert run.directory is not None
     again = vcfbench.load_run(run.directory)
     assert again.results == found
+
+
+def seen_on_the_oscilloscope() -> BenchDescription:
+    """Return the bench with V_Vc in place of the sense signal on the oscilloscope."""
+    bench = simulated(overrides=COLD)
+    scope = structs.replace(bench.wiring.oscilloscope, channel_3="v_vc")
+    return structs.replace(bench, wiring=structs.replace(bench.wiring, oscilloscope=scope))
+
+
+def true_phase_deg(parameters: BenchParameters, at_hz: float) -> float:
+    """Return the phase of the demodulated response with its filter in P and R (docs/theory.md), that at rest off."""
+    path = parameters.virtual_path
+    angle = path.carrier_phase_rad - parameters.sense_path.demodulator_phase_rad
+    driven = 2.0 * math.pi * parameters.drive_mode.frequency_hz
+    by_hz = []
+    for frequency_hz in (at_hz, 0.0):
+        s, total = 2j * math.pi * frequency_hz, 0j
+        for mode in (parameters.sense_in_phase, parameters.sense_anti_phase):
+            own, q = 2.0 * math.pi * mode.frequency_hz, mode.quality
+            p, r = s**2 + own / q * s + own**2 - driven**2, 2.0 * s * driven + own * driven / q
+            combs = (
+                mode.left_participation * path.left_comb_n_per_v2 + mode.right_participation * path.right_comb_n_per_v2
+            )
+            total += mode.pick_off_v_per_m * combs * (p * math.cos(angle) + r * math.sin(angle)) / (p**2 + r**2)
+        by_hz.append(total)
+    u = 1j * at_hz / 100.0
+    low_pass = 1.0 / ((u**2 + 0.765366865 * u + 1.0) * (u**2 + 1.847759065 * u + 1.0))  # Butterworth, fourth order
+    return math.degrees(cmath.phase(by_hz[0] / by_hz[1] * low_pass))
+
+
+@pytest.mark.exhaustive
+def test_phases_come_back_where_the_oscilloscope_sees_v_vc(tmp_path: Path) -> None:
+    bench = seen_on_the_oscilloscope()
+    settings = {**QUICK, "frequencies_hz": [0.3, *QUICK["frequencies_hz"]]}
+    run = vcfbench.run("bandwidth", bench, seed=4, settings=settings, runs=tmp_path)
+    assert run.error is None
+    found, parameters = run.results.phase, physical_parameters(bench)
+    assert len(found) == len(QUICK["frequencies_hz"]) + len(QUICK["around_split"]) + 1
+    off = [
+        math.remainder(each.phase_deg.value - true_phase_deg(parameters, each.frequency_hz), 360.0) for each in found
+    ]
+    held = [abs(each) <= point.phase_deg.expanded_u for each, point in zip(off, found, strict=True)]
+    assert sum(held) >= len(held) - 3
+    assert max(map(abs, off)) < 1.0  # at 55 Hz the output is a tenth of that at rest
+    assert abs(off[0]) < 0.5
+    assert all(one.phase_deg.value > following.phase_deg.value for one, following in pairwise(found))
+    assert found[0].phase_deg.value == pytest.approx(0.0, abs=1.5)
+    again = vcfbench.load_run(run.directory)
+    assert again.results == run.results
+    assert "Phase of the output against V_Vc" in vcfbench.text_of(run.report())
+
+
+def test_the_oscilloscope_takes_phases_only_where_it_sees_v_vc_and_output() -> None:
+    def captures(bench: BenchDescription) -> list[tuple[int, ...]]:
+        taken = [each.step for each in vcfbench.dry_run("bandwidth", bench).steps]
+        return [each.channels for each in taken if isinstance(each, CaptureSines)]
+
+    assert captures(simulated(overrides=COLD)) == [(1,)]
+    seen = captures(seen_on_the_oscilloscope())
+    assert seen == [(1,), *[(3, 4)] * 35]
 
 
 @pytest.mark.exhaustive

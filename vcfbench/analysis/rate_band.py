@@ -29,6 +29,7 @@ __all__ = [
     "Tone",
     "fit_rate_band",
     "fit_tone",
+    "response_phase_deg",
     "split_guess_hz",
     "split_response",
     "true_spacing_s",
@@ -212,16 +213,29 @@ def split_response(frequency_hz: ArrayLike, drive_hz: float, parameters: Floats)
     Both side bands of the carrier through both modes, demodulated with a phase of `lag` (rad) against the force.
     """
     f = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    passed, at_rest = (_transfer(at, drive_hz, parameters) for at in (f, np.zeros(1)))
+    return np.asarray(np.abs(passed) / np.abs(at_rest))
 
-    def response(at: Floats) -> NDArray[np.complex128]:
-        split, q, share, in_phase_split, lag = parameters
-        total = np.zeros(at.shape, dtype=np.complex128)
-        for part, own in ((1.0, drive_hz - split), (share, drive_hz - in_phase_split)):
-            for side, turn in ((drive_hz + at, -lag), (at - drive_hz, lag)):
-                total += part * np.exp(1j * turn) / (own**2 - side**2 + 1j * side * own / q)
-        return total
 
-    return np.asarray(np.abs(response(f)) / np.abs(response(np.zeros(1))))
+def _transfer(at: Floats, drive_hz: float, parameters: Floats) -> NDArray[np.complex128]:
+    split, q, share, in_phase_split, lag = parameters
+    total = np.zeros(at.shape, dtype=np.complex128)
+    for part, own in ((1.0, drive_hz - split), (share, drive_hz - in_phase_split)):
+        for side, turn in ((drive_hz + at, -lag), (at - drive_hz, lag)):
+            total += part * np.exp(1j * turn) / (own**2 - side**2 + 1j * side * own / q)
+    return total
+
+
+def response_phase_deg(frequency_hz: float, known: Known, parameters: Floats) -> float:
+    """Return the phase of the response against that at rest, deg, with its Butterworth filter, within half a turn.
+
+    `parameters` are those of :func:`split_response`.
+    """
+    passed = _transfer(np.array([frequency_hz, 0.0]), known.drive_hz, parameters)
+    order = known.low_pass_order
+    poles = np.exp(1j * math.pi * (2.0 * np.arange(order) + order + 1.0) / (2.0 * order))
+    filtered = np.prod(-poles) / np.prod(1j * frequency_hz / known.low_pass_hz - poles)
+    return float(np.degrees(np.angle(passed[0] / passed[1] * filtered)))
 
 
 def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> RateBand:

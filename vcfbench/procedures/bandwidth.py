@@ -7,7 +7,7 @@ All frequencies have one amplitude and one range, so that what generator and met
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean, pstdev, stdev
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
@@ -40,6 +40,7 @@ from vcfbench.plans.steps import (
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
 from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -112,19 +113,34 @@ class Bandwidth:
     gain_v_per_v: tuple[float, ...]
     u_gain_v_per_v: tuple[float, ...]
     residual: tuple[float, ...]
+    phase: tuple[PhasePoint, ...] = ()
+    """Where the oscilloscope sees V_Vc and the output; else none."""
 
 
 NOT_HELD = (
     "The uncertainties hold the noise about each frequency, the generator's time base and, for Q, the drive "
     "frequency. They do not hold: the corner of the low-pass filter, the meter's aperture, a change of temperature "
-    "during the run, a difference between how V_Vc and a rate share the two sense modes. The phase of the response is "
-    "not measured: the meter's samples have no common start with the generator, and no channel sees V_Vc."
+    "during the run, a difference between how V_Vc and a rate share the two sense modes. "
+)
+NO_PHASE = (
+    "The phase of the response is not measured: for it a channel of the oscilloscope must see V_Vc, and another the "
+    "output (wiring.oscilloscope). The meter's samples have no common start with the generator."
+)
+PHASE_HOLDS = (
+    "The uncertainties of the phases hold the scatter of the records, not a difference between the delays of "
+    "the oscilloscope's channels. The low-pass filter is in the phases, unlike in the gains."
 )
 
 
 def plan(settings: BandwidthSettings) -> Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
-    return (yield from energised(settings, at_rest(settings, sweep(settings))))
+    return (yield from energised(settings, at_rest(settings, _gains_and_phases(settings))))
+
+
+def _gains_and_phases(settings: BandwidthSettings) -> Routine[Outcome]:
+    found = yield from _swept(settings)
+    yield from phases_of(settings, settings.sine_amplitude_v, found)
+    return Outcome(f"response at {len(found)} frequencies")
 
 
 def at_rest(settings: BandwidthSettings, work: Routine[Outcome]) -> Routine[Outcome]:
@@ -136,6 +152,11 @@ def at_rest(settings: BandwidthSettings, work: Routine[Outcome]) -> Routine[Outc
 
 def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
     """Measure the drive frequency, then the response at all frequencies; V_Vc is left a sine."""
+    found = yield from _swept(settings)
+    return Outcome(f"response at {len(found)} frequencies")
+
+
+def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, SineResponse]]]:
     yield from _drive_frequency(settings)
     yield ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
@@ -147,10 +168,12 @@ def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
     split_hz = _split_hz(settings, rough)
     yield Note(f"The sine about the split, near {split_hz:.4g} Hz")
     close = _measurable(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
+    found = list(rough)
     for frequency_hz in close:
-        yield from _respond(settings, frequency_hz)
+        response = yield from _respond(settings, frequency_hz)
+        found.append((frequency_hz, response))
     yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    return Outcome(f"response at {len(rough) + len(close)} frequencies")
+    return found
 
 
 def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> list[float]:
@@ -203,7 +226,7 @@ def _tones(settings: BandwidthSettings, found: Sequence[tuple[float, SineRespons
 
 def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     """Fit the response to all that was sampled."""
-    from vcfbench.analysis.rate_band import Known, fit_rate_band  # noqa: PLC0415  # as above
+    from vcfbench.analysis.rate_band import Known, fit_rate_band, response_phase_deg  # noqa: PLC0415  # as above
 
     sampled = measured.found(SineResponse)
     tones = _tones(settings, [(step.frequency_hz, each) for step, each in sampled if isinstance(step, SampleSine)])
@@ -215,12 +238,14 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         low_pass_order=settings.low_pass_order,
     )
     band = fit_rate_band(tones, settings.sine_amplitude_v, known)
-    return _bandwidth(band, drive_hz, u_drive_hz)
+    shape = band.parameters[[0, 1, 3, 4, 5]]
+    phase = measured_phases(settings, measured, lambda at_hz: response_phase_deg(at_hz, known, shape))
+    return replace(_bandwidth(band, drive_hz, u_drive_hz), phase=phase)
 
 
 def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, float]:
     """Return the drive frequency and its standard uncertainty, Hz: as measured, or the middle of its window."""
-    found = measured.found(SineRecords)
+    found = [each for each in measured.found(SineRecords) if len(each[1].channels) == 1]
     if not found:
         low, high = settings.drive.frequency_hz
         return 0.5 * (low + high), (high - low) / math.sqrt(12.0)
@@ -303,6 +328,8 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
         [
             Table(columns, rows),
             Text(f"drive {found.drive_hz:.3f}({found.u_drive_hz:.3f}) Hz; {fit}\n{NOT_HELD}"),
+            *phase_parts(found.phase),
+            Text(PHASE_HOLDS if found.phase else NO_PHASE),
             Figure(
                 "Response to a sine on V_Vc, over the static gain",
                 frequency,
