@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from vcfbench.bench.consistency import invalid_values
 from vcfbench.bench.description import BenchDescription
 from vcfbench.bench.strict import converted, refusal, words
 from vcfbench.files import dotted, parse_toml, read_text, shown
@@ -75,6 +74,8 @@ def parse_bench(text: str, source: str) -> BenchDescription:
 
 def checked_bench(values: Mapping[str, Any], source: str) -> BenchDescription:
     """Return the bench that nested tables describe; `source` names it in errors (ConfigError)."""
+    from vcfbench.bench.consistency import invalid_values  # noqa: PLC0415  # embedded benches are consistent
+
     description = _from(values, source)
     for invalid_value in invalid_values(description):
         raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct
 
-from vcfbench.bench.lock import instrument_locks
 from vcfbench.bench.resources import require_apart
 from vcfbench.bench.roles import filled_roles
-from vcfbench.bench.served import lockstep_bench
 from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
@@ -89,6 +87,8 @@ def require_instruments_apart(description: BenchDescription) -> None:
 
 
 def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[None]:
+    from vcfbench.bench.lock import instrument_locks  # noqa: PLC0415  # nobody else has a bench in this process
+
     locked = [each.name for each in filled_roles(description)] if roles is None else roles
     return instrument_locks(description.name, {each: getattr(description, each).resource for each in locked})
 
@@ -106,6 +106,8 @@ def table_port(description: BenchDescription) -> str | None:
 
 @contextmanager
 def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
+    from vcfbench.bench.served import lockstep_bench  # noqa: PLC0415
+
     with _locks(description, roles), lockstep_bench(served, table_port(description)) as lockstep:
         yield UnopenedBench(
             lockstep.clock, description.visa_library, lockstep.rate_table, lockstep.seed, adjust=lockstep.adjust

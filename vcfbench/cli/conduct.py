@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.cli.ending import SignalsWithoutBench
     from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.report.progress import NoProgress
+    from vcfbench.report.shielded import NoProgress
     from vcfbench.runs.asked import Asked, Beginning, DryRun
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.run import Run
@@ -145,13 +145,15 @@ def _warn(words: str, page: LivePage | None) -> None:
 
 
 def _progress(options: RunOptions, beginning: Beginning, page: LivePage | None) -> NoProgress:
-    from vcfbench.report.progress import LineProgress, LiveProgress, NoProgress  # noqa: PLC0415
-
     if page is not None:
         page.begin(beginning)
     estimate_s = beginning.planned.bench_seconds
     if options.quiet:
+        from vcfbench.report.shielded import NoProgress  # noqa: PLC0415
+
         return NoProgress()
+    from vcfbench.report.progress import LineProgress, LiveProgress  # noqa: PLC0415
+
     if options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR:
         return LineProgress(sys.stderr, estimate_s)
     return LiveProgress(sys.stderr, estimate_s, beginning.points)

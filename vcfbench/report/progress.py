@@ -11,6 +11,7 @@ from vcfbench.plans.steps import Acquire, Note, Window
 from vcfbench.report.bench_state import BenchState
 from vcfbench.report.outlet import Outlet
 from vcfbench.report.points_table import PointRow, PointsSoFar, head, row_text, span
+from vcfbench.report.shielded import NoProgress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = ["LineProgress", "LiveProgress", "NoProgress"]
+__all__ = ["LineProgress", "LiveProgress"]
 
 _REDRAW_S = 0.1
 _REDRAWS_PER_S = 2.0
@@ -33,21 +34,6 @@ _ECHO = 4
 """Columns left free behind the bar: a terminal writes ^C there, and in a line of its own it would leave some behind."""
 _BAR_FROM = 60
 """Columns of a terminal that has room for a bar beside the times."""
-
-
-class NoProgress:
-    """Says nothing."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Nothing to end."""
-
-    def handle(self, event: Event) -> None:
-        """Take no notice."""
 
 
 class LineProgress(NoProgress):

@@ -1,4 +1,4 @@
-"""A display that can harm nobody."""
+"""A display that can harm nobody, and one that shows nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,22 @@ if TYPE_CHECKING:
 
     from vcfbench.plans.executor import Event, Observer
 
-__all__ = ["Shielded"]
+__all__ = ["NoProgress", "Shielded"]
+
+
+class NoProgress:
+    """Says nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Nothing to end."""
+
+    def handle(self, event: Event) -> None:
+        """Take no notice."""
 
 
 class Shielded:

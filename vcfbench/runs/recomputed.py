@@ -18,7 +18,8 @@ __all__ = ["came_to_of", "printable"]
 
 def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
     """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
-    from vcfbench.runs.results import nothing, stored  # noqa: PLC0415
+    from vcfbench.runs.results import nothing  # noqa: PLC0415
+    from vcfbench.runs.stored import stored  # noqa: PLC0415
 
     if record.status is not Status.COMPLETE:
         return nothing(record.points), f"the record is {record.status.value}"

@@ -16,7 +16,7 @@ from vcfbench.record.schema import Status
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
 from vcfbench.report.generic import results_table
 from vcfbench.report.thinning import DRAWN, thinned
-from vcfbench.runs.results import STORED_SETTINGS
+from vcfbench.runs.stored import STORED_SETTINGS
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:

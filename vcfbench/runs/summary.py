@@ -15,7 +15,7 @@ from vcfbench.record.metadata import metadata_from
 from vcfbench.record.outline import outline_of
 from vcfbench.record.plain import ReadOnly, plain
 from vcfbench.record.schema import Status
-from vcfbench.runs.results import stored_outcome
+from vcfbench.runs.stored import stored_outcome
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -141,8 +141,8 @@ def test_a_header_declared_twice_is_a_mistake_of_the_table() -> None:
 def test_every_declared_header_is_understood_in_every_spelling(table: CommandTable) -> None:
     """Both forms of all nodes, every choice of optional nodes: compiled without -113 or -114."""
     for command in table.commands:
-        for path in command.paths():
-            for spelling in product(*(mnemonic.spellings for mnemonic in path)):
+        for choice in product(*([there, ()] if optional else [there] for there, optional in command.parts())):
+            for spelling in product(*(mnemonic.spellings for nodes in choice for mnemonic in nodes)):
                 header = ":".join(spelling) + ("" if command.do else "?")
                 (step,) = table.compile(header)
                 assert step.error is None or step.error.number == -109, header

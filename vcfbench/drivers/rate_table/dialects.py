@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
-from vcfbench.drivers.rate_table.line import SerialWire, TableLine
+from vcfbench.drivers.rate_table.line import Link, SerialWire, TableLine
 from vcfbench.drivers.trace import tapping
 from vcfbench.errors import ConnectFailed, TransportError
 from vcfbench.models import LANGUAGES, find_language, resolve
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
     from vcfbench.drivers.rate_table.dialect import TableDialect
-    from vcfbench.drivers.rate_table.profile import Link
     from vcfbench.drivers.wire import Wire
 
 __all__ = ["DIALECTS", "SHIPPED", "Spoken", "open_serial", "spoken"]
@@ -42,13 +41,12 @@ def spoken(name: str, settings: AxisSettings | None = None) -> Spoken:
     Raises:
         ConfigError: there is none of that name, its profile is wrong, or something that it needs is not told.
     """
-    from vcfbench.drivers.rate_table.profile import Link, load_profile  # noqa: PLC0415 - what few benches need
-
     wanted = settings or AxisSettings()
     row = find_language(name)
     if row is not None and row.dialect is not None:
         return Spoken(resolve(row.dialect).for_axis(wanted), Link(baud=row.baud_rate))
-    from vcfbench.drivers.rate_table.configurable import ConfigurableDialect  # noqa: PLC0415 - when first needed
+    from vcfbench.drivers.rate_table.configurable import ConfigurableDialect  # noqa: PLC0415 - few benches need it
+    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415 - as above
 
     profile = load_profile(name)
     return Spoken(ConfigurableDialect(profile, wanted.axis), profile.link)

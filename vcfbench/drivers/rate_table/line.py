@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import threading
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msgspec import Meta, Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
 from vcfbench.drivers.trace import tapping
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["SerialWire", "TableLine", "open_line"]
+__all__ = ["Link", "Pause", "SerialWire", "TableLine", "open_line"]
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _BLIND_S = 0.3
@@ -28,6 +30,28 @@ _BLIND_S = 0.3
 
 _LONGEST_LINE = 32_768
 """The longest message of any table's language known so far (ACL manual, section 2)."""
+
+
+Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
+"""A wait that a profile may ask for, s."""
+
+
+class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How a serial line is set up, and what surrounds lines of text on it."""
+
+    baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
+    data_bits: Literal[7, 8] = 8
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Literal[1, 2] = 1
+    flow: Literal["none", "rts_cts", "dsr_dtr", "xon_xoff"] = "none"
+    dtr: bool | None = None
+    rts: bool | None = None
+    open_delay_s: Pause = 0.0
+    gap_s: Pause = 0.0
+    tx_end: str = "\r\n"
+    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
+    echo: Literal["none", "optional", "always"] = "none"
+    prompt: str | None = None
 
 
 def open_line(url: str, *, clock: Clock, name: str, timeout_s: float, baud_rate: int = 9600) -> TableLine:

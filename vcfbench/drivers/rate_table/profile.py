@@ -18,6 +18,7 @@ from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.checksums import CHECKSUMS
 from vcfbench.drivers.rate_table.fields import BinaryType, TextType, Wrap  # noqa: TC001 - msgspec reads them
 from vcfbench.drivers.rate_table.frames import ByteValue, Frame, Place, frame_bytes
+from vcfbench.drivers.rate_table.line import Link, Pause
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 from vcfbench.models import find_language
@@ -33,7 +34,6 @@ __all__ = [
     "Field",
     "Flag",
     "Frame",
-    "Link",
     "Profile",
     "Refusals",
     "Reply",
@@ -63,7 +63,6 @@ STREAM = "stream"
 
 _Name = Annotated[str, Meta(min_length=1, max_length=60)]
 _Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
-_Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 _Times = Annotated[int, Meta(ge=1, le=10)]
 _Positive = Annotated[float, Meta(ge=1e-12, le=1e12)]
 _NotNegative = Annotated[float, Meta(ge=0.0, le=1e12)]
@@ -73,24 +72,6 @@ _Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 
 class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of a profile: frozen, strict."""
-
-
-class Link(_Part, frozen=True, kw_only=True):
-    """The serial line, and what surrounds lines of text on it."""
-
-    baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
-    data_bits: Literal[7, 8] = 8
-    parity: Literal["none", "even", "odd"] = "none"
-    stop_bits: Literal[1, 2] = 1
-    flow: Literal["none", "rts_cts", "dsr_dtr", "xon_xoff"] = "none"
-    dtr: bool | None = None
-    rts: bool | None = None
-    open_delay_s: _Pause = 0.0
-    gap_s: _Pause = 0.0
-    tx_end: str = "\r\n"
-    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
-    echo: Literal["none", "optional", "always"] = "none"
-    prompt: str | None = None
 
 
 class Units(_Part, frozen=True, kw_only=True):
@@ -122,7 +103,7 @@ class Step(_Part, frozen=True, kw_only=True):
     timeout_s: _Seconds | None = None
     retry: Annotated[int, Meta(ge=0, le=5)] = 0
     repeat: _Times = 1
-    delay_s: _Pause = 0.0
+    delay_s: Pause = 0.0
     optional_reply: bool = False
     no_reply: bool = False
     until: _Name | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
@@ -57,24 +57,17 @@ class Command(Struct, frozen=True):
     indefinite: bool = False
     urgent: bool = False
 
-    def paths(self) -> Iterator[tuple[Mnemonic, ...]]:
-        """Yield the header's paths, one for every choice of optional nodes."""
-        for choice in product(*(_alternatives(part) for part in _parts(self.pattern))):
-            yield tuple(node for nodes in choice for node in nodes)
+    def parts(self) -> Iterator[tuple[tuple[Mnemonic, ...], bool]]:
+        """Yield the parts of the header: the mnemonics of each, and whether it may be left out."""
+        for index, piece in enumerate(self.pattern.replace("]", "[").split("[")):
+            words = piece.strip(":")
+            if words:
+                yield _mnemonics(words), index % 2 == 1
 
 
-def _parts(pattern: str) -> Iterator[tuple[str, bool]]:
-    """Split a header into (nodes, optional) parts."""
-    for index, piece in enumerate(pattern.replace("]", "[").split("[")):
-        nodes = piece.strip(":")
-        if nodes:
-            yield nodes, index % 2 == 1
-
-
-def _alternatives(part: tuple[str, bool]) -> list[tuple[Mnemonic, ...]]:
-    nodes, optional = part
-    there = tuple(map(Mnemonic.parse, nodes.split(":")))
-    return [there, ()] if optional else [there]
+@cache  # the same few hundred stand in all tables, and reading them took a third of making a table
+def _mnemonics(words: str) -> tuple[Mnemonic, ...]:
+    return tuple(map(Mnemonic.parse, words.split(":")))
 
 
 class CompiledUnit:
@@ -147,6 +140,12 @@ class _Node(Struct):
             self.children.setdefault(spelling, []).append((mnemonic, node))
         return node
 
+    def below(self, mnemonics: tuple[Mnemonic, ...]) -> _Node:
+        node = self
+        for mnemonic in mnemonics:
+            node = node.child(mnemonic)
+        return node
+
     def attach(self, command: Command) -> None:
         if (command.do and self.doing) or (command.query and self.asking):
             raise ValueError(f"{command.pattern} is declared twice")
@@ -168,10 +167,11 @@ class CommandTable:
         self.commands = commands
         self._root = _Node()
         for command in commands:
-            for path in command.paths():
-                node = self._root
-                for mnemonic in path:
-                    node = node.child(mnemonic)
+            nodes = [self._root]
+            for mnemonics, optional in command.parts():
+                there = [node.below(mnemonics) for node in nodes]
+                nodes = there + nodes if optional else there
+            for node in nodes:
                 node.attach(command)
 
     def compile(self, text: str, number_not_allowed: int = -128) -> Program:

@@ -22,10 +22,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORY_COMMANDS
 from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, CapturedRecord, Pace, acquisition
-from vcfbench.sim.instruments.dso7104b.autoscale import LOOK_S, fit
 from vcfbench.sim.instruments.dso7104b.commands import INVALID
 from vcfbench.sim.instruments.dso7104b.conditions import NeverMet
-from vcfbench.sim.instruments.dso7104b.counter import counted_hz, five_digits, gate_s
 from vcfbench.sim.instruments.dso7104b.coupling import Coupling
 from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
 from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen, Signals
@@ -64,7 +62,6 @@ from vcfbench.sim.scpi.parameters import Violation
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from vcfbench.sim.instruments.dso7104b.inputs import ChannelCapture
     from vcfbench.sim.trace import Piece
 
 __all__ = ["TABLE", "Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
@@ -404,6 +401,8 @@ class Dso7104BTwin(ScpiTwin):
 
     def count(self, channel: int) -> Pending:
         """:MEASure:COUNter?: count a channel's edges from now on, whatever the acquisition does."""
+        from vcfbench.sim.instruments.dso7104b.counter import counted_hz, five_digits, gate_s  # noqa: PLC0415
+
         now, views = self._world.clock.now(), self._views()
         start_s = now + views[channel].remembered_s
         stop_s = start_s + gate_s(self.state["TIM:RANG"])
@@ -419,13 +418,16 @@ class Dso7104BTwin(ScpiTwin):
 
     def autoscale(self) -> Pending:
         """:AUToscale: look at every input for a while, then set it up."""
+        from vcfbench.sim.instruments.dso7104b.autoscale import LOOK_S, fit  # noqa: PLC0415  # few ask for it
+
         now = self._world.clock.now()
         capture = self._world.capture(now, now + LOOK_S)
-        return Pending.at(now + LOOK_S, lambda: self._autoscaled(capture, now))
 
-    def _autoscaled(self, capture: ChannelCapture, start_s: float) -> None:
-        fit(self.state, self._nodes, capture, start_s)
-        self.run()
+        def finish() -> None:
+            fit(self.state, self._nodes, capture, now)
+            self.run()
+
+        return Pending.at(now + LOOK_S, finish)
 
     # --- the record ---------------------------------------------------------------------------------------------------
 

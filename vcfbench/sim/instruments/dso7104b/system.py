@@ -15,7 +15,6 @@ from vcfbench.sim.instruments.dso7104b.commands import (
     setting,
 )
 from vcfbench.sim.instruments.dso7104b.function import math_scale, math_trace
-from vcfbench.sim.instruments.dso7104b.screen import PictureStyle, screenshot
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
 from vcfbench.sim.scpi import (
     Block,
@@ -127,6 +126,8 @@ ROOT_COMMANDS = (
 
 def _picture(model: Dso7104BTwin, kind: str, area: str | None, palette: str | None) -> Any:
     """Return the screen; a TIFF is the graticule in two tones (5000 series guide; number of the refusal unverified)."""
+    from vcfbench.sim.instruments.dso7104b.screen import PictureStyle, screenshot  # noqa: PLC0415  # few take one
+
     if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
         raise ScpiError(-221)
     look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state["HARD:INKS"])
