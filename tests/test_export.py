@@ -13,6 +13,7 @@ from scipy.io import loadmat
 import vcfbench
 from benchmarks.export import record
 from tests import warm
+from tests.records import sealed
 from vcfbench.errors import ConfigError
 from vcfbench.runs import export_formats
 from vcfbench.runs.export import FORMATS, export_run
@@ -145,7 +146,7 @@ def test_samples_of_sines_and_of_v_vc_alone_are_readings_too(tmp_path: Path) -> 
     ]
     footer = {**json.loads(lines[-1]), "points": 0}
     written = "".join(json.dumps(line) + "\n" for line in (header, *steps, footer))
-    (directory / "journal.jsonl").write_text(written, encoding="utf-8")
+    (directory / "journal.jsonl").write_bytes(sealed(written.encode()))
     found = read_back(export_run(directory, tmp_path / "out.csv", raw=True).file, "readings")
     nan = np.nan
     assert found["number"] == [1, 1, 2, 2, 2, 2, 3]

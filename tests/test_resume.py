@@ -13,14 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from typer.testing import CliRunner
 
 import vcfbench
 from tests import warm
 from vcfbench.bench.writing import bench_text
+from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, ConfigError, MeasurementError, PlanError
 from vcfbench.record.journal import read_journal
 from vcfbench.runs.asked import Asked, Checked
+from vcfbench.runs.keeping import keep_of_device
 from vcfbench.runs.resumed import broken_off
 from vcfbench.runs.run import breaks
 
@@ -157,6 +160,14 @@ def test_what_cannot_be_resumed_is_said_before_anything_is_opened(whole: Run, tm
         vcfbench.resume("last", runs=tmp_path)
 
 
+@pytest.mark.parametrize("change", [{"began_s": "x"}, {"began_s": []}])
+def test_a_header_that_no_run_wrote_is_one_sentence(change: dict[str, Any], whole: Run, tmp_path: Path) -> None:
+    directory = cut(whole, tmp_path, 1)
+    shift(directory, lambda header: header.update(change))
+    with pytest.raises(ConfigError, match="no record of this program"):
+        vcfbench.resume(directory)
+
+
 def test_the_bench_may_answer_elsewhere(whole: Run, tmp_path: Path) -> None:
     bench = vcfbench.load_bench("ideal")
     assert bench.multimeter is not None
@@ -275,6 +286,42 @@ def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> Non
     resumed = vcfbench.resume(directory)
     assert [resumed.device_entry] == [entry.path for entry in vcfbench.load_device("G-1", devices).entries]
     assert resumed.results.k_vc.value == pytest.approx(run.results.k_vc.value, rel=1e-3)
+    _what_could_not_be_kept_is_kept_later(resumed, devices)
+    for of_another in ({"dut": "g-1"}, {"devices": __file__}):  # known before anything is opened
+        with pytest.raises(ConfigError, match=r"differs in case alone|expected a directory of devices"):
+            vcfbench.run("kvc", "lab", settings={**settings, **of_another}, runs=tmp_path / "never")
+    with pytest.raises(ConfigError, match="differs in case alone"):
+        vcfbench.run("zero", "ideal", settings={"dut": "g-1", "devices": str(devices)}, runs=tmp_path / "never")
+    assert not (tmp_path / "never").exists()
+
+
+def _what_could_not_be_kept_is_kept_later(run: Run, devices: Path) -> None:
+    (entry,) = vcfbench.load_device("G-1", devices).entries
+    with pytest.raises(ConfigError, match=r"is what \S+ keeps of its device already"):
+        keep_of_device(run.directory, devices=devices)
+    entry.path.unlink()
+    added = CliRunner().invoke(app, ["device", "--add", str(run.directory), "--devices", str(devices)])
+    assert (added.exit_code, added.stdout) == (0, f"{entry.path}\n"), added.output
+    (again,) = vcfbench.load_device("G-1", devices).entries
+    same = {"issued": entry.record.issued, "valid_until": entry.record.valid_until}
+    assert structs.replace(again.record, **same) == entry.record
+    assert abs(again.record.issued - entry.record.issued) < timedelta(minutes=5)
+
+
+def test_a_store_that_takes_nothing_at_the_end_is_said_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise ConfigError("devices/G-1: no entry can be kept there: No space left on device")
+
+    monkeypatch.setattr("vcfbench.record.devices.DeviceStore.add", full)
+    settings = {"rates_deg_s": (100.0, 0.0, -100.0), "samples": 2, "dut": "G-1", "devices": str(tmp_path / "devices")}
+    settings |= {"k_vc": "150.0", "v_vc": "set", "cycles": 1}
+    with pytest.raises(ConfigError, match=r"; the record has it: vcfbench device --add \S+ keeps it later") as failed:
+        vcfbench.run("self-calibration", "ideal", settings=settings, runs=tmp_path / "runs")
+    assert failed.value.run.status == "complete"
+    with pytest.raises(ConfigError, match="no results to be kept"):
+        keep_of_device(cut(failed.value.run, tmp_path, 1))
 
 
 @pytest.mark.parametrize("when", ["before", "after"])

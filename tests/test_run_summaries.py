@@ -13,6 +13,7 @@ import pytest
 
 import vcfbench
 from tests import warm
+from tests.records import sealed
 from vcfbench.errors import ConfigError
 from vcfbench.record.directory import RunDirectory
 from vcfbench.runs.summary import KeyResult, summary_of
@@ -47,7 +48,7 @@ def change(directory: Path, **values: Any) -> None:
     journal = directory / "journal.jsonl"
     header, *rest = journal.read_bytes().splitlines(keepends=True)
     changed = {key: value for key, value in {**json.loads(header), **values}.items() if value is not None}
-    journal.write_bytes(json.dumps(changed).encode() + b"\n" + b"".join(rest))
+    journal.write_bytes(sealed(json.dumps(changed).encode() + b"\n" + b"".join(rest)))
 
 
 def names(found: tuple[vcfbench.RunSummary, ...]) -> list[int]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.test_run import Station, call, station
+from tests.records import sealed
 from vcfbench.bench.file import embedded_text
 from vcfbench.cli.runs import list_
 from vcfbench.errors import ConfigError
@@ -104,7 +105,7 @@ def test_settings_of_another_version_cost_the_reckoning_and_nothing_else(station
     ran = json.loads(call("run", "turntable", "--quiet", "--json").stdout)
     journal = next((tmp_path / "runs").iterdir()) / "journal.jsonl"
     words = journal.read_bytes().replace(b'"settings":{"', b'"settings":{"before":{"that":7},"', 1)
-    journal.write_bytes(words.replace(b'"samples":', b'"sample_count":', 1))
+    journal.write_bytes(sealed(words.replace(b'"samples":', b'"sample_count":', 1)))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert (shown["results"], shown["points"]) == (ran["results"], ran["points"])
     assert "not those of this version" in shown["no_results"]
@@ -125,7 +126,7 @@ def test_settings_that_lack_a_key_are_not_filled_in(keys: tuple[str, ...], stati
     for key in keys[:-1]:
         holder = holder[key]
     del holder[keys[-1]]
-    journal.write_text(json.dumps(header, separators=(",", ":")) + "\n" + rest)
+    journal.write_bytes(sealed(f"{json.dumps(header, separators=(',', ':'))}\n{rest}".encode()))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert shown["no_results"] == f"its settings are not those of this version: {keys[-1]} missing"
     assert station.opened
@@ -193,7 +194,8 @@ def _call_it_hysteresis(record: Path) -> None:
         words = b'"procedure"' + colon
         was = (record / name).read_bytes()
         assert was.count(words + b'"turntable"')
-        (record / name).write_bytes(was.replace(words + b'"turntable"', words + b'"hysteresis"', 1))
+        now = was.replace(words + b'"turntable"', words + b'"hysteresis"', 1)
+        (record / name).write_bytes(sealed(now) if name == "journal.jsonl" else now)
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,11 @@ def test_other_host_names_are_refused(client: Client, host: str, path: str) -> N
     assert ask(path, headers={"Host": host}).status_code == 400
 
 
+@pytest.mark.parametrize("asked", ["most=nan", "most=inf", "from=nan", "to=1e400", "most=x"])
+def test_what_is_no_number_is_refused(client: Client, made: tuple[Path, Run], asked: str) -> None:
+    assert client.get(f"/run/{made[1].name}/readings?{asked}").status_code == 400
+
+
 @pytest.mark.parametrize(
     "path", ["/run/none", "/run/none/events", "/run/live/events", "/run/..%2f/events", "/device/x"]
 )

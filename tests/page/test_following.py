@@ -141,7 +141,10 @@ def test_a_torn_line_is_read_when_it_is_whole(tmp_path: Path, watched: Watching)
 
 def test_lines_that_are_none_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    path.write_bytes(b'no json\n{"type":"step"}\n{"type":"readings"}\n[]\n{"type":"unknown"}\n')
+    step = b'{"type":"step","n":1,"end_s":1,"step_kind":"x","step":{},"result_kind":"x","result":1}\n'
+    deep = b'{"type":"step","n":' + b"[" * 100_000 + b"\n"
+    footer = b'{"type":"footer","status":"complete","error":"no object"}\n'
+    path.write_bytes(b'no json\n{"type":"step"}\n{"type":"readings"}\n[]\n{"type":"unknown"}\n' + step + deep + footer)
     follower = JournalFollower(path)
     follower.read_on()
     assert follower.view.steps == []

@@ -115,6 +115,8 @@ HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b
         HEADER + '{"type":"step","point":{}}\n{"type":"footer","status":"complete"}\n',
         HEADER + '{"type":"step","point":3}\n{"type":"footer","status":"complete"}\n',
         '{"type":"header","format":1,"bench":3}\n',
+        '{"type":"header","format":1,"bench":[]}\n',
+        HEADER + '{"type":"footer","status":"aborted","error":"in words alone"}\n',
         HEADER + '{"type":"step","n":1,"step_kind":"Acquire","point":POINT,"result":[]}\n',
         HEADER + '{"type":"step","n":1,"point":BIG}\n{"type":"footer","status":"complete"}\n',
     ],
@@ -174,6 +176,26 @@ def test_a_full_disk_is_an_error_of_the_bench(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(BenchError, match="cannot be written: No space left on device"):
         journal.step({"n": 1})
     journal.close()
+
+
+def test_no_bit_falls_over_unseen(tmp_path: Path) -> None:
+    """Wherever it is: in a setting, in a reading and not in its mean, in a key that nobody reads."""
+    path = tmp_path / "j"
+    data = write(path)
+    end = data.rindex(b"\n", 0, -1)
+    for place in range(0, end, 7):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 1 << place % 8]) + data[place + 1 :])
+        try:
+            status = read_journal(path).status
+        except ConfigError:
+            continue
+        assert status is Status.DAMAGED, (place, data[place : place + 20])
+
+
+def test_line_ends_of_another_system_are_no_damage(tmp_path: Path) -> None:
+    data = write(tmp_path / "j")
+    (tmp_path / "j").write_bytes(data.replace(b"\n", b"\r\n"))
+    assert read_journal(tmp_path / "j").status is Status.COMPLETE
 
 
 @pytest.mark.parametrize("trouble", ["write", "half a line", "sync"])

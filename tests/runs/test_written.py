@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import vcfbench
+from tests.records import sealed
 from vcfbench.bench.file import embedded_text
 from vcfbench.errors import ConfigError
 from vcfbench.report.document import Figure, Heading, Notice
@@ -62,7 +63,7 @@ def recorded(run: Run, folder: Path, **changes: object) -> Run:
     copy = folder / "20260821T142530Z-own-0a1b2c"
     copy.mkdir()
     answer = json.dumps({**json.loads(header), **changes})
-    (copy / "journal.jsonl").write_text("\n".join([answer, *lines, ""]), encoding="utf-8")
+    (copy / "journal.jsonl").write_bytes(sealed("\n".join([answer, *lines, ""]).encode()))
     return vcfbench.load_run(copy)
 
 

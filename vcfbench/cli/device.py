@@ -35,6 +35,11 @@ def device(
     *,
     json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each entry.")] = False,
+    add: Annotated[
+        str | None,
+        typer.Option("--add", metavar="RUN", help="Add what this complete run found, where it could not itself."),
+    ] = None,
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -45,6 +50,13 @@ def device(
     """Show the certificates, self-calibrations and static records of a gyroscope, oldest first."""
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 
+    if add is not None:
+        from vcfbench.runs.keeping import keep_of_device  # noqa: PLC0415
+
+        if serial is not None:
+            raise ConfigError(f"SERIAL: expected none with --add, came {serial!r}: the record says whose it is")
+        typer.echo(keep_of_device(add, runs, devices).path)
+        return
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
     store = DeviceStore(devices)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -300,9 +301,12 @@ def _knows(sent: str | None, token: str) -> bool:
 def _number(request: Request, name: str) -> float | None:
     text = request.query_params.get(name)
     try:
-        return None if text is None else float(text)
-    except ValueError as error:
-        raise HTTPException(400, f"{name}: expected a number, came {text!r}") from error
+        number = None if text is None else float(text)
+    except ValueError:
+        number = math.nan
+    if number is not None and not math.isfinite(number):
+        raise HTTPException(400, f"{name}: expected a number, came {text!r}")
+    return number
 
 
 def _json(value: Any) -> Response:

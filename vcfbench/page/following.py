@@ -29,6 +29,10 @@ _AT_ONCE = 1 << 22
 """Bytes of a journal that are read at once: a long one must not hold up who looks at another."""
 
 
+_NO_LINE_OF_OURS = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What a line gives that no journal has; msgspec's errors are ValueErrors."""
+
+
 class RunFollower:
     """Tells a view what happens in a run: an observer of it."""
 
@@ -94,7 +98,7 @@ class JournalFollower:
                 data += file.readline()
                 end = len(data) if data.endswith(b"\n") else 0
             for line in data[:end].splitlines():
-                with suppress(msgspec.DecodeError, KeyError, TypeError, ValueError):  # runs show says what is wrong
+                with suppress(*_NO_LINE_OF_OURS):  # runs show says what is wrong
                     self._take(line)
             self._offset += end
             return bool(end) and len(data) >= _AT_ONCE

@@ -1,8 +1,8 @@
 """What no journal has by itself, however its run ended: signs that it was changed, cut or put together afterwards.
 
 The journal's own sums are done again: lines are counted, numbers follow each other, bench time goes forwards, a mean is
-that of its readings. Who changes a reading and its mean alike is not found; that needs sums over the lines, for which
-a reader that ignores keys it does not know leaves room.
+that of its readings. What they do not find, the sum over all lines in the last one does (`journal`): a run that was cut
+has none.
 """
 
 from __future__ import annotations

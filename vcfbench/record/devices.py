@@ -351,6 +351,19 @@ class DeviceStore:
         """Return the self-calibrations of a device, oldest first."""
         return tuple(each for each in self.entries(serial) if isinstance(each.record, SelfCalibration))
 
+    def require_room(self, serial: str) -> None:
+        """See that an entry of a device could be added, as far as can be told without trying; ConfigError if not.
+
+        It is asked before a run, which takes hours, not after it.
+        """
+        require_serial(serial)
+        self._require_own(serial)
+        place = self.root / serial
+        while not place.exists() and place != place.parent:
+            place = place.parent
+        if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+            raise ConfigError(f"{shown(self.root)}: no entry can be kept there: {shown(place)} takes no files")
+
     def add(self, record: DeviceRecord) -> Entry:
         """Add an entry after all others of its device; it is on the disk, whole, when this returns.
 

@@ -1,7 +1,7 @@
 """What a list of runs shows of a journal, without its readings: thousands of records are listed in seconds.
 
-The footer's sum says whether the lines before it are as they were written. Without one, or where it differs, every line
-is looked at, and must be JSON, in its place and in order of bench time. What is not plainly whole is left to
+The footer's sum says whether the lines before it are as they were written. Without one every line is looked at, and
+must be JSON, in its place and in order of bench time. What is not plainly whole is left to
 :func:`~vcfbench.record.journal.read_journal`, which says what is wrong. The sums over readings are not done again here:
 that a point is not the mean of its readings is found by who reads the record itself.
 """
@@ -113,6 +113,8 @@ def outline_of(path: Path) -> Outline | None:
             return None
         header, footer = _HEADER.decode(data[:first]), _FOOTER.decode(data[last:])
         sealed = footer.crc32 is not None and crc32(memoryview(data)[:last]) == footer.crc32
+        if footer.crc32 is not None and not sealed:
+            return None
         between = [] if sealed else _LINE.decode_lines(data[first:last])
     except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None

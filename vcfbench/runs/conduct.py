@@ -392,7 +392,11 @@ class _Record(Struct):
         if kept is not None:
             from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 
-            course.kept = DeviceStore(kept.store).add(kept.record).path
+            try:
+                course.kept = DeviceStore(kept.store).add(kept.record).path
+            except ConfigError as error:
+                error.hint = f"the record has it: vcfbench device --add {course.directory.run} keeps it later"
+                raise
 
     def _made(self, came_to: Evaluation) -> Provenance:
         from vcfbench.procedures.procedure import Provenance  # noqa: PLC0415

@@ -160,8 +160,11 @@ class BrokenOff:
         checked.seed = header.get("seed") if description.simulation is not None else None
         checked_pace(description, asked.speed)
         require_needs(chosen, description)
-        taken = taken_over(self.record, self.directory.run)
-        began_s = float(header.get("began_s", 0.0)) if taken else None
+        try:
+            taken = taken_over(self.record, self.directory.run)
+            began_s = float(header.get("began_s", 0.0)) if taken else None
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            raise ConfigError(f"{shown(self.directory.journal)}: no record of this program: {error!r}") from error
         return Resumed(description, chosen, settings, began_s, earlier=self, taken=taken)
 
     def _bench(self, asked: Asked, settings: ProcedureSettings) -> BenchDescription:

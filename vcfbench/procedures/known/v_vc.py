@@ -116,9 +116,10 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
         return DeviceStore(Path(self.devices))
 
     def recalled(self) -> Self:
-        """See that the device, where one is named, can be one, and that what is known of it can be read."""
+        """See that the device, where one is named, can be one, and what is known of it can be read and added to."""
         if self.dut is not None:
             self.store.entries(self.dut)
+            self.store.require_room(self.dut)
         return self
 
     @property

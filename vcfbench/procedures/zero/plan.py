@@ -10,7 +10,7 @@ from __future__ import annotations
 from datetime import timedelta
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from msgspec import Meta
 
@@ -109,6 +109,14 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
     def named_device(self) -> str | None:
         """The device under whose serial number the flicker is kept."""
         return self.dut
+
+    def recalled(self) -> Self:
+        """See that the flicker can be kept under the device's name, where one is given."""
+        if self.dut is not None:
+            from vcfbench.record.devices import DeviceStore  # noqa: PLC0415  # few name a device
+
+            DeviceStore(Path(self.devices)).require_room(self.dut)
+        return self
 
     @property
     def start_up_s(self) -> float:
