@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 collect_ignore_glob = [] if os.environ.get("VCFBENCH_THIRD_PARTY") == "1" else ["test_*.py"]
 
-
 HERE = Path(__file__).parent
 ROLES = ("power", "rate_source", "multimeter", "oscilloscope")
 OFFERED = {"rate_source": "tcp,pty,vxi11,hislip", "oscilloscope": "tcp,pty,vxi11,hislip"}
@@ -45,15 +44,6 @@ NEEDED = (
     "ruamel.yaml", "tqdm",
 )  # fmt: skip
 """What the parts of them that are run here import and we have not; some pin versions that no longer build, or a GUI."""
-
-
-@pytest.hookimpl(tryfirst=True)  # xdist reads the mark when it collects
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker have the tests with PyMeasure and another the rest: each environment is made once."""
-    for item in items:
-        if item.path.is_relative_to(HERE):
-            group = "pymeasure" if "pymeasure" in getattr(item, "fixturenames", ()) else "others"
-            item.add_marker(pytest.mark.xdist_group(group))
 
 
 def command(*words: str | Path, timeout_s: float = 600.0) -> subprocess.CompletedProcess[str]:

@@ -73,7 +73,7 @@ def attempt(controller: ESP300, call: Callable[[], Any]) -> str | None:
 def main() -> None:
     settings = {"baud_rate": 19200} if sys.argv[-1].startswith("ASRL") else {}
     adapter = VISAAdapter(
-        sys.argv[-1], visa_library="@py", write_termination="\r", read_termination="\r\n", timeout=1000, **settings
+        sys.argv[-1], visa_library="@py", write_termination="\r", read_termination="\r\n", timeout=3000, **settings
     )
     controller = ESP300(adapter)
     seen = {}

@@ -12,7 +12,7 @@ import pyvisa
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-TIMEOUT_MS = 1_000
+TIMEOUT_MS = 3_000
 
 
 def opened(resource: str) -> Any:
