@@ -275,6 +275,11 @@ class World:
         own = self._gyro.rail_current_a(RAILS.index(rail), voltage_v, self.clock.now())
         return own + abs(voltage_v) * beside
 
+    def drawing(self) -> Hashable:
+        """Return what the currents of the rails go by now: while it is equal, so are they; None while they change."""
+        self._pass_events()
+        return self._gyro.drawing()
+
     def load_ohm(self, rail: str) -> float:
         """Return the load on `rail` beside the PCB, ohm; inf is none."""
         self._require(rail, RAILS)

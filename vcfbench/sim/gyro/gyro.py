@@ -28,7 +28,7 @@ from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.sources import NOTHING_V, Approach
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
 
     from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.modes import Resonance
@@ -171,6 +171,11 @@ class Gyro:
         starts = weaker_v > 0.0 and (self._running or weaker_v >= self._bench.supply.start_v)
         lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m(weaker_v) if starts else 0.0
         return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
+
+    def drawing(self) -> Hashable:
+        """Return what the rails' currents go by, until the next event or command; None while a rail moves."""
+        moving = any(rail.terms for rail in self._rails)
+        return None if moving else (self._pins, self._drive[0], self._running)
 
     # -- time --
 

@@ -199,3 +199,36 @@ def test_whatever_is_done_to_it_the_rail_never_jumps(deeds: list[tuple[str, floa
     for before, after, instant in zip(ways, ways[1:], instants[1:], strict=False):
         assert after.at(instant) == pytest.approx(before.at(instant), abs=1.001e-6)
     assert supply.outputs["P25V"].voltage_reading() == pytest.approx(world.rail_v("positive"), abs=1e-9)
+
+
+def test_outputs_at_rest_are_not_regulated_until_their_load_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, _, talk = real()
+    looked: list[str] = []
+    current_a = World.rail_current_a
+    monkeypatch.setattr(
+        World, "rail_current_a", lambda self, rail, volts: looked.append(rail) or current_a(self, rail, volts)
+    )
+    talk.write("APPL P25V,10,1;:APPL N25V,-10,1;:OUTP ON")
+    world.clock.sleep_until(10.0)
+    before_a = float(talk.ask("MEAS:CURR? P25V"))
+    looked.clear()
+    for _ in range(10):
+        assert float(talk.ask("MEAS:CURR? P25V")) == before_a
+        assert talk.ask("STAT:QUES:INST:ISUM2:COND?") == "2"
+        world.clock.sleep_until(world.clock.now() + 0.1)
+    assert looked == []
+    world.set_load("positive", 100.0)
+    assert float(talk.ask("MEAS:CURR? P25V")) == pytest.approx(before_a + 0.1, abs=1e-4)
+    world.set_load("positive", 5.0)
+    world.clock.sleep_until(world.clock.now() + 5.0)
+    assert talk.ask("STAT:QUES:INST:ISUM2:COND?") == "1"
+    talk.write("CURR MAX")
+    talk.write("APPL P25V,8,1")
+    world.clock.sleep_until(world.clock.now() + 5.0)
+    world.set_load("positive", math.inf)
+    world.clock.sleep_until(world.clock.now() + 5.0)
+    assert float(talk.ask("MEAS:VOLT? P25V")) == pytest.approx(8.0, abs=1e-3)
+    looked.clear()
+    talk.write("OUTP OFF")
+    assert talk.ask("STAT:QUES:INST:ISUM2:COND?") == "0"
+    assert looked

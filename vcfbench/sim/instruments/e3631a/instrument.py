@@ -21,7 +21,7 @@ from vcfbench.sim.instruments.e3631a.output import SupplyOutput, stepped
 from vcfbench.sim.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiTwin, Status, bare_integer
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Hashable, Mapping
 
     from vcfbench.sim.instruments.e3631a.kinds import OutputKind
     from vcfbench.sim.scpi import CommandTable, Interface
@@ -119,6 +119,7 @@ class SimulatedE3631A(ScpiTwin):
         self.transfer_at_s: float | None = None
         self._next_s: float | None = None
         self._looks_until_s = -math.inf
+        self._seen: Hashable = None
         self.calibration = SupplyCalibration()
         self.display_on = True
         self.display_text = ""
@@ -207,13 +208,17 @@ class SimulatedE3631A(ScpiTwin):
         return self.output_on
 
     def observe(self) -> None:
-        """Bring regulation and condition registers up to now."""
+        """Bring regulation and condition registers up to now; outputs at rest stay as they are while their loads do."""
+        drawing = self.world.drawing()
+        if drawing is not None and drawing == self._seen:
+            return
         for output in self.outputs.values():
             output.show(on=self.is_on(output.kind.name))
+        self._seen = drawing if all(output.at_rest for output in self.outputs.values()) else None
 
     def regulate(self) -> None:
         """Find the working point of every output: the load of one rail may depend on the other."""
-        before = self._working_points()
+        before, self._seen = self._working_points(), None
         self.observe()
         if self._working_points() != before:
             self._looks_until_s = self.world.clock.now() + _LIMITED_PATIENCE_S
