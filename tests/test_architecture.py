@@ -34,14 +34,6 @@ KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
     "pyvisa_vcfbench",
 )
-STILL_IN_CIRCLES = {
-    "vcfbench.sim.instruments.agilent33220a": {"banded", "playing"},
-    "vcfbench.sim.instruments.dso7104b": {
-        *("accessories", "commands", "function", "instrument", "measuring", "settings", "system", "timing"),
-        *("triggering", "vertical", "waveform"),
-    },
-}
-"""By package: what is played makes its own components; the oscilloscope's handlers name what lists them."""
 HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba", "starlette", "uvicorn"}
 
 
@@ -124,11 +116,7 @@ def circle_in(parts: dict[str, set[str]]) -> list[str]:
 
 
 def test_nothing_imports_in_circles_not_even_for_types() -> None:
-    circles = {}
-    for package, parts in parts_and_what_they_import().items():
-        known = STILL_IN_CIRCLES.get(package, set())
-        assert not known or circle_in(parts), f"{package} is mended: take it off the list"
-        circles[package] = circle_in({a: b - known if a in known else b for a, b in parts.items()})
+    circles = {package: circle_in(parts) for package, parts in parts_and_what_they_import().items()}
     assert {package: circle for package, circle in circles.items() if circle} == {}
 
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.cells import few
+from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
 from vcfbench.sim.instruments.agilent33220a.noise import NoiseSource, gaussian
 from vcfbench.sim.instruments.agilent33220a.phases import (
     Bursts,
@@ -22,7 +23,7 @@ from vcfbench.sim.instruments.agilent33220a.phases import (
     Swept,
     continued,
 )
-from vcfbench.sim.instruments.agilent33220a.playing import Envelope, Playing, WidthSwing
+from vcfbench.sim.instruments.agilent33220a.playing import Playing
 from vcfbench.sim.instruments.agilent33220a.waveforms import PulseCycle, SineCycle, held, ramp, turned
 
 if TYPE_CHECKING:

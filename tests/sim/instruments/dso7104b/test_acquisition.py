@@ -125,7 +125,7 @@ def test_a_long_record_of_peaks_comes_in_blocks() -> None:
     bench.send(":CHAN1:RANG 8;:TIM:RANG 1;:TRIG:LEV 0.1;:ACQ:TYPE PEAK;:DIG CHAN1")
     bench.ask("*OPC?")
     tracemalloc.start()
-    volts = np.concatenate(list(bench.scope.record.peak_blocks(1, 500_000)))
+    volts = np.concatenate(list(bench.scope.shown.record.peak_blocks(1, 500_000)))
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 60e6  # four million samples at once would be 32 MB apiece
@@ -184,7 +184,7 @@ def test_a_record_across_a_jump_keeps_it_sharp(real: tuple[VirtualClock, World, 
     world.set_rail("positive", 8.5)
     clock.sleep_until(clock.now() + 0.05)
     assert tell(real, ":TER?").startswith(b"+1")
-    assert scope.record.trigger_s == pytest.approx(instant, abs=1e-8)
+    assert scope.shown.record.trigger_s == pytest.approx(instant, abs=1e-8)
     tell(real, ":WAV:SOUR CHAN3;FORM BYTE;POIN:MODE RAW;:WAV:POIN 500000;*OPC?")
     codes = np.frombuffer(tell(real, ":WAV:DATA?")[10:], np.uint8)
     assert set(codes.tolist()) == {128 + 64, 128 + round(8.5 / 40 * 256)}

@@ -92,7 +92,7 @@ def shown(signal: Signal, rng: np.random.Generator) -> Bench:
 
 def screen(bench: Bench, signal: Signal, points: int = DENSE) -> NDArray[np.float64]:
     """Return the signal over the screen as it was."""
-    record = bench.scope.record
+    record = bench.scope.shown.record
     return signal.wave(record.trigger_s + record.screen.times_s(points))
 
 
@@ -180,7 +180,7 @@ def spectrum_deviation(number: int) -> float:
     rng = np.random.default_rng((63, number))
     signal = drawn(rng, SHAPES[number % len(SHAPES)])
     bench = shown(signal, rng)
-    record, rate_hz = bench.scope.record, bench.number(":ACQ:SRAT?")
+    record, rate_hz = bench.scope.shown.record, bench.number(":ACQ:SRAT?")
     range_s, window = record.screen.range_s, list(WINDOWS)[number % len(WINDOWS)]
     samples = min(65536, round(range_s * rate_hz))
     # as many lines as there are points to show, each at a point of its own; half of the time those about the signal

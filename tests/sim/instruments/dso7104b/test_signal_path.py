@@ -62,7 +62,7 @@ def test_the_trigger_sees_the_coupling_of_its_channel() -> None:
     bench.clock.sleep_until(bench.clock.now() + 0.01)
     assert bench.ask(":TER?") == "+1"
     # the trigger is where the sine without its 3 V comes to 0.5 V
-    assert math.sin(2e3 * math.pi * bench.scope.record.trigger_s) == pytest.approx(0.5, abs=4e-3)
+    assert math.sin(2e3 * math.pi * bench.scope.shown.record.trigger_s) == pytest.approx(0.5, abs=4e-3)
 
 
 def test_a_step_before_the_record_is_still_charging_the_capacitor() -> None:
@@ -82,7 +82,7 @@ def test_a_step_before_the_record_is_still_charging_the_capacitor() -> None:
         wake = scope.wake_at()
         assert wake is not None
         clock.sleep_until(wake)
-    seen_s = scope.record.trigger_s - 1.0
+    seen_s = scope.shown.record.trigger_s - 1.0
     assert float(reply) == pytest.approx(step_v * math.exp(-seen_s * 2 * math.pi * CORNER_HZ), rel=1e-3)
 
 
@@ -227,7 +227,7 @@ def test_measurements_see_the_memory_where_the_screen_misses_the_signal(
     bench = Bench()
     bench.finest_s["drive"] = finest_s
     bench.ask(f":TIM:RANG {range_s!r};:DIG CHAN1;*OPC?")
-    assert bench.scope.record.measured_points(1, 1000) == points
+    assert bench.scope.shown.record.measured_points(1, 1000) == points
 
 
 def test_noise_and_coarse_steps_do_not_shift_an_edge() -> None:

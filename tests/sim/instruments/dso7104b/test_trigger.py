@@ -48,7 +48,7 @@ def triggered(bench: Bench, limit_s: float = 5.0) -> float:
     """Arm and return the bench time of the trigger."""
     bench.send(":SING")
     wait(bench, limit_s)
-    return bench.scope.record.trigger_s
+    return bench.scope.shown.record.trigger_s
 
 
 def wait(bench: Bench, limit_s: float) -> None:
@@ -81,7 +81,7 @@ def test_an_edge_is_where_the_sine_crosses_the_level(level: float, rising: bool)
     phase = 2 * math.pi * F * triggered(bench)
     wanted = math.asin((level - 0.1) / 1.5)
     assert math.remainder(phase - (wanted if rising else math.pi - wanted), 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
-    assert bench.scope.record.trigger_s <= armed_s + 0.5e-3 + 1.01 / F  # the first one after half a screen
+    assert bench.scope.shown.record.trigger_s <= armed_s + 0.5e-3 + 1.01 / F  # the first one after half a screen
 
 
 def test_an_edge_narrower_than_the_grid_of_the_search_is_the_first() -> None:
@@ -97,7 +97,7 @@ def test_a_single_edge_is_not_missed_however_long_it_takes() -> None:
     bench.send(":SING")
     bench.clock.sleep_until(1.0)
     assert bench.ask(":TER?") == "+1"
-    assert bench.scope.record.trigger_s == pytest.approx(edge_s, abs=NANOSECOND)
+    assert bench.scope.shown.record.trigger_s == pytest.approx(edge_s, abs=NANOSECOND)
 
 
 def test_line_is_the_mains_and_external_is_not_plugged_in() -> None:

@@ -23,8 +23,9 @@ from vcfbench.sim.adding import added
 from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors, phases, waveforms
+from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
 from vcfbench.sim.instruments.agilent33220a.noise import NoiseSource
-from vcfbench.sim.instruments.agilent33220a.playing import Envelope, Playing, WidthSwing
+from vcfbench.sim.instruments.agilent33220a.playing import Playing
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
 from vcfbench.sim.leads import Leads

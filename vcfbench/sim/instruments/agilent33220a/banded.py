@@ -7,22 +7,22 @@ steady waveform of that frequency and duty. What it does where a burst begins an
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from msgspec import Struct
 
 from vcfbench.sim.components import SHORTEST_S, transform_hz
 from vcfbench.sim.instruments.agilent33220a.phases import Bursts, Steady
-from vcfbench.sim.instruments.agilent33220a.playing import FAST_HZ
-from vcfbench.sim.instruments.agilent33220a.waveforms import turned
+from vcfbench.sim.instruments.agilent33220a.waveforms import FAST_HZ, turned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from vcfbench.sim.components import Path
-    from vcfbench.sim.instruments.agilent33220a.playing import Playing
-    from vcfbench.sim.instruments.agilent33220a.waveforms import Values
+    from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
+    from vcfbench.sim.instruments.agilent33220a.phases import Phase
+    from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
 
 __all__ = ["Banded"]
 
@@ -42,10 +42,41 @@ _BURST_CYCLES, _BURST_POINTS = 32.0, 1 << 16
 _RINGING_S = 10e-6
 
 
+class PlayedCycle(Protocol):
+    """A waveform that goes on by its phase, about an offset, swung in amplitude or width or not."""
+
+    @property
+    def offset_v(self) -> float:
+        """The offset, open circuit."""
+
+    @property
+    def peak_v(self) -> float:
+        """What the waveform is multiplied by, open circuit."""
+
+    @property
+    def waveform(self) -> Cycle:
+        """One cycle."""
+
+    @property
+    def phase(self) -> Phase:
+        """Where in the cycle it is when."""
+
+    @property
+    def envelope(self) -> Envelope | None:
+        """What swings the amplitude."""
+
+    @property
+    def width(self) -> WidthSwing | None:
+        """What swings the width."""
+
+    def power_means(self, edges_s: Values, powers: Sequence[int], fast_hz: float) -> list[Values]:
+        """Return the means of the waveform's powers between each two of the edges; above `fast_hz` those of a cycle."""
+
+
 class Banded(Struct, frozen=True):
     """A generator's output as one component."""
 
-    playing: Playing
+    playing: PlayedCycle
 
     @property
     def pace_hz(self) -> float | None:

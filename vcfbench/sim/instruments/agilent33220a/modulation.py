@@ -18,9 +18,9 @@ from vcfbench.sim.sources import Drive, Sine
 
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.arbitrary import ArbitraryMemory
+    from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
     from vcfbench.sim.instruments.agilent33220a.levels import Levels
     from vcfbench.sim.instruments.agilent33220a.phases import Phase, Rhythm
-    from vcfbench.sim.instruments.agilent33220a.playing import Envelope, WidthSwing
     from vcfbench.sim.instruments.agilent33220a.settings import GeneratorErrors, Settings
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle
     from vcfbench.sim.sources import Played
@@ -155,7 +155,7 @@ class Player:
         return 0.0 if self._settings["AM:source"] == "EXT" else float(self._settings["AM:depth"]) / 100.0
 
     def _envelope(self, direct_v: float, peak_v: float) -> Envelope | None:
-        from vcfbench.sim.instruments.agilent33220a.playing import HIGHEST_PEAK_V, Envelope  # noqa: PLC0415
+        from vcfbench.sim.instruments.agilent33220a.envelopes import HIGHEST_PEAK_V, Envelope  # noqa: PLC0415
 
         depth = self._depth()
         if depth is None:
@@ -164,7 +164,7 @@ class Player:
         return Envelope(depth, self._rhythm("AM"), most)
 
     def _width(self) -> WidthSwing | None:
-        from vcfbench.sim.instruments.agilent33220a.playing import WidthSwing  # noqa: PLC0415
+        from vcfbench.sim.instruments.agilent33220a.envelopes import WidthSwing  # noqa: PLC0415
 
         settings = self._settings
         if settings["mode"] != "PWM" or settings["PWM:source"] == "EXT":

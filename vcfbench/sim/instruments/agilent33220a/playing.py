@@ -17,7 +17,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.sim.instruments.agilent33220a.waveforms import POWERS
+from vcfbench.sim.instruments.agilent33220a.waveforms import FAST_HZ, POWERS
 from vcfbench.sim.sources import HIGHEST_HZ, Piece
 
 if TYPE_CHECKING:
@@ -26,58 +26,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.sim.components import Component
-    from vcfbench.sim.instruments.agilent33220a.phases import Phase, Rhythm, Run
+    from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
+    from vcfbench.sim.instruments.agilent33220a.phases import Phase, Run
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
     from vcfbench.sim.sources import Bend
 
-__all__ = ["BINS", "FAST_HZ", "PIECE_S", "Envelope", "Playing", "WidthSwing", "bent", "cosines"]
+__all__ = ["BINS", "PIECE_S", "Playing", "bent", "cosines"]
 
 PIECE_S = 1 / 64
 BINS = 4096
-HIGHEST_PEAK_V = 10.0
-"""Where the output amplifier ends, open circuit; only more than 100 % of AM gets there."""
 _SELDOM_HZ, _OFTEN_HZ = 64.0, 512.0
 """Corners that come less often than the first are taken one by one; up to the second where there are too many lines."""
 _LINES_HZ = 16.0
 """From where on a waveform's lines are few enough."""
 _MOST_LINES, _HIGHEST_LINE_HZ = 1000, 64e3
 """Lines cost little, and what is missing of the sum where it begins is felt as a kick: it is a hundredth then."""
-FAST_HZ = 64e3
-"""From where on nothing but its mean counts of a waveform: the next line, were it modulated by 20 kHz, is at 44 kHz."""
 _SHORTEST_S = 1e-9
 _TICKED = 1e-3
 """A tick that is less than this part of one away has been."""
 _BENDS = 16
 _FORGOTTEN = 1e-13
-
-
-class Envelope(Struct, frozen=True):
-    """Amplitude modulation: (1 + depth rhythm)/2 of the amplitude, at most `most` of it."""
-
-    depth: float
-    rhythm: Rhythm
-    most: float
-
-    def values(self, times_s: Values) -> Values:
-        """Return the factor at bench times."""
-        return np.minimum((1 + self.depth * self.rhythm.values(times_s)) / 2, self.most)
-
-    def means(self, edges_s: Values) -> Values:
-        """Return its mean between each two of the edges."""
-        swung = np.diff(self.rhythm.integral_s(edges_s)) / np.diff(edges_s)
-        return np.minimum((1 + self.depth * swung) / 2, self.most)
-
-
-class WidthSwing(Struct, frozen=True):
-    """Pulse width modulation: duty + swing rhythm."""
-
-    duty: float
-    swing: float
-    rhythm: Rhythm
-
-    def values(self, times_s: Values) -> Values:
-        """Return the duty at bench times."""
-        return np.clip(self.duty + self.swing * self.rhythm.values(times_s), 0.0, 1.0)
 
 
 class Playing(Struct, frozen=True):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.dso7104b.instrument import (
-    TABLE,
-    Dso7104BTwin,
-    ScopeErrors,
-    ScopeWorld,
-)
+from vcfbench.sim.instruments.dso7104b.commands import TABLE
+from vcfbench.sim.instruments.dso7104b.inputs import ScopeWorld
+from vcfbench.sim.instruments.dso7104b.record import ScopeErrors
+from vcfbench.sim.instruments.dso7104b.twin import Dso7104BTwin
 
 __all__ = ["TABLE", "Dso7104BTwin", "ScopeErrors", "ScopeWorld"]

@@ -6,9 +6,10 @@ Unverified, among others: three-digit exponents (seen on the 6000 series, same c
 refusals, limits of offset and time base, default of the waveform format, and what :SINGle;*OPC? waits for.
 Measurements and the math trace are computed from the record on the screen.
 
-The commands stand in modules of their own: root and system (:mod:`.system`), channels (:mod:`.vertical`), time
-base and acquisition (:mod:`.timing`), trigger (:mod:`.triggering`), measurements (:mod:`.measuring`),
-waveforms (:mod:`.waveform`), math (:mod:`.function`), cursors, files, masks (:mod:`.accessories`).
+Here it is run, armed and stopped. What settings mean is made of them alone: how the inputs are sampled
+(:mod:`.sampling`), the trigger (:mod:`.trigger_settings`), the math function (:mod:`.math_settings`). What was acquired
+is shown by :mod:`.showing`. The commands, in the modules above this one whose names end so, act on it;
+:mod:`.commands` lists them.
 
 Inputs are taken as 1:1; with 50 ohm they load their node, with 1 Mohm they do not. Serial modes, single lines and
 fields of television are waited for in vain.
@@ -20,56 +21,46 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORY_COMMANDS
-from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, CapturedRecord, Pace, acquisition
-from vcfbench.sim.instruments.dso7104b.commands import INVALID
+from vcfbench.sim.instruments.dso7104b.acquisition import Acquisition, Arming, CapturedRecord, acquisition
 from vcfbench.sim.instruments.dso7104b.conditions import NeverMet
 from vcfbench.sim.instruments.dso7104b.coupling import Coupling
-from vcfbench.sim.instruments.dso7104b.function import FUNCTION_COMMANDS, math_trace
-from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Screen, Signals
+from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, ScopeWorld, Signals
+from vcfbench.sim.instruments.dso7104b.installed import INVALID, Installed
 from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
-from vcfbench.sim.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
-from vcfbench.sim.instruments.dso7104b.measuring import MEASURE_COMMANDS, Installed
 from vcfbench.sim.instruments.dso7104b.record import AcquiredRecord, Record, ScopeErrors
+from vcfbench.sim.instruments.dso7104b.sampling import channel_view, main_window, pace_of, sample_rate_hz
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
-from vcfbench.sim.instruments.dso7104b.system import ROOT_COMMANDS, SYSTEM_COMMANDS
+from vcfbench.sim.instruments.dso7104b.showing import ShownRecords
 from vcfbench.sim.instruments.dso7104b.termination import Terminations
-from vcfbench.sim.instruments.dso7104b.timing import TIMING_COMMANDS
 from vcfbench.sim.instruments.dso7104b.trigger import Trigger
-from vcfbench.sim.instruments.dso7104b.triggering import TRIGGER_COMMANDS, comparator_of, trigger_of
-from vcfbench.sim.instruments.dso7104b.vertical import VERTICAL_COMMANDS
-from vcfbench.sim.instruments.dso7104b.waveform import WAVEFORM_COMMANDS
+from vcfbench.sim.instruments.dso7104b.trigger_settings import comparator_of, trigger_of
 from vcfbench.sim.scpi import (
-    COMMON_COMMANDS,
     GPIB,
     LAN,
     USB,
     CommandTable,
     Dialect,
     Limits,
-    Parts,
     Pending,
     Register,
     ScpiEngine,
     ScpiError,
     ScpiTwin,
     Status,
-    block_header,
     real,
 )
 from vcfbench.sim.scpi.parameters import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from vcfbench.sim.trace import Piece
 
-__all__ = ["TABLE", "Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
+__all__ = ["SimulatedDso7104B"]
 
 _RUN_BIT, _WAIT_BIT = 8, 32
 _MASK_TEST, _OVERLOAD, _HARDWARE = 9, 11, 12
 """Bits of the operation status that other registers feed (status chapter of the 6000 and 3000T guides)."""
-_SCREEN_POINTS = 1000
 _PATIENCE_S = 0.1
 
 
@@ -79,22 +70,7 @@ def _clip_plainly(value: float, limits: Limits, word: str) -> Violation:
     return Violation(limits.maximum if value > limits.maximum else limits.minimum, ScpiError(-222))
 
 
-TABLE = CommandTable(
-    *COMMON_COMMANDS,
-    *ROOT_COMMANDS,
-    *VERTICAL_COMMANDS,
-    *TIMING_COMMANDS,
-    *TRIGGER_COMMANDS,
-    *MEASURE_COMMANDS,
-    *WAVEFORM_COMMANDS,
-    *FUNCTION_COMMANDS,
-    *SYSTEM_COMMANDS,
-    *ACCESSORY_COMMANDS,
-)
-"""Every command of the model."""
-
-
-class Dso7104BTwin(ScpiTwin):
+class SimulatedDso7104B(ScpiTwin):
     """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan.
 
     `model` is what it calls itself, where it stands for an oscilloscope that speaks the same words.
@@ -102,7 +78,7 @@ class Dso7104BTwin(ScpiTwin):
 
     errors_class: ClassVar = ScopeErrors
     kind: ClassVar[ScopeKind] = KIND_7000B
-    table: ClassVar[CommandTable] = TABLE
+    table: ClassVar[CommandTable]
 
     def __init__(
         self,
@@ -130,7 +106,7 @@ class Dso7104BTwin(ScpiTwin):
         self.message = ""
         self.calibration_label = ""
         self.installed: list[Installed] = []
-        self.analysed = False
+        self.shown = ShownRecords(self.state, errors.time_base_error)
         self.date = (2026, 1, 1)
         self.time = (12, 0, 0)
         self._armed_event = False
@@ -138,11 +114,7 @@ class Dso7104BTwin(ScpiTwin):
         self._acquisition: Acquisition | None = None
         self._coupling = Coupling(world, self._nodes)
         self._last_trigger_s = -math.inf
-        self._records: list[Record] = []
-        self._segmented = False
-        self._sent: tuple[Record, tuple[Any, ...], Parts] | None = None
         self._number = 0
-        self._traces: dict[tuple[int, str], MeasuredTrace] = {}
         self.engine = ScpiEngine(
             self,
             self.table,
@@ -163,15 +135,17 @@ class Dso7104BTwin(ScpiTwin):
         """Take the default setup, running."""
         self.restore(default_setup())
         self.installed.clear()
-        self._keep([])
+        self.shown.show([])
         self.run()
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take a whole setup."""
-        self.state = dict(state)
+        taken = dict(state)
+        self.state.clear()  # what is shown goes by the same settings
+        self.state.update(taken)
         for channel in CHANNELS:
             self.inputs.terminate(channel, fifty=self.state[f"CHAN{channel}:IMP"] == "FIFT")
-        self._traces.clear()
+        self.shown.forget_traces()
         if self._run_state == "run":
             self._disarm()
 
@@ -241,7 +215,7 @@ class Dso7104BTwin(ScpiTwin):
     def single(self) -> None:
         """:SINGle: arm once and return."""
         self._run_state = "single"
-        self._keep([])
+        self.shown.show([])
         self._arm()
 
     def digitize(self, *sources: str) -> Pending:
@@ -296,27 +270,16 @@ class Dso7104BTwin(ScpiTwin):
     def _arm(self) -> None:
         self._disarm()
         self._armed_event = True
-        self._traces.clear()
+        self.shown.forget_traces()
         trigger, views = trigger_of(self.state), self._views()
-        past = self._past_of(views, trigger)
-        self._acquisition = acquisition(self._world, Arming(self.screen(), views, trigger, self._pace(), past))
+        past, pace = self._past_of(views, trigger), pace_of(self.state, self._last_trigger_s)
+        self._acquisition = acquisition(self._world, Arming(main_window(self.state), views, trigger, pace, past))
         self._show_state()
 
-    def _pace(self) -> Pace:
-        state = self.state
-        segmented = state["ACQ:MODE"] == "SEGM"
-        return Pace(
-            auto=state["TRIG:SWE"] == "AUTO",
-            repeats=state["ACQ:COUN"] if state["ACQ:TYPE"] == "AVER" and not segmented else 1,
-            segments=state["SEGM:COUN"] if segmented else 0,
-            holdoff_s=state["TRIG:HOLD"],
-            not_before_s=self._last_trigger_s + state["TRIG:HOLD"],
-            smooth=state["ACQ:TYPE"] == "HRES",
-        )
-
     def _finish(self, armed: Acquisition, found: CapturedRecord) -> None:
-        self._segmented = self.state["ACQ:MODE"] == "SEGM"
-        self._keep([self._recorded(armed, found, trigger_s) for trigger_s in found.triggers_s])
+        segmented = self.state["ACQ:MODE"] == "SEGM"
+        records = [self._recorded(armed, found, trigger_s, segmented=segmented) for trigger_s in found.triggers_s]
+        self.shown.show(records, segmented=segmented)
         self._last_trigger_s = found.triggers_s[-1]
         self._acquisition = None
         if self._run_state == "single":
@@ -324,23 +287,15 @@ class Dso7104BTwin(ScpiTwin):
         self.triggered.latch(1)
         self._show_state()
 
-    def _recorded(self, armed: Acquisition, found: CapturedRecord, trigger_s: float) -> Record:
+    def _recorded(self, armed: Acquisition, found: CapturedRecord, trigger_s: float, *, segmented: bool) -> Record:
         kind = self.state["ACQ:TYPE"]
         self._number += 1
-        averages = self.state["ACQ:COUN"] if kind == "AVER" and not self._segmented else 1
+        averages = self.state["ACQ:COUN"] if kind == "AVER" and not segmented else 1
         bits = self._errors.converter_bits
         if bits and kind in {"AVER", "HRES"}:
             bits = 12  # averaging gains up to four bits (data sheet)
-        kept = AcquiredRecord(self._number, kind, bits, averages, self.sample_rate())
+        kept = AcquiredRecord(self._number, kind, bits, averages, sample_rate_hz(self.state, self.kind))
         return Record(found.signals, trigger_s, armed.screen, self._errors, kept)
-
-    def _keep(self, records: list[Record]) -> None:
-        """Show these records, the first of them, and forget all others."""
-        self._records = records
-        self.state["SEGM:IND"] = 1
-        self.analysed = False
-        self._sent = None
-        self._traces.clear()
 
     def _show_state(self) -> None:
         running = _RUN_BIT if self._run_state != "stop" else 0
@@ -349,29 +304,9 @@ class Dso7104BTwin(ScpiTwin):
 
     # --- settings -> acquisition ------------------------------------------------------------------------------------
 
-    def screen(self) -> Screen:
-        """Return the main window."""
-        span, position = self.state["TIM:RANG"], self.state["TIM:POS"]
-        share = {"LEFT": 0.1, "CENT": 0.5, "RIGH": 0.9}[self.state["TIM:REF"]]
-        return Screen(position - share * span, span)
-
     def _views(self) -> dict[int, ChannelView]:
-        return {channel: self._view(channel) for channel in CHANNELS}
-
-    def _view(self, channel: int) -> ChannelView:
-        def of(key: str) -> Any:
-            return self.state[f"CHAN{channel}:{key}"]
-
-        return ChannelView(
-            self._nodes.get(channel),
-            of("RANG"),
-            of("OFFS"),
-            of("PROB"),
-            of("INV"),
-            ac=of("COUP") == "AC",
-            skew_s=of("SKEW"),
-            limit_hz=self.kind.limit_hz if of("BWL") else math.inf,
-        )
+        limit_hz = self.kind.limit_hz
+        return {each: channel_view(self.state, each, self._nodes.get(each), limit_hz) for each in CHANNELS}
 
     def _past_of(self, views: Mapping[int, ChannelView], trigger: Trigger) -> Callable[[], dict[int, list[Piece]]]:
         """Return what tells the past of the inputs that are seen through a blocking capacitor."""
@@ -379,25 +314,6 @@ class Dso7104BTwin(ScpiTwin):
         coupled = {channel for channel, view in views.items() if view.ac}
         coupled |= {channel for channel, comparator in trigger.comparators.items() if comparator.ac}
         return partial(self._coupling.past, coupled)
-
-    def memory(self) -> int:
-        """Return the points in memory; with both channels of a pair (1, 2 and 3, 4) there are fewer.
-
-        Segments share it.
-        """
-        half = self._both_of_a_pair()
-        most, rate = self.kind.memory[half], self.kind.rate_hz[half]
-        if self.state["ACQ:MODE"] == "SEGM":
-            most //= self.state["SEGM:COUN"]
-        return int(max(100, min(most, self.state["TIM:RANG"] * rate)))
-
-    def _both_of_a_pair(self) -> bool:
-        shown = {channel for channel in CHANNELS if self.state[f"CHAN{channel}:DISP"]}
-        return {1, 2} <= shown or {3, 4} <= shown
-
-    def sample_rate(self) -> float:
-        """Return the sample rate, 1/s: what fills the memory, but no more than the converters give."""
-        return min(self.memory() / float(self.state["TIM:RANG"]), self.kind.rate_hz[self._both_of_a_pair()])
 
     def count(self, channel: int) -> Pending:
         """:MEASure:COUNter?: count a channel's edges from now on, whatever the acquisition does."""
@@ -428,86 +344,6 @@ class Dso7104BTwin(ScpiTwin):
             self.run()
 
         return Pending.at(now + LOOK_S, finish)
-
-    # --- the record ---------------------------------------------------------------------------------------------------
-
-    @property
-    def record(self) -> Record:
-        """The record on the screen, of the chosen segment; -230 if there is none."""
-        if not self._records:
-            raise ScpiError(-230, "Data corrupt or stale")
-        index: int = self.state["SEGM:IND"]
-        return self._records[min(index, len(self._records)) - 1]
-
-    def records(self) -> list[Record]:
-        """Return the records of all segments."""
-        return self._records
-
-    def segments(self) -> int:
-        """Return how many segments were acquired; 0 of an acquisition that was not segmented."""
-        return len(self._records) if self._segmented else 0
-
-    def time_tag_s(self) -> float:
-        """Return the trigger of the chosen segment after that of the first, s."""
-        if not self.segments():
-            return 0.0
-        elapsed_s = self.record.trigger_s - self._records[0].trigger_s
-        return elapsed_s * (1.0 + self._errors.time_base_error)
-
-    def measured(self, source: str, record: Record | None = None) -> MeasuredTrace:
-        """Return the trace of `source` for measurements; -230 where it is not shown."""
-        if not self.state[f"{source}:DISP"]:
-            raise ScpiError(-230)
-        return self.trace(source, record)
-
-    def trace(self, source: str, record: Record | None = None) -> MeasuredTrace:
-        """Return what was acquired of `source`, shown or not."""
-        shown = record or self.record
-        found = self._traces.get((shown.number, source))
-        if found is None:
-            found = self._traces[shown.number, source] = self._trace(source, shown)
-        return found
-
-    def _trace(self, source: str, record: Record) -> MeasuredTrace:
-        if source == "FUNC":
-            math_ = math_trace(self.state, record, _SCREEN_POINTS)
-            return MeasuredTrace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
-        channel = int(source[4:])
-        points = record.measured_points(channel, _SCREEN_POINTS)
-        digitised = record.digitised(channel, points)
-        times = record.screen.times_s(points)
-        if record.kept.kind != "PEAK":
-            return MeasuredTrace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
-        peaks = record.extremes(channel, points)
-        return MeasuredTrace(
-            times, digitised.volts, clipped=peaks.clipped, thresholds=self._thresholds(), peaks=peaks.volts
-        )
-
-    def _thresholds(self) -> Thresholds:
-        kind, upper, middle, lower = self.state["MEAS:THR"]
-        return Thresholds() if kind == "STAN" else Thresholds(upper, middle, lower, absolute=kind == "ABS")
-
-    def forget_traces(self) -> None:
-        """Measure anew: the definitions have changed."""
-        self._traces.clear()
-
-    def sent(self, asked: tuple[Any, ...], parts: Iterator[bytes]) -> Any:
-        """Return the record as :WAVeform:DATA? sends it, a block of `parts`, or what it was the last time."""
-        kept = self._sent
-        if kept is not None and kept[0] is self.record and kept[1] == asked:
-            return kept[2]
-        record, made = self.record, list[bytes]()
-
-        def make() -> Iterator[None]:
-            for part in parts:
-                made.append(part)
-                yield
-
-        def keep() -> Parts:
-            self._sent = (record, asked, Parts((block_header(sum(map(len, made)), 8), *made)))
-            return self._sent[2]
-
-        return Pending.worked_out(make(), keep)
 
     # --- setups -------------------------------------------------------------------------------------------------------
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from vcfbench.sim.instruments.dso7104b.accessories import ACCESSORIES
-
 __all__ = ["CHANNELS", "default_setup"]
 
 CHANNELS = (1, 2, 3, 4)
@@ -123,11 +121,55 @@ _REST = {
     "SYST:LOCK": False,
     "SYST:PROT": False,
 }
+_ACCESSORIES = {
+    "MARK:MODE": "OFF",
+    "MARK:X1Y1": "NONE",
+    "MARK:X2Y2": "NONE",
+    "MARK:X1": 0.0,
+    "MARK:X2": 0.0,
+    "MARK:Y1": 0.0,
+    "MARK:Y2": 0.0,
+    "EXT:BWL": False,
+    "EXT:RANG": 8.0,
+    "EXT:UNIT": "VOLT",
+    "EXT:PROB": 1.0,
+    "EXT:STYP": "SING",
+    "DISP:SOUR": "PMEM0",
+    "SAVE:FIL": "",
+    "SAVE:PWD": "",
+    "SAVE:IMAG:AREA": "GRAT",
+    "SAVE:IMAG:FACT": False,
+    "SAVE:IMAG:FORM": "NONE",
+    "SAVE:IMAG:INKS": True,
+    "SAVE:IMAG:PAL": "COL",
+    "SAVE:WAV:FORM": "NONE",
+    "SAVE:WAV:LENG": 1000,
+    "REC:FIL": "",
+    "REC:PWD": "",
+    "MTES:ENAB": False,
+    "MTES:LOCK": False,
+    "MTES:SOUR": "CHAN1",
+    "MTES:AMAS:SOUR": "CHAN1",
+    "MTES:AMAS:UNIT": "DIV",
+    "MTES:AMAS:XDEL": 0.25,
+    "MTES:AMAS:YDEL": 0.25,
+    "MTES:RMOD": "FOR",
+    "MTES:RMOD:SIGM": 6.0,
+    "MTES:RMOD:TIME": 10.0,
+    "MTES:RMOD:WAV": 1000,
+    "MTES:RMOD:STOP": False,
+    "MTES:SCAL:BIND": False,
+    "MTES:SCAL:X1": 0.0,
+    "MTES:SCAL:XDEL": 1.0,
+    "MTES:SCAL:Y1": 0.0,
+    "MTES:SCAL:Y2": 1.0,
+}
+"""Cursors, the external trigger input, files and the mask test, whose own is unverified."""
 
 
 def default_setup() -> dict[str, Any]:
     """Return the setup after *RST."""
-    setup: dict[str, Any] = _HORIZONTAL | _TRIGGER | _MEASUREMENT | _FUNCTION | _REST | ACCESSORIES
+    setup: dict[str, Any] = _HORIZONTAL | _TRIGGER | _MEASUREMENT | _FUNCTION | _REST | _ACCESSORIES
     setup |= {f"LEV:{source}": 0.0 for source in (*(f"CHAN{channel}" for channel in CHANNELS), "EXT", "LINE")}
     for channel in CHANNELS:
         own = {**_CHANNEL, "DISP": channel == 1, "LAB": str(channel)}

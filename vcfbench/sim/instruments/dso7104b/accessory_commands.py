@@ -7,9 +7,9 @@ and the user calibration changes nothing: what would need one of them says so wi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from vcfbench.sim.instruments.dso7104b.commands import (
+from vcfbench.sim.instruments.dso7104b.declarations import (
     OPTIONAL_SOURCE,
     SECONDS,
     SOURCE,
@@ -35,59 +35,15 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
+    from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["ACCESSORIES", "ACCESSORY_COMMANDS"]
+__all__ = ["ACCESSORY_COMMANDS"]
 
-ACCESSORIES: dict[str, Any] = {
-    "MARK:MODE": "OFF",
-    "MARK:X1Y1": "NONE",
-    "MARK:X2Y2": "NONE",
-    "MARK:X1": 0.0,
-    "MARK:X2": 0.0,
-    "MARK:Y1": 0.0,
-    "MARK:Y2": 0.0,
-    "EXT:BWL": False,
-    "EXT:RANG": 8.0,
-    "EXT:UNIT": "VOLT",
-    "EXT:PROB": 1.0,
-    "EXT:STYP": "SING",
-    "DISP:SOUR": "PMEM0",
-    "SAVE:FIL": "",
-    "SAVE:PWD": "",
-    "SAVE:IMAG:AREA": "GRAT",
-    "SAVE:IMAG:FACT": False,
-    "SAVE:IMAG:FORM": "NONE",
-    "SAVE:IMAG:INKS": True,
-    "SAVE:IMAG:PAL": "COL",
-    "SAVE:WAV:FORM": "NONE",
-    "SAVE:WAV:LENG": 1000,
-    "REC:FIL": "",
-    "REC:PWD": "",
-    "MTES:ENAB": False,
-    "MTES:LOCK": False,
-    "MTES:SOUR": "CHAN1",
-    "MTES:AMAS:SOUR": "CHAN1",
-    "MTES:AMAS:UNIT": "DIV",
-    "MTES:AMAS:XDEL": 0.25,
-    "MTES:AMAS:YDEL": 0.25,
-    "MTES:RMOD": "FOR",
-    "MTES:RMOD:SIGM": 6.0,
-    "MTES:RMOD:TIME": 10.0,
-    "MTES:RMOD:WAV": 1000,
-    "MTES:RMOD:STOP": False,
-    "MTES:SCAL:BIND": False,
-    "MTES:SCAL:X1": 0.0,
-    "MTES:SCAL:XDEL": 1.0,
-    "MTES:SCAL:Y1": 0.0,
-    "MTES:SCAL:Y2": 1.0,
-}
-"""Their part of the default setup (that of the mask test is unverified)."""
 _CALIBRATED = {"DATE": (1, 1, 2026), "TIME": (12, 0, 0)}
 """When the user calibration was last done: day, month, year; hours, minutes, seconds."""
 
 
-def _no_medium(_: Dso7104BTwin, *arguments: object) -> None:
+def _no_medium(_: SimulatedDso7104B, *arguments: object) -> None:
     """Nothing is plugged in that files could be on."""
     del arguments
     raise ScpiError(-252)
@@ -99,7 +55,7 @@ def _no_medium(_: Dso7104BTwin, *arguments: object) -> None:
 def _marked(pattern: str, key: str, parameter: Number) -> Command:
     """Declare a cursor's place; setting one by hand turns manual cursors on (5000 series guide)."""
 
-    def write(model: Dso7104BTwin, place: float) -> None:
+    def write(model: SimulatedDso7104B, place: float) -> None:
         model.state["MARK:MODE"] = "MAN"
         model.state[key] = place
 
@@ -112,14 +68,14 @@ def _distance(pattern: str, first: str, second: str) -> Command:
     return Command(pattern, query=lambda model: model.nr3(model.state[second] - model.state[first]))
 
 
-def _set_marker_mode(model: Dso7104BTwin, mode: str) -> None:
+def _set_marker_mode(model: SimulatedDso7104B, mode: str) -> None:
     """Turn cursors on; where none has a source yet they are the measurements'."""
     model.state["MARK:MODE"] = mode
     if mode != "OFF" and model.state["MARK:X1Y1"] == "NONE":
         model.state["MARK:X1Y1"] = model.state["MARK:X2Y2"] = model.state["MEAS:SOUR"][0]
 
 
-def _markers_learned(model: Dso7104BTwin) -> str:
+def _markers_learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return f":MARK:X1Y1 {state['MARK:X1Y1']};X2Y2 {state['MARK:X2Y2']};MODE {state['MARK:MODE']}"
 
@@ -145,7 +101,7 @@ _MARKERS = (
 # --- the input EXTernal
 
 
-def _external_learned(model: Dso7104BTwin) -> str:
+def _external_learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return (
         f":EXT:BWL {boolean(state['EXT:BWL'])};RANG {_short(state['EXT:RANG'])};UNIT {state['EXT:UNIT']};"
@@ -174,7 +130,7 @@ _EXTERNAL = (
 # --- user calibration
 
 
-def _set_label(model: Dso7104BTwin, label: str) -> None:
+def _set_label(model: SimulatedDso7104B, label: str) -> None:
     model.calibration_label = label
 
 
@@ -199,12 +155,12 @@ _CALIBRATION = (
 # --- files
 
 
-def _saving_learned(model: Dso7104BTwin) -> str:
+def _saving_learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return f':SAVE:FIL "{state["SAVE:FIL"]}";PWD "{state["SAVE:PWD"]}"'
 
 
-def _recalling_learned(model: Dso7104BTwin) -> str:
+def _recalling_learned(model: SimulatedDso7104B) -> str:
     return f':REC:FIL "{model.state["REC:FIL"]}";PWD "{model.state["REC:PWD"]}"'
 
 

@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from msgspec import Struct
-
-from vcfbench.sim.instruments.dso7104b.commands import (
-    INVALID,
+from vcfbench.sim.instruments.dso7104b.declarations import (
     OPTIONAL_SOURCE,
     SECONDS,
     SOURCE,
@@ -16,6 +13,7 @@ from vcfbench.sim.instruments.dso7104b.commands import (
     clipped,
     setting,
 )
+from vcfbench.sim.instruments.dso7104b.installed import INVALID, Installed, measured_or_invalid
 from vcfbench.sim.instruments.dso7104b.measurements import MeasuredTrace
 from vcfbench.sim.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean, signed_integer
 from vcfbench.sim.scpi.lexer import Token, TokenKind
@@ -23,24 +21,11 @@ from vcfbench.sim.scpi.lexer import Token, TokenKind
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
-    from vcfbench.sim.instruments.dso7104b.record import Record
+    from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["MEASURE_COMMANDS", "Installed"]
+__all__ = ["MEASURE_COMMANDS"]
 
 _INSTALLED_MOST = 4
-
-
-class Installed(Struct, frozen=True):
-    """A measurement on the screen."""
-
-    label: str
-    sources: tuple[str, ...]
-    of: Callable[..., float | None]
-
-    def value(self, model: Dso7104BTwin, record: Record) -> float:
-        """Return it on a record."""
-        return _try(lambda: self.of(*(model.measured(source, record) for source in self.sources)))
 
 
 class _Definition(Parameter, frozen=True):
@@ -67,22 +52,13 @@ class _Averaging(Choice, frozen=True):
 # --- values
 
 
-def _try(measure: Callable[[], float | None]) -> float:
-    """Return the measurement; without any record it is not measurable, which is no error."""
-    try:
-        value = measure()
-    except ScpiError:
-        return INVALID
-    return INVALID if value is None else value
-
-
-def _measured(model: Dso7104BTwin, source: str | None, of: Callable[[MeasuredTrace], float | None]) -> Any:
+def _measured(model: SimulatedDso7104B, source: str | None, of: Callable[[MeasuredTrace], float | None]) -> Any:
     name = source or model.state["MEAS:SOUR"][0]
-    return model.look(lambda: model.nr3(_try(lambda: of(model.measured(name)))))
+    return model.look(lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(name)))))
 
 
 def _measured_pair(
-    model: Dso7104BTwin,
+    model: SimulatedDso7104B,
     first: str | None,
     second: str | None,
     of: Callable[[MeasuredTrace, MeasuredTrace], float | None],
@@ -90,10 +66,14 @@ def _measured_pair(
     one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
     if two == "NONE":
         return model.nr3(INVALID)
-    return model.look(lambda: model.nr3(_try(lambda: of(model.measured(one), model.measured(two)))))
+    return model.look(
+        lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(one), model.shown.measured(two))))
+    )
 
 
-def _install(model: Dso7104BTwin, name: str, sources: Sequence[str | None], of: Callable[..., float | None]) -> None:
+def _install(
+    model: SimulatedDso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]
+) -> None:
     """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
     defaults = model.state["MEAS:SOUR"]
     named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
@@ -104,19 +84,19 @@ def _install(model: Dso7104BTwin, name: str, sources: Sequence[str | None], of: 
     del model.installed[:-_INSTALLED_MOST]
 
 
-def _clear(model: Dso7104BTwin) -> None:
+def _clear(model: SimulatedDso7104B) -> None:
     model.installed.clear()
-    model.analysed = False
+    model.shown.analysed = False
 
 
 # --- results
 
 
-def _results(model: Dso7104BTwin) -> Any:
+def _results(model: SimulatedDso7104B) -> Any:
     return model.look(lambda: _results_now(model))
 
 
-def _results_now(model: Dso7104BTwin) -> str:
+def _results_now(model: SimulatedDso7104B) -> str:
     """Return what is installed: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
 
     Statistics are of the one record, or of all segments once they have been analysed.
@@ -129,13 +109,13 @@ def _results_now(model: Dso7104BTwin) -> str:
     return ",".join(f"{values[5]:+.0f}" if index == 5 else model.nr3(values[index]) for _, values in rows)
 
 
-def _row(model: Dso7104BTwin, installed: Installed) -> tuple[str, tuple[float, ...]]:
+def _row(model: SimulatedDso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]:
     try:
-        shown, records = model.record, model.records() if model.analysed else [model.record]
+        shown, records = model.shown.record, model.shown.records if model.shown.analysed else [model.shown.record]
     except ScpiError:
         return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
-    current = installed.value(model, shown)
-    values = [value for record in records if (value := installed.value(model, record)) != INVALID]
+    current = installed.value(model.shown.measured, shown)
+    values = [value for record in records if (value := installed.value(model.shown.measured, record)) != INVALID]
     if not values:
         return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
     mean = math.fsum(values) / len(values)
@@ -164,11 +144,11 @@ def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None])
         given = {word for word in words if word is not None}
         return next((word for word in given if word.startswith(("CHAN", "FUNC"))), None), given
 
-    def read(model: Dso7104BTwin, *words: str | None) -> Any:
+    def read(model: SimulatedDso7104B, *words: str | None) -> Any:
         source, given = sorted_out(words)
         return _measured(model, source, lambda trace: of(trace, given))
 
-    def install(model: Dso7104BTwin, *words: str | None) -> None:
+    def install(model: SimulatedDso7104B, *words: str | None) -> None:
         source, given = sorted_out(words)
         _install(model, name, (source,), lambda trace: of(trace, given))
 
@@ -191,11 +171,11 @@ def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], fl
     )
 
 
-def _install_delay(model: Dso7104BTwin, *sources: str | None) -> None:
+def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
     _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state["MEAS:DEL"]))
 
 
-def _delay(model: Dso7104BTwin, first: str | None, second: str | None) -> Any:
+def _delay(model: SimulatedDso7104B, first: str | None, second: str | None) -> Any:
     edges = model.state["MEAS:DEL"]
     return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges))
 
@@ -208,11 +188,11 @@ def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
 # --- settings
 
 
-def _set_sources(model: Dso7104BTwin, first: str, second: str | None) -> None:
+def _set_sources(model: SimulatedDso7104B, first: str, second: str | None) -> None:
     model.state["MEAS:SOUR"] = (first, second or model.state["MEAS:SOUR"][1])
 
 
-def _define(model: Dso7104BTwin, what: str, *values: Any) -> None:
+def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
     """Take `DEFine THResholds,...` or `DEFine DELay,...`."""
     if what == "DEL":
         if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
@@ -220,10 +200,10 @@ def _define(model: Dso7104BTwin, what: str, *values: Any) -> None:
         model.state["MEAS:DEL"] = tuple(int(value) for value in values)
     else:
         model.state["MEAS:THR"] = _threshold_definition(model, values)
-    model.forget_traces()
+    model.shown.forget_traces()
 
 
-def _definition(model: Dso7104BTwin, what: str, source: str | None = None) -> str:
+def _definition(model: SimulatedDso7104B, what: str, source: str | None = None) -> str:
     """Return what was defined; the standard thresholds are told as what they are (from memory, unverified)."""
     del source
     if what == "DEL":
@@ -232,7 +212,7 @@ def _definition(model: Dso7104BTwin, what: str, source: str | None = None) -> st
     return ",".join(("THR", "PERC" if kind == "STAN" else kind, *map(model.nr3, numbers)))
 
 
-def _threshold_definition(model: Dso7104BTwin, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
+def _threshold_definition(model: SimulatedDso7104B, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
     if values == ("STAN",):
         return "STAN", 90.0, 50.0, 10.0
     kind, numbers = (values[0], values[1:]) if isinstance(values[0], str) else ("PERC", values)
@@ -246,7 +226,7 @@ def _threshold_definition(model: Dso7104BTwin, values: tuple[Any, ...]) -> tuple
     return kind, upper, middle, lower
 
 
-def _counter(model: Dso7104BTwin, source: str | None) -> Any:
+def _counter(model: SimulatedDso7104B, source: str | None) -> Any:
     """Return what the hardware counter has counted at the end of its gate; it looks at channels alone."""
     name = source or model.state["MEAS:SOUR"][0]
     if name == "FUNC" or not model.state[f"{name}:DISP"]:
@@ -260,19 +240,19 @@ def _edge_number(value: float) -> int:
     return int(value)
 
 
-def _edge_time(model: Dso7104BTwin, number: float, source: str | None) -> Any:
+def _edge_time(model: SimulatedDso7104B, number: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)))
 
 
-def _value_time(model: Dso7104BTwin, level: float, number: float, source: str | None) -> Any:
+def _value_time(model: SimulatedDso7104B, level: float, number: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
 
 
-def _value_at(model: Dso7104BTwin, seconds: float, source: str | None) -> Any:
+def _value_at(model: SimulatedDso7104B, seconds: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.voltage_at(seconds))
 
 
-def _sources(model: Dso7104BTwin) -> str:
+def _sources(model: SimulatedDso7104B) -> str:
     return ",".join(model.state["MEAS:SOUR"])
 
 

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vcfbench.sim.instruments.dso7104b.commands import INVALID, SOURCE, clipped, setting
-from vcfbench.sim.instruments.dso7104b.function import MathTrace, math_scale, math_trace
+from vcfbench.sim.instruments.dso7104b.declarations import SOURCE, clipped, setting
+from vcfbench.sim.instruments.dso7104b.installed import INVALID
+from vcfbench.sim.instruments.dso7104b.math_settings import MathTrace, math_scale, math_trace
+from vcfbench.sim.instruments.dso7104b.sampling import memory_points
 from vcfbench.sim.scpi import Boolean, Choice, Command, Number, boolean, real, signed_integer
 
 if TYPE_CHECKING:
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
+    from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
 __all__ = ["WAVEFORM_COMMANDS"]
 
@@ -27,12 +29,12 @@ _TEXT_POINTS = 2048
 _TYPES = {"NORM": 0, "PEAK": 1, "AVER": 2, "HRES": 3}
 
 
-def _listed(model: Dso7104BTwin, wanted: float) -> int:
+def _listed(model: SimulatedDso7104B, wanted: float) -> int:
     """Return the largest of 100, 250, 500, 1000, 2000, 5000 ... 4000000, 8000000 that is not above `wanted`."""
     return max(each for each in model.kind.record_lengths if each <= max(100, wanted))
 
 
-def _points(model: Dso7104BTwin) -> int:
+def _points(model: SimulatedDso7104B) -> int:
     """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
     state = model.state
     wanted = state["WAV:POIN"]
@@ -41,10 +43,10 @@ def _points(model: Dso7104BTwin) -> int:
     shallow = state["ACQ:TYPE"] in {"AVER", "PEAK"} or state["WAV:SOUR"] == "FUNC"
     if state["WAV:MODE"] == "NORM" or model.running or shallow:
         return _listed(model, min(wanted, model.kind.screen_points))
-    return min(_listed(model, wanted), model.memory())
+    return min(_listed(model, wanted), memory_points(model.state, model.kind))
 
 
-def _set_points(model: Dso7104BTwin, points: float) -> None:
+def _set_points(model: SimulatedDso7104B, points: float) -> None:
     """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
     screen, deepest = model.kind.screen_points, model.kind.record_lengths[-1]
     words = {-1.0: ("NORM", screen), -2.0: ("MAX", deepest), -3.0: ("RAW", deepest)}
@@ -58,44 +60,44 @@ def _set_points(model: Dso7104BTwin, points: float) -> None:
 # --- scaling
 
 
-def _math(model: Dso7104BTwin) -> MathTrace:
-    return math_trace(model.state, model.record, _points(model))
+def _math(model: SimulatedDso7104B) -> MathTrace:
+    return math_trace(model.state, model.shown.record, _points(model))
 
 
-def _vertical(model: Dso7104BTwin) -> tuple[float, float]:
+def _vertical(model: SimulatedDso7104B) -> tuple[float, float]:
     """Return range and offset of the source as it was acquired."""
     if model.state["WAV:SOUR"] == "FUNC":
         return math_scale(model.state)
-    view = model.record.views[int(model.state["WAV:SOUR"][4:])]
+    view = model.shown.record.views[int(model.state["WAV:SOUR"][4:])]
     return view.range_v, view.offset_v
 
 
-def _horizontal(model: Dso7104BTwin) -> tuple[float, float]:
+def _horizontal(model: SimulatedDso7104B) -> tuple[float, float]:
     """Return increment and origin, s; Hz of an FFT."""
     if model.state["WAV:SOUR"] == "FUNC":
         trace = _math(model)
         return trace.step, trace.first
-    screen = model.record.screen
+    screen = model.shown.record.screen
     return screen.range_s / _points(model), screen.left_s
 
 
-def _scaling(model: Dso7104BTwin) -> tuple[float, float, int, float, float, int]:
+def _scaling(model: SimulatedDso7104B) -> tuple[float, float, int, float, float, int]:
     """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference: the value sent where yorigin is."""
     levels = _LEVELS[model.state["WAV:FORM"]]
     range_, offset = _vertical(model)
     return (*_horizontal(model), 0, range_ / levels, offset, 0 if _signed(model) else levels // 2)
 
 
-def _signed(model: Dso7104BTwin) -> bool:
+def _signed(model: SimulatedDso7104B) -> bool:
     """Tell whether codes are sent as signed integers; of ASCii numbers :WAVeform:UNSigned says nothing."""
     return model.state["WAV:FORM"] != "ASC" and not model.state["WAV:UNS"]
 
 
-def _preamble(model: Dso7104BTwin) -> Any:
+def _preamble(model: SimulatedDso7104B) -> Any:
     return model.look(lambda: _preamble_now(model))
 
 
-def _preamble_now(model: Dso7104BTwin) -> str:
+def _preamble_now(model: SimulatedDso7104B) -> str:
     x_increment, x_origin, x_reference, y_increment, y_origin, y_reference = _scaling(model)
     fields = (
         signed_integer(_FORMATS[model.state["WAV:FORM"]]),
@@ -112,12 +114,12 @@ def _preamble_now(model: Dso7104BTwin) -> str:
     return ",".join(fields)
 
 
-def _average_count(model: Dso7104BTwin) -> int:
+def _average_count(model: SimulatedDso7104B) -> int:
     return int(model.state["ACQ:COUN"]) if model.state["ACQ:TYPE"] == "AVER" else 1
 
 
 def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
-    def read(model: Dso7104BTwin) -> Any:
+    def read(model: SimulatedDso7104B) -> Any:
         def found() -> str:
             value = _scaling(model)[index]
             return signed_integer(value) if integer else model.nr3(value)
@@ -130,7 +132,7 @@ def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
 # --- data
 
 
-def _codes(model: Dso7104BTwin) -> Iterator[NDArray[np.float64]]:
+def _codes(model: SimulatedDso7104B) -> Iterator[NDArray[np.float64]]:
     """Return the record of the waveform source as it is now, block by block, as unsigned codes of the format."""
     if not _shown(model):
         return iter((np.full(_points(model), _HOLE),))
@@ -139,12 +141,12 @@ def _codes(model: Dso7104BTwin) -> Iterator[NDArray[np.float64]]:
     return (_coded(volts, range_, offset, levels) for volts in _blocks(model))
 
 
-def _blocks(model: Dso7104BTwin) -> Iterator[NDArray[np.float64]]:
+def _blocks(model: SimulatedDso7104B) -> Iterator[NDArray[np.float64]]:
     if model.state["WAV:SOUR"] == "FUNC":
         return iter((_math(model).values,))
     channel, points = int(model.state["WAV:SOUR"][4:]), _points(model)
     peak = model.state["ACQ:TYPE"] == "PEAK"
-    return model.record.peak_blocks(channel, points) if peak else model.record.blocks(channel, points)
+    return model.shown.record.peak_blocks(channel, points) if peak else model.shown.record.blocks(channel, points)
 
 
 def _coded(volts: NDArray[np.float64], range_: float, offset: float, levels: int) -> NDArray[np.float64]:
@@ -161,11 +163,11 @@ def _coded(volts: NDArray[np.float64], range_: float, offset: float, levels: int
     return codes
 
 
-def _data(model: Dso7104BTwin) -> Any:
+def _data(model: SimulatedDso7104B) -> Any:
     return model.look(lambda: _data_now(model))
 
 
-def _asked(model: Dso7104BTwin) -> tuple[Any, ...]:
+def _asked(model: SimulatedDso7104B) -> tuple[Any, ...]:
     """Return all that what :WAVeform:DATA? sends of a record depends on."""
     keys = ["WAV:SOUR", "WAV:FORM", "WAV:UNS", "WAV:BYT", "ACQ:TYPE"]
     if model.state["WAV:SOUR"] == "FUNC":
@@ -173,7 +175,7 @@ def _asked(model: Dso7104BTwin) -> tuple[Any, ...]:
     return (_shown(model), _points(model), *(model.state[key] for key in keys))
 
 
-def _shown(model: Dso7104BTwin) -> bool:
+def _shown(model: SimulatedDso7104B) -> bool:
     """Tell whether there is anything of the source: of what is off there are holes alone.
 
     PyMeasure's tests for a real DSOX1102G expect something that can be read; a hole is a place without data (5000
@@ -182,16 +184,16 @@ def _shown(model: Dso7104BTwin) -> bool:
     return bool(model.state[f"{model.state['WAV:SOUR']}:DISP"])
 
 
-def _data_now(model: Dso7104BTwin) -> Any:
+def _data_now(model: SimulatedDso7104B) -> Any:
     form, signed = model.state["WAV:FORM"], _signed(model)
     if form == "ASC":
         written = _writing(model)
         texts = (written(some) for codes in _codes(model) for some in _cut(codes))
-        return model.sent(_asked(model), (b"," * (place > 0) + text for place, text in enumerate(texts)))
+        return model.shown.sent(_asked(model), (b"," * (place > 0) + text for place, text in enumerate(texts)))
     half = _LEVELS[form] // 2 if signed else 0
     order = ">" if model.state["WAV:BYT"] == "MSBF" else "<"
     kind = ("i" if signed else "u") + ("1" if form == "BYTE" else "2")
-    return model.sent(_asked(model), (_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)))
+    return model.shown.sent(_asked(model), (_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)))
 
 
 def _bytes(codes: NDArray[np.float64], half: int, kind: str) -> bytes:
@@ -205,7 +207,7 @@ def _cut(codes: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
     return (codes[start : start + _TEXT_POINTS] for start in range(0, len(codes), _TEXT_POINTS))
 
 
-def _writing(model: Dso7104BTwin) -> Callable[[NDArray[np.float64]], bytes]:
+def _writing(model: SimulatedDso7104B) -> Callable[[NDArray[np.float64]], bytes]:
     """Return what writes codes as numbers, as things are scaled now."""
     _, _, _, increment, origin, reference = _scaling(model)
     number = real(5, model.exponent_digits)
@@ -214,15 +216,15 @@ def _writing(model: Dso7104BTwin) -> Callable[[NDArray[np.float64]], bytes]:
     return lambda codes: ",".join(map(number, ((codes - reference) * increment + origin).tolist())).encode()
 
 
-def _looked_at(of: Callable[[Dso7104BTwin], str]) -> Callable[[Dso7104BTwin], Any]:
+def _looked_at(of: Callable[[SimulatedDso7104B], str]) -> Callable[[SimulatedDso7104B], Any]:
     return lambda model: model.look(lambda: of(model))
 
 
-def _time_tag(model: Dso7104BTwin) -> str:
-    return model.nr3(model.time_tag_s())
+def _time_tag(model: SimulatedDso7104B) -> str:
+    return model.nr3(model.shown.time_tag_s())
 
 
-def _learned(model: Dso7104BTwin) -> str:
+def _learned(model: SimulatedDso7104B) -> str:
     """Return what is sent how, in the shape of the siblings' guides."""
     state = model.state
     return (
@@ -258,7 +260,7 @@ WAVEFORM_COMMANDS = (
     _scaled("YREFerence", 5, integer=True),
     Command("WAVeform:COUNt", query=_average_count, reply=signed_integer),
     Command("WAVeform:TYPE", query=lambda model: model.state["ACQ:TYPE"]),
-    Command("WAVeform:SEGMented:COUNt", query=_looked_at(lambda model: signed_integer(model.segments()))),
+    Command("WAVeform:SEGMented:COUNt", query=_looked_at(lambda model: signed_integer(model.shown.segments()))),
     Command("WAVeform:SEGMented:TTAG", query=_looked_at(_time_tag)),
     setting("WAVeform:VIEW", "WAV:VIEW", Choice(("MAIN",))),
 )

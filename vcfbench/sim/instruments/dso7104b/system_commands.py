@@ -6,7 +6,7 @@ import base64
 import json
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.dso7104b.commands import (
+from vcfbench.sim.instruments.dso7104b.declarations import (
     OPTIONAL_SOURCE,
     SOURCE,
     SourceParameter,
@@ -14,7 +14,7 @@ from vcfbench.sim.instruments.dso7104b.commands import (
     registers,
     setting,
 )
-from vcfbench.sim.instruments.dso7104b.function import math_scale, math_trace
+from vcfbench.sim.instruments.dso7104b.math_settings import math_scale, math_trace
 from vcfbench.sim.instruments.dso7104b.settings import CHANNELS, default_setup
 from vcfbench.sim.scpi import (
     Block,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
+    from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
     from vcfbench.sim.scpi import Pending
 
 __all__ = ["ROOT_COMMANDS", "SYSTEM_COMMANDS"]
@@ -51,28 +51,28 @@ _MATH = len(CHANNELS) + 1
 # --- root
 
 
-def _digitize(model: Dso7104BTwin, *sources: str) -> Pending:
+def _digitize(model: SimulatedDso7104B, *sources: str) -> Pending:
     return model.digitize(*sources)
 
 
-def _show(model: Dso7104BTwin, source: str, *, shown: bool) -> None:
+def _show(model: SimulatedDso7104B, source: str, *, shown: bool) -> None:
     model.state[f"{source}:DISP"] = shown
 
 
-def _blank(model: Dso7104BTwin, source: str | None) -> None:
+def _blank(model: SimulatedDso7104B, source: str | None) -> None:
     for one in (source,) if source else (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
         _show(model, one, shown=False)
 
 
-def _activity(model: Dso7104BTwin) -> Any:
+def _activity(model: SimulatedDso7104B) -> Any:
     """Return edges and levels, a bit a channel: whether it crosses its trigger level, and is above it at the end."""
     return model.look(lambda: _activity_now(model))
 
 
-def _activity_now(model: Dso7104BTwin) -> str:
+def _activity_now(model: SimulatedDso7104B) -> str:
     edges = levels = 0
     for bit, channel in enumerate(CHANNELS):
-        above = model.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
+        above = model.shown.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
         edges |= (above.any() and not above.all()) << bit
         levels |= bool(above[-1]) << bit
     return f"{signed_integer(edges)},{signed_integer(levels)}"
@@ -124,7 +124,7 @@ ROOT_COMMANDS = (
 # --- pictures
 
 
-def _picture(model: Dso7104BTwin, kind: str, area: str | None, palette: str | None) -> Any:
+def _picture(model: SimulatedDso7104B, kind: str, area: str | None, palette: str | None) -> Any:
     """Return the screen; a TIFF is the graticule in two tones (5000 series guide; number of the refusal unverified)."""
     from vcfbench.sim.instruments.dso7104b.screen import PictureStyle, screenshot  # noqa: PLC0415  # few take one
 
@@ -134,15 +134,16 @@ def _picture(model: Dso7104BTwin, kind: str, area: str | None, palette: str | No
     return model.look(lambda: block(screenshot(_traces(model), kind, look), 8))
 
 
-def _traces(model: Dso7104BTwin) -> dict[int, NDArray[Any]]:
+def _traces(model: SimulatedDso7104B) -> dict[int, NDArray[Any]]:
     """Return the shown traces, each -0.5...0.5 of the screen, the math trace as the fifth; none without a record."""
     try:
-        record = model.record
+        record = model.shown.record
     except ScpiError:
         return {}
     shown = [channel for channel in CHANNELS if model.state[f"CHAN{channel}:DISP"]]
     traces = {
-        channel: (model.trace(f"CHAN{channel}").volts - record.views[channel].offset_v) / record.views[channel].range_v
+        channel: (model.shown.trace(f"CHAN{channel}").volts - record.views[channel].offset_v)
+        / record.views[channel].range_v
         for channel in shown
     }
     if model.state["FUNC:DISP"]:
@@ -151,7 +152,7 @@ def _traces(model: Dso7104BTwin) -> dict[int, NDArray[Any]]:
     return traces
 
 
-def _hard_copy_learned(model: Dso7104BTwin) -> str:
+def _hard_copy_learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
     state = model.state
     return (
@@ -164,7 +165,7 @@ def _hard_copy_learned(model: Dso7104BTwin) -> str:
 # --- system
 
 
-def _setup(model: Dso7104BTwin) -> bytes:
+def _setup(model: SimulatedDso7104B) -> bytes:
     """Return the setup as a block; its inside is ours.
 
     It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests for a real DSOX1102G read it as
@@ -173,7 +174,7 @@ def _setup(model: Dso7104BTwin) -> bytes:
     return block(base64.b64encode(json.dumps(model.state).encode()), 8)
 
 
-def _set_setup(model: Dso7104BTwin, data: bytes) -> None:
+def _set_setup(model: SimulatedDso7104B, data: bytes) -> None:
     try:
         state = json.loads(base64.b64decode(data, validate=True))
     except ValueError:
@@ -185,11 +186,11 @@ def _set_setup(model: Dso7104BTwin, data: bytes) -> None:
     model.restore(state | tuples)
 
 
-def _set_date(model: Dso7104BTwin, year: int, month: int, day: int) -> None:
+def _set_date(model: SimulatedDso7104B, year: int, month: int, day: int) -> None:
     model.date = (year, month, day)
 
 
-def _set_time(model: Dso7104BTwin, hour: int, minute: int, second: int) -> None:
+def _set_time(model: SimulatedDso7104B, hour: int, minute: int, second: int) -> None:
     model.time = (hour, minute, second)
 
 
@@ -198,13 +199,13 @@ def _list_of(values: tuple[int, ...]) -> str:
 
 
 def _put(name: str) -> Callable[..., None]:
-    def write(model: Dso7104BTwin, value: Any) -> None:
+    def write(model: SimulatedDso7104B, value: Any) -> None:
         setattr(model, name, value)
 
     return write
 
 
-def _display_learned(model: Dso7104BTwin) -> str:
+def _display_learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
     state = model.state
     return (
@@ -213,7 +214,7 @@ def _display_learned(model: Dso7104BTwin) -> str:
     )
 
 
-def _system_learned(model: Dso7104BTwin) -> str:
+def _system_learned(model: SimulatedDso7104B) -> str:
     """Return the settings; of what a real one says there nothing is known."""
     state = model.state
     return f":SYST:LOCK {boolean(state['SYST:LOCK'])};PROT:LOCK {boolean(state['SYST:PROT'])}"

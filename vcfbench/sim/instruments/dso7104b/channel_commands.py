@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.sim.instruments.dso7104b.commands import VOLTS, clipped, of_channel
+from vcfbench.sim.instruments.dso7104b.declarations import VOLTS, clipped, of_channel
 from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, Text, boolean, quoted
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
+    from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
     from vcfbench.sim.scpi.lexer import Token
 
 __all__ = ["VERTICAL_COMMANDS"]
@@ -23,7 +23,7 @@ class _Label(Text, frozen=True):
         return Text.parse(self, token)[:10].upper()
 
 
-def _set_range(model: Dso7104BTwin, channel: int, volts: float) -> None:
+def _set_range(model: SimulatedDso7104B, channel: int, volts: float) -> None:
     """Set the full screen: 16 mV to 40 V times the probe; the offset follows its limit."""
     probe = model.state[f"CHAN{channel}:PROB"]
     model.state[f"CHAN{channel}:RANG"] = clipped(model, volts, model.kind.least_range_v * probe, 40.0 * probe)
@@ -32,23 +32,23 @@ def _set_range(model: Dso7104BTwin, channel: int, volts: float) -> None:
     model.state[f"CHAN{channel}:OFFS"] = min(max(offset, -reach), reach)
 
 
-def _set_scale(model: Dso7104BTwin, channel: int, volts: float) -> None:
+def _set_scale(model: SimulatedDso7104B, channel: int, volts: float) -> None:
     _set_range(model, channel, 8.0 * volts)
 
 
-def _offset_reach(model: Dso7104BTwin, channel: int) -> float:
+def _offset_reach(model: SimulatedDso7104B, channel: int) -> float:
     """Return the largest offset: 5 V below 10 mV/div, 20 V to 200 mV/div, 75 V above (unverified)."""
     probe = model.state[f"CHAN{channel}:PROB"]
     scale = model.state[f"CHAN{channel}:RANG"] / 8.0 / probe
     return float(probe * (5.0 if scale < 0.01 else 20.0 if scale <= 0.2 else 75.0))
 
 
-def _set_offset(model: Dso7104BTwin, channel: int, volts: float) -> None:
+def _set_offset(model: SimulatedDso7104B, channel: int, volts: float) -> None:
     reach = _offset_reach(model, channel)
     model.state[f"CHAN{channel}:OFFS"] = clipped(model, volts, -reach, reach)
 
 
-def _set_probe(model: Dso7104BTwin, channel: int, ratio: float) -> None:
+def _set_probe(model: SimulatedDso7104B, channel: int, ratio: float) -> None:
     """Change the attenuation: range and offset scale with it."""
     factor = ratio / model.state[f"CHAN{channel}:PROB"]
     for key in ("RANG", "OFFS"):
@@ -56,7 +56,7 @@ def _set_probe(model: Dso7104BTwin, channel: int, ratio: float) -> None:
     model.state[f"CHAN{channel}:PROB"] = ratio
 
 
-def _set_impedance(model: Dso7104BTwin, channel: int, word: str) -> None:
+def _set_impedance(model: SimulatedDso7104B, channel: int, word: str) -> None:
     """Change the input resistance; 50 ohm only once the protection is cleared (that number of refusal unverified)."""
     if word == "FIFT" and model.state[f"CHAN{channel}:PROT"] == "TRIP":
         raise ScpiError(-221)
@@ -64,15 +64,15 @@ def _set_impedance(model: Dso7104BTwin, channel: int, word: str) -> None:
     model.inputs.terminate(channel, fifty=word == "FIFT")
 
 
-def _clear_protection(model: Dso7104BTwin, channel: int) -> None:
+def _clear_protection(model: SimulatedDso7104B, channel: int) -> None:
     model.state[f"CHAN{channel}:PROT"] = "NORM"
 
 
-def _of(model: Dso7104BTwin, channel: int, key: str) -> str:
+def _of(model: SimulatedDso7104B, channel: int, key: str) -> str:
     return model.nr3(model.state[f"CHAN{channel}:{key}"])
 
 
-def _learned(model: Dso7104BTwin, channel: int) -> str:
+def _learned(model: SimulatedDso7104B, channel: int) -> str:
     """Return the learn string of one channel, in the shape of a recorded one."""
 
     def of(key: str) -> Any:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.sim.instruments.dso7104b.commands import clipped, number, setting
+from vcfbench.sim.instruments.dso7104b.declarations import clipped, number, setting
+from vcfbench.sim.instruments.dso7104b.sampling import memory_points, sample_rate_hz
 from vcfbench.sim.scpi import Boolean, Choice, Command, Integer, Limits, Number, ScpiError, boolean, signed_integer
 
 if TYPE_CHECKING:
-    from vcfbench.sim.instruments.dso7104b.instrument import Dso7104BTwin
+    from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
 __all__ = ["TIMING_COMMANDS"]
 
@@ -20,7 +21,7 @@ _POSITION = Number(unit="S", limits=Limits(-500.0, 500.0))
 def _scale(name: str, key: str) -> Command:
     """Declare a scale, a tenth of the range of the same window."""
 
-    def write(model: Dso7104BTwin, seconds: float) -> None:
+    def write(model: SimulatedDso7104B, seconds: float) -> None:
         model.state[key] = 10.0 * seconds
 
     return Command(
@@ -28,7 +29,7 @@ def _scale(name: str, key: str) -> Command:
     )
 
 
-def _learned(model: Dso7104BTwin) -> str:
+def _learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return (
         f":TIM:MODE {state['TIM:MODE']};REF {state['TIM:REF']};"
@@ -36,19 +37,19 @@ def _learned(model: Dso7104BTwin) -> str:
     )
 
 
-def _set_index(model: Dso7104BTwin, index: float) -> None:
+def _set_index(model: SimulatedDso7104B, index: float) -> None:
     """Show another segment: one of those that were acquired."""
-    model.state["SEGM:IND"] = int(clipped(model, index, 1, max(1, model.segments())))
+    model.state["SEGM:IND"] = int(clipped(model, index, 1, max(1, model.shown.segments())))
 
 
-def _analyze(model: Dso7104BTwin) -> None:
+def _analyze(model: SimulatedDso7104B) -> None:
     """Measure over all segments; without any the settings are in conflict (number of the refusal unverified)."""
-    if not model.segments():
+    if not model.shown.segments():
         raise ScpiError(-221)
-    model.analysed = True
+    model.shown.analysed = True
 
 
-def _acquire_learned(model: Dso7104BTwin) -> str:
+def _acquire_learned(model: SimulatedDso7104B) -> str:
     """Return how it acquires, in the shape of the siblings' guides (unverified for this model)."""
     state = model.state
     return (
@@ -83,7 +84,7 @@ TIMING_COMMANDS = (
         reply=signed_integer,
     ),
     Command("ACQuire:SEGMented:ANALyze", do=_analyze),
-    Command("ACQuire:POINts", query=lambda model: model.memory(), reply=signed_integer),
-    Command("ACQuire:SRATe", query=lambda model: model.nr3(model.sample_rate())),
+    Command("ACQuire:POINts", query=lambda model: memory_points(model.state, model.kind), reply=signed_integer),
+    Command("ACQuire:SRATe", query=lambda model: model.nr3(sample_rate_hz(model.state, model.kind))),
 )
 """What is said to :TIMebase and :ACQuire."""
