@@ -172,9 +172,10 @@ def _parameters(bench: vcfbench.BenchDescription) -> Any:
     return overridden(paper_bench(), bench.simulation.override)
 
 
-def main(count: int = 50, first: int = 0, procedure: str = "bandwidth") -> None:
+def main(count: str = "50", first: str = "0", procedure: str = "bandwidth") -> None:
+    seeds = range(int(first), int(first) + int(count))
     with ProcessPoolExecutor(2) as pool:
-        answers = list(pool.map(scores, [procedure] * count, range(first, first + count)))
+        answers = list(pool.map(scores, [procedure] * len(seeds), seeds))
     found = [each for each in answers if not isinstance(each, str)]
     print(*(each for each in answers if isinstance(each, str)), f"{len(found)} of {count} gyroscopes", sep="\n")
     for name in found[0]:
@@ -184,4 +185,4 @@ def main(count: int = 50, first: int = 0, procedure: str = "bandwidth") -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *sys.argv[3:])
+    main(*sys.argv[1:])

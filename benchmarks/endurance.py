@@ -71,12 +71,12 @@ def many(port: int, rounds: int = 500) -> list[Figure]:
             client.sendall(QUESTION)
         while any(left.values()):
             for key, _ in waiting.select():
-                client = key.fileobj
-                assert isinstance(client, socket.socket)  # noqa: S101
-                assert client.recv(4096).endswith(b"\n")  # noqa: S101
-                left[client] -= 1
-                if left[client]:
-                    client.sendall(QUESTION)
+                answered = key.fileobj
+                assert isinstance(answered, socket.socket)  # noqa: S101
+                assert answered.recv(4096).endswith(b"\n")  # noqa: S101
+                left[answered] -= 1
+                if left[answered]:
+                    answered.sendall(QUESTION)
         took = time.perf_counter() - started
     return [report(Figure(f"{CLIENTS} clients at once, all", CLIENTS * rounds / took, "1/s"))]
 

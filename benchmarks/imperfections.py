@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
 IDEAL = vcfbench.load_bench("ideal")
+assert IDEAL.simulation is not None  # noqa: S101 - its file has one
+SIMULATION = IDEAL.simulation
 GYRO = ideal_bench()
 K, K_VC = -12.542052e-3, 150.0
 """What `ideal` was made for: V/(deg/s), (deg/s)/V."""
@@ -81,7 +83,7 @@ def noise_bandwidth_hz(aperture_s: float) -> float:
     drive = 2.0 * math.pi * 3488.9
     at = np.stack([drive + 2.0 * math.pi * f, drive - 2.0 * math.pi * f])
     owns = [2.0 * math.pi * own_hz for own_hz in (3342.0, 3464.1)]
-    bands = sum(1.0 / (own**2 - at**2 + 1j * own * at / 1224.0) for own in owns)
+    bands = np.sum([1.0 / (own**2 - at**2 + 1j * own * at / 1224.0) for own in owns], axis=0)
     power = 0.5 * (np.abs(bands) ** 2).sum(axis=0) / bands[0, 0].real ** 2 * np.sinc(f * aperture_s) ** 2
     return float(np.trapezoid(power, f))
 
@@ -99,27 +101,27 @@ def rate_answer(f: Any) -> Any:
 
 def slope_ppm(run: Any, ideal: Any) -> float:
     """Return how far the table's scale factor is from that of the ideal bench."""
-    return 1e6 * (run.results.turntable.scale_factor.value / ideal.results.turntable.scale_factor.value - 1.0)
+    return float(1e6 * (run.results.turntable.scale_factor.value / ideal.results.turntable.scale_factor.value - 1.0))
 
 
 def k_vc_ppm(run: Any, ideal: Any) -> float:
     """Return how far K_Vc is from that of the ideal bench."""
-    return 1e6 * (run.results.k_vc.value / ideal.results.k_vc.value - 1.0)
+    return float(1e6 * (run.results.k_vc.value / ideal.results.k_vc.value - 1.0))
 
 
 def difference_ppm(run: Any, _ideal: Any) -> float:
     """Return how far the virtual scale factor is from the table's."""
-    return 1e4 * run.results.scale_factor_error_percent
+    return float(1e4 * run.results.scale_factor_error_percent)
 
 
 def bias_uv(run: Any, ideal: Any) -> float:
     """Return how far the table's bias is from that of the ideal bench."""
-    return 1e6 * (run.results.turntable.bias.value - ideal.results.turntable.bias.value)
+    return float(1e6 * (run.results.turntable.bias.value - ideal.results.turntable.bias.value))
 
 
 def bias_difference_uv(run: Any, _ideal: Any) -> float:
     """Return how far the virtual bias is from the table's."""
-    return 1e6 * run.results.comparison.bias_difference_v
+    return float(1e6 * run.results.comparison.bias_difference_v)
 
 
 def turned(part: str, **values: Any) -> dict[str, Any]:
@@ -156,11 +158,9 @@ def cases() -> Iterator[Case]:
     quadrature = {name: {"quadrature_rad_s": math.radians(100.0)} for name in ("sense_in_phase", "sense_anti_phase")}
     leak = [sum((1j * cmath.exp(-1j * math.radians(e)) / a).real for a in none) for e in (0.0, 1.0)]
     rotated = {**quadrature, "sense_path": {"demodulator_phase_rad": math.pi + math.radians(1.0)}}
-    yield Case(
-        *("demodulator 1 deg off, 100 deg/s of quadrature", "bias"),
-        *(1e6 * K * -100.0 * (leak[1] - leak[0]) / base, 20.0, "uV", bias_uv, rotated),
-        against=quadrature,
-    )
+    name = "demodulator 1 deg off, 100 deg/s of quadrature"
+    demodulated_uv = 1e6 * K * -100.0 * (leak[1] - leak[0]) / base
+    yield Case(name, "bias", demodulated_uv, 20.0, "uV", bias_uv, rotated, against=quadrature)
     for angle_deg in (-5.0, 5.0):
         carrier = turned("virtual_path", carrier_phase_rad=math.pi + math.radians(angle_deg))
         change = 1e6 * (gain(*none, phase_deg=angle_deg) / base - 1.0)
@@ -197,11 +197,8 @@ def of_instruments() -> Iterator[Case]:
     yield Case("generator's gain, 1 %", "K_Vc", 1e4, 20.0, "ppm", k_vc_ppm, errors=whole)
     yield Case("generator's gain, 1 %", "virtual against table", 0.0, 5.0, "ppm", difference_ppm, errors=whole)
     above = 2.0 * (200.0**2 + 100.0**2 + 50.0**2) / SXX
-    yield Case(
-        *("generator's gain, 1 % above 0.32 V", "virtual against table"),
-        *(1e4 * above, 20.0, "ppm", difference_ppm),
-        errors=stepped,
-    )
+    name = "generator's gain, 1 % above 0.32 V"
+    yield Case(name, "virtual against table", 1e4 * above, 20.0, "ppm", difference_ppm, errors=stepped)
     offset = ranges((10.0, 0.0, 2e-3))
     yield Case(
         *("generator's offset, 2 mV", "virtual less table's bias", 1e6 * K * K_VC * 2e-3, 10.0, "uV"),
@@ -304,11 +301,9 @@ def of_the_drive_and_split(base: float) -> Iterator[Case]:
     quadrature = {name: {**of, "quadrature_rad_s": math.radians(100.0)} for name, of in damped.items()}
     changed = modes(in_quality=0.01, anti_quality=0.01)
     leak = sum((1j / a).real for a in changed) - sum((1j / a).real for a in modes())
-    yield Case(
-        *("Q of the sense modes +1 %, 100 deg/s of quadrature", "bias"),
-        *(1e6 * K * -100.0 * leak / base, 10.0, "uV", bias_uv, quadrature),
-        against={name: {"quadrature_rad_s": math.radians(100.0)} for name in damped},
-    )
+    name, leak_uv = "Q of the sense modes +1 %, 100 deg/s of quadrature", 1e6 * K * -100.0 * leak / base
+    without = {mode: {"quadrature_rad_s": math.radians(100.0)} for mode in damped}
+    yield Case(name, "bias", leak_uv, 10.0, "uV", bias_uv, quadrature, against=without)
     heated = turned("thermal", self_heating_k=0.3, bias_coefficient_deg_s_k=30.0 / 3600.0)
     yield Case(
         *("bias 30 deg/h/K, 0.3 K of own heat", "bias, warm", 1e6 * K * 9.0 / 3600.0, 0.3, "uV", bias_uv, heated),
@@ -375,8 +370,8 @@ def of_noise() -> Iterator[Case]:
 def run_of(case: Case, override: Mapping[str, Any], errors: Mapping[str, Any], where: str) -> Any:
     """Run the calibration of `case` on the ideal bench with that."""
     simulation = structs.replace(
-        IDEAL.simulation,
-        errors=structs.replace(IDEAL.simulation.errors, **errors),
+        SIMULATION,
+        errors=structs.replace(SIMULATION.errors, **errors),
         override={name: dict(values) for name, values in override.items()},
     )
     bench = structs.replace(IDEAL, simulation=simulation)

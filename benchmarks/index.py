@@ -12,7 +12,7 @@ import tempfile
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import vcfbench
@@ -22,7 +22,7 @@ from vcfbench.runs.summary import selection_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-SELECTIONS = (
+SELECTIONS: tuple[dict[str, Any], ...] = (
     {"dut": "G-0042"},
     {"dut": "G-0042", "tags": {"batch": "3"}},
     {"tags": {"batch": "3"}},

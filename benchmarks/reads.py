@@ -60,7 +60,7 @@ def _peer() -> float | None:
         return None
     from pymeasure.instruments import Instrument  # noqa: PLC0415 - a peer that need not be there
 
-    class Meter(Instrument):
+    class Meter(Instrument):  # type: ignore[misc]  # it has no types
         voltage = Instrument.measurement("READ?", "Read the voltage.")
 
     with tempfile.TemporaryDirectory() as folder:

@@ -35,6 +35,8 @@ from tests.procedures.test_k_vc import truth, warm
 from vcfbench.bench.simulated import instrument_errors, physical_parameters
 
 LAB = vcfbench.load_bench("lab")
+assert LAB.simulation is not None  # noqa: S101 - its file has one
+SIMULATION = LAB.simulation
 PAPER_RATES = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0]
 TABLE_PPM = 10.0
 MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
@@ -43,7 +45,7 @@ MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it ar
 def bench_of(seed: int, errors: str, ageing: dict[str, Any]) -> Any:
     """Return the bench of a seed: its specimens by name, so that they stay while the noise's seed changes."""
     rng = np.random.default_rng([seed, 1])
-    drawn = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=_all("drawn")))
+    drawn = structs.replace(LAB, simulation=structs.replace(SIMULATION, errors=_all("drawn")))
     specimens = {role: _plain(each) for role, each in instrument_errors(drawn, seed).items()}
     rate_error = 1e-6 * TABLE_PPM * float(rng.uniform(-1.0, 1.0))
     if errors == "none":
@@ -51,13 +53,14 @@ def bench_of(seed: int, errors: str, ageing: dict[str, Any]) -> Any:
     specimens["rate_table"] = "drawn" if errors != "none" else "none"  # the read-back alone, which gets into no result
     specimens["power"] = specimens["oscilloscope"] = "drawn"
     table = {"table": {"rate_error": rate_error}}
-    simulation = structs.replace(LAB.simulation, errors=structs.replace(_all("drawn"), **specimens))
+    simulation = structs.replace(SIMULATION, errors=structs.replace(_all("drawn"), **specimens))
     return structs.replace(LAB, simulation=structs.replace(simulation, override={**table, **ageing}))
 
 
 def _all(how: str) -> Any:
-    kind = type(LAB.simulation.errors)
-    return kind(**dict.fromkeys(kind.__struct_fields__, how))
+    kind = type(SIMULATION.errors)
+    told: dict[str, Any] = dict.fromkeys(kind.__struct_fields__, how)
+    return kind(**told)
 
 
 def _plain(errors: Any) -> Any:

@@ -145,7 +145,7 @@ def pyvisa_asker(port: int, question: str) -> Iterator[Callable[[], str]]:
     """Give what asks once through PyVISA-py."""
     import pyvisa  # noqa: PLC0415
 
-    end = {"read_termination": "\n", "write_termination": "\n"}
+    end: dict[str, Any] = {"read_termination": "\n", "write_termination": "\n"}
     instrument: Any = pyvisa.ResourceManager("@py").open_resource(f"TCPIP0::127.0.0.1::{port}::SOCKET", **end)
     instrument.timeout = 20_000
     try:

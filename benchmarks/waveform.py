@@ -56,7 +56,9 @@ def visa(resource: str, chunk: int | None = None) -> Iterator[Any]:
     """Give PyVISA-py's resource, reading in pieces of `chunk` bytes, or of PyVISA's default."""
     import pyvisa  # noqa: PLC0415
 
-    end = {"read_termination": "\n", "write_termination": "\n"} if resource.endswith("SOCKET") else {}
+    end: dict[str, Any] = {}
+    if resource.endswith("SOCKET"):
+        end = {"read_termination": "\n", "write_termination": "\n"}
     instrument: Any = pyvisa.ResourceManager("@py").open_resource(resource, **end)
     instrument.timeout = 120_000
     if chunk is not None:
