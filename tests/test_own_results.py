@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +56,7 @@ def procedure(results: Callable[[Any, Sequence[Point]], Any], **changes: Any) ->
     own = vcfbench.Procedure(
         name="swing", title="Measure how far it swings.", settings=turntable.settings, plan=plan, results=results
     )
-    return replace(own, **changes)
+    return msgspec.structs.replace(own, **changes)
 
 
 def perform(runs: Path, results: Callable[[Any, Sequence[Point]], Any], **changes: Any) -> Run:

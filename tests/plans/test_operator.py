@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -115,7 +114,9 @@ def asking() -> vcfbench.Procedure[Any, Any]:
     def plan(_settings: Any) -> Plan:
         return plan_of(MOVE, AskOperator("put a cover on it", takes_s=5.0))
 
-    return replace(turntable, name="asking", plan=plan, results=lambda _settings, _points: {}, needs={}, uses={})
+    return structs.replace(
+        turntable, name="asking", plan=plan, results=lambda _settings, _points: {}, needs={}, uses={}
+    )
 
 
 def answers(run: vcfbench.Run) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -167,7 +166,7 @@ def test_points_without_it_have_the_columns_that_they_had() -> None:
 
 
 MEASURED = [
-    dataclasses.replace(POINT, step=4, rate_deg_s=rate, v_vc_measured_v=rate / 36.0, v_vc_std_v=1e-6)
+    msgspec.structs.replace(POINT, step=4, rate_deg_s=rate, v_vc_measured_v=rate / 36.0, v_vc_std_v=1e-6)
     for rate in (10.0, 0.0, -10.0)
 ]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +41,7 @@ def blank(settings: SweepSettings) -> list[Point]:
 
 
 def moved(points: list[Point], by_v: NDArray[np.float64]) -> list[Point]:
-    return [replace(point, output_v=point.output_v + float(v)) for point, v in zip(points, by_v, strict=True)]
+    return [structs.replace(point, output_v=point.output_v + float(v)) for point, v in zip(points, by_v, strict=True)]
 
 
 def found(settings: SweepSettings, points: list[Point]) -> SweptTurntableResult:

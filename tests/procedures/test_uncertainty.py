@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,7 +130,9 @@ def test_the_difference_of_the_methods_scatters_as_stated_when_generators_are_dr
 
 def test_a_meter_on_v_vc_goes_into_k_vc_by_its_gain_and_cancels_in_the_virtual_column() -> None:
     meter = Sources(v_vc_gain=35e-6, v_vc_offset_v=50e-6, v_vc_sigmas=4.0)
-    points = [replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=3e-6) if p.step in {2, 4} else p for p in four_steps()]
+    points = [
+        structs.replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=3e-6) if p.step in {2, 4} else p for p in four_steps()
+    ]
     stated = four_step_statement(settings(meter), points, Matching.of(points, Match.ZERO, 10.0))
     scatter = 3e-6 * math.sqrt(2.0 / (4 * READINGS)) * K_VC / 10.0
     assert stated.value("k_vc").u == pytest.approx(K_VC * math.hypot(35e-6 / 4, scatter))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -147,7 +146,7 @@ def four_steps_of(outputs: np.ndarray, std_v: float = 0.0) -> list[Point]:
 def of_virtual_line(sources: Sources, outputs: np.ndarray, v_vc_std_v: float | None = None) -> StatedValue:
     points = four_steps_of(outputs)
     if v_vc_std_v is not None:
-        points = [replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=v_vc_std_v) for p in points]
+        points = [structs.replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=v_vc_std_v) for p in points]
     stated = four_step_statement(settings(sources), points, Matching.of(points, Match.ZERO, 10.0))
     return stated.value("virtual.nonlinearity")
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec import structs
 
 import vcfbench
 from tests import warm
@@ -122,6 +123,6 @@ def test_the_command_prints_writes_and_answers_in_json(two: Path) -> None:
 
 def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:
     run = vcfbench.load_run("last", two / "runs")
-    comparison = compare_runs(run, replace(run))
+    comparison = compare_runs(run, structs.replace(run))
     assert {d.value for each in comparison.results for d in each.differences} == {0.0}
     assert comparison.settings == {}

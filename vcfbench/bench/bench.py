@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from contextlib import ExitStack
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -44,8 +43,7 @@ if TYPE_CHECKING:
 __all__ = ["Bench", "open_bench"]
 
 
-@dataclass(frozen=True, slots=True, repr=False, eq=False)
-class Bench:
+class Bench(Struct, frozen=True, eq=False):
     """The instruments of an open bench by role, each within the bench's limits.
 
     `instruments` has those that were opened. Asking for another is a ConfigError that says what the bench file lacks.

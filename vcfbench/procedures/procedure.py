@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
@@ -35,8 +34,7 @@ PAPER_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWavef
 """What they look at the drive signal with; without it they say that it was not checked."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Procedure(Generic[S, R]):
+class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     """One calibration: its name, settings, plan, results, report and the roles it needs.
 
     Args:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 
@@ -44,8 +45,7 @@ class Status(StrEnum):
     UNREADABLE = "unreadable"
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
+class Point(Struct, frozen=True):
     """One averaged point: step, rate (deg/s), V_Vc (V), mean output (V), its scatter (V), count.
 
     `step` is the number of the procedure's step. `rate_deg_s` is the table's rate; in step 4 of the virtual Coriolis

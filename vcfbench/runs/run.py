@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from msgspec import Struct
+from msgspec import Struct, field
+from msgspec.structs import astuple
 
 from vcfbench.errors import ConfigError
 from vcfbench.record.damage import own_readings
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point, Status
 
 
-class RawReading(Struct, frozen=True):
-    """One reading of the multimeter as it is in the record.
+class RawReading(NamedTuple):
+    """One reading of the multimeter as it is in the record; a tuple, of which pandas makes a row with these names.
 
     `number` is that of the step that was performed, from 1; `step` is the procedure's step (1 to 4), as in a point.
     `t_s` is bench time, s. `voltage_v` is the reading, V. `table_rate_deg_s` is what the table read back at the end of
@@ -43,8 +43,7 @@ class RawReading(Struct, frozen=True):
     v_vc_v: float | None = None
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class Run:
+class Run(Struct, frozen=True, eq=False):
     """What a run came to: its points, results, verdict and record.
 
     `procedure` is its name. `status` says how it ended (``run.status == "complete"``). `points` are the averaged points
@@ -83,8 +82,8 @@ class Run:
     metadata: RunMetadata = field(default_factory=RunMetadata)
     equipment: tuple[Equipment, ...] = ()
     resumed: tuple[str, ...] = ()
-    _came_to: Report = field(default=Report(), repr=False)
-    _measured: Any = field(default=None, repr=False, compare=False)
+    _came_to: Report = Report()
+    _measured: Any = None
 
     @property
     def measured(self) -> Measured:
@@ -165,6 +164,13 @@ class Run:
             **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
         }
         return answer if self.error is None else {**answer, "error": str(self.error)}
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether all but what was measured is the same: a run of a record reads that when it is asked for."""
+        return isinstance(other, Run) and astuple(self)[:-1] == astuple(other)[:-1]
+
+    def __hash__(self) -> int:
+        return hash(astuple(self)[:-1])
 
     def __repr__(self) -> str:
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"

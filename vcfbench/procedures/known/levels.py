@@ -6,8 +6,9 @@ A generator reads back its setting to the last digit, however far its level is o
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
 
 from vcfbench.models import find_model, resolve
 from vcfbench.plans.step import answer

@@ -7,11 +7,11 @@ weights go with it, and noise and flicker go through them with all their correla
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, SweepSettings, window_grid
