@@ -289,13 +289,14 @@ def test_a_failed_limit_is_a_verdict_and_no_error(tmp_path: Path) -> None:
 class Breaks:
     """An observer with a mistake."""
 
-    def __init__(self) -> None:
+    def __init__(self, mistake: Exception) -> None:
         self.events = 0
+        self.mistake = mistake
 
     def handle(self, event: object) -> None:
         del event
         self.events += 1
-        raise ZeroDivisionError("a mistake")
+        raise self.mistake
 
 
 class Hears:
@@ -309,11 +310,15 @@ class Hears:
 
 
 def test_an_observer_that_fails_is_left_out_and_the_run_goes_on(quick: Run, tmp_path: Path) -> None:
-    breaks, hears = Breaks(), Hears()
-    run = vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path, observers=[breaks, hears])
+    breaks, hears = Breaks(ZeroDivisionError("a mistake")), Hears()
+    asks = Breaks(vcfbench.ConfigError("there is no run 'x'"))  # as an error of the run itself would be
+    run = vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path, observers=[breaks, asks, hears])
     assert run.points == quick.points
-    assert breaks.events == 1
-    assert run.observers_lost == ("1 (Breaks): ZeroDivisionError: a mistake",)
+    assert (breaks.events, asks.events) == (1, 1)
+    assert run.observers_lost == (
+        "1 (Breaks): ZeroDivisionError: a mistake",
+        "2 (Breaks): ConfigError: there is no run 'x'",
+    )
     assert vcfbench.load_run(record_of(run)).observers_lost == run.observers_lost
     assert sum(isinstance(event, vcfbench.ReadingTaken) for event in hears.events) == len(run.readings)
 

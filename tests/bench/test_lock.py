@@ -12,7 +12,7 @@ import pytest
 from msgspec import structs
 
 from vcfbench.bench.file import parse_bench, template
-from vcfbench.bench.lock import InUse, instrument_locks, lock_directory, lock_path
+from vcfbench.bench.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path
 from vcfbench.bench.station import station
 from vcfbench.errors import BenchError
 
@@ -64,6 +64,16 @@ def test_all_are_taken_or_none(holder: subprocess.Popen[str]) -> None:
     with instrument_locks("other", {"rate_source": "GPIB0::10::INSTR"}):
         owner = json.loads(lock_path("GPIB0::10::INSTR").read_text("utf-8"))
     assert (owner["pid"], owner["station"], owner["resource"]) == (os.getpid(), "other", "GPIB0::10::INSTR")
+
+
+def test_a_lock_that_cannot_be_used_hides_nobody_who_has_another(folder: Path) -> None:
+    (lock_path("GPIB0::10::INSTR")).mkdir(parents=True)
+    both = {"rate_source": "GPIB0::10::INSTR", "power": SUPPLY}
+    with pytest.raises(LockUnusable, match="Is a directory"), instrument_locks("other", both):
+        pytest.fail("it has no lock")
+    with instrument_locks("one", {"power": SUPPLY}), pytest.raises(InUse), instrument_locks("other", both):
+        pytest.fail("two have it")
+    assert folder.is_dir()
 
 
 def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[str]) -> None:

@@ -104,6 +104,17 @@ def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: Serve
         process.communicate()
 
 
+def test_locks_that_cannot_be_used_keep_nothing_from_being_made_safe(
+    lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = bench_file(lab, tmp_path)
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(path))  # no directory
+    code, out, err = call(path)
+    assert code == 0
+    assert "the instruments are not locked, another process may have them: lock file " in err
+    assert [line.split()[0] for line in out.splitlines()[-3:]] == ["rate_table", "rate_source", "power"]
+
+
 def test_a_bench_at_rest_is_found_at_rest() -> None:
     done = safe_bench(load_bench(None))
     assert [(each.role, each.found) for each in done.instruments] == [

@@ -28,7 +28,7 @@ from vcfbench.files import try_lock, unlock
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["InUse", "instrument_locks", "lock_directory", "lock_path"]
+__all__ = ["InUse", "LockUnusable", "instrument_locks", "lock_directory", "lock_path"]
 
 _VARIABLE: Final = "VCFBENCH_LOCKS"
 _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
@@ -39,6 +39,10 @@ class InUse(BenchError):
     """Another process has an instrument of the bench."""
 
 
+class LockUnusable(BenchError):
+    """A lock cannot be taken, whoever has the instrument: no file can be made, or something else lies there."""
+
+
 @contextmanager
 def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[None]:
     """Hold the locks of `resources`, role to resource name: all of them, or none.
@@ -47,13 +51,19 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Non
 
     Raises:
         InUse: another process has one of them; says which, who, where and since when.
-        BenchError: a lock file cannot be used.
+        LockUnusable: a lock file cannot be used, and nobody is known to have one of the others.
     """
     keys = {resource_key(resource): (role, resource) for role, resource in resources.items()}
+    unusable: LockUnusable | None = None
     with ExitStack() as stack:
         for key in sorted(keys):
             role, resource = keys[key]
-            stack.enter_context(_lock(lock_path(resource), station, role, resource))
+            try:
+                stack.enter_context(_lock(lock_path(resource), station, role, resource))
+            except LockUnusable as error:
+                unusable = unusable or error
+        if unusable is not None:
+            raise unusable
         yield
 
 
@@ -104,7 +114,7 @@ def _locked(path: Path, role: str, resource: str) -> int:
             taken = try_lock(file)
         except OSError as error:  # a file system without locks
             os.close(file)
-            raise BenchError(f"lock file {path} cannot be locked: {error.strerror}") from None
+            raise LockUnusable(f"lock file {path} cannot be locked: {error.strerror}") from None
         if taken and _is_at(file, path):
             return file
         os.close(file)
@@ -125,11 +135,11 @@ def _opened(path: Path) -> int:
             path.parent.mkdir(parents=True, exist_ok=True)
         file = _opened_or_made(path)
     except OSError as error:
-        raise BenchError(f"lock file {path} cannot be opened: {error.strerror}") from None
+        raise LockUnusable(f"lock file {path} cannot be opened: {error.strerror}") from None
     found = os.fstat(file)
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
         os.close(file)
-        raise BenchError(f"lock file {path} is no plain file; somebody has laid it there")
+        raise LockUnusable(f"lock file {path} is no plain file; somebody has laid it there")
     return file
 
 

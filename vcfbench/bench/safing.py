@@ -7,11 +7,11 @@ then it is opened properly, made safe and proved. What does not answer keeps not
 from __future__ import annotations
 
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.bench.file import described
-from vcfbench.bench.lock import InUse
+from vcfbench.bench.lock import InUse, LockUnusable
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
@@ -57,10 +57,14 @@ class Safed:
 
 @dataclass(frozen=True, slots=True)
 class MadeSafe:
-    """What making a bench safe came to, in the order in which it was done."""
+    """What making a bench safe came to, in the order in which it was done.
+
+    `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it.
+    """
 
     instruments: tuple[Safed, ...]
     reports: tuple[SafeReport, ...]
+    unlocked: str | None = None
 
     def failure(self) -> NotSafe | None:
         """Return the error that names what is not proved safe, None when all is."""
@@ -73,7 +77,8 @@ class MadeSafe:
 def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: bool = False) -> MadeSafe:
     """Make everything on the bench that drives something safe, whatever it is doing, and say what it was found doing.
 
-    With `force` also when another process has the bench, which may switch things on again.
+    With `force` also when another process has the bench, which may switch things on again. Locks that cannot be used
+    keep nothing from being made safe.
 
     Raises:
         InUse: another process has the bench.
@@ -82,10 +87,10 @@ def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: boo
     """
     description = described(bench)
     with StopSignals() as signals, ExitStack() as stack:
-        stand = _station(description, stack, force=force)
+        stand, unlocked = _station(description, stack, force=force)
         signals.unwind()  # nothing here can be stopped half-way and be called safe
         try:
-            return _made_safe(description, stand)
+            return replace(_made_safe(description, stand), unlocked=unlocked)
         except LeaveNow:
             raise NotSafe(
                 "NOT SAFE: making safe was ended by a third signal", hint="look at every instrument"
@@ -94,15 +99,19 @@ def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: boo
             signals.close()
 
 
-def _station(description: BenchDescription, stack: ExitStack, *, force: bool) -> UnopenedBench:
+def _station(description: BenchDescription, stack: ExitStack, *, force: bool) -> tuple[UnopenedBench, str | None]:
+    """Return the bench to be opened, and why it could not be locked, None where nothing kept it from that."""
+    unlocked: str | None = None
     try:
-        return stack.enter_context(station(description, None, None))
+        return stack.enter_context(station(description, None, None)), None
+    except LockUnusable as error:  # a disk that is read-only by now, or what somebody has laid there
+        unlocked = str(error)
     except (InUse, ConnectFailed) as error:
         if not force:
             if isinstance(error, InUse):
                 error.hint = f"end that process, it makes its bench safe; or --force speaks beside it; {error.hint}"
             raise
-    return UnopenedBench(WallClock(), description.visa_library, table_port(description))
+    return UnopenedBench(WallClock(), description.visa_library, table_port(description)), unlocked
 
 
 def _made_safe(description: BenchDescription, stand: UnopenedBench) -> MadeSafe:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vcfbench.cli.answer import answer, print_json
+from vcfbench.cli.ending import say
 from vcfbench.cli.tracing import Trace_, tracing
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ def safe(
     description = load_bench(bench)
     with tracing(trace):
         done = safe_bench(description, force=force)
+
+    if done.unlocked is not None:
+        say(f"vcfbench: the instruments are not locked, another process may have them: {done.unlocked}")
 
     def show() -> None:
         if json:

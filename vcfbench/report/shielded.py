@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Self
 
-from vcfbench.errors import BenchError
+from vcfbench.errors import Aborted, NotSafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,8 +69,10 @@ class Shielded:
     def _guarded(self, act: Callable[[], object]) -> None:
         try:
             act()
-        except BenchError:  # a signal that came just now: it is meant for the run
+        except (Aborted, NotSafe):  # a signal that came just now: it is meant for the run
             raise
         except Exception as error:  # noqa: BLE001  # a display may fail as it likes
+            if (stop := Aborted.behind(error)) is not None:
+                raise stop from None
             self._display = None
             self.lost = f"{type(error).__name__}: {error}"
