@@ -17,7 +17,8 @@ from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Waveform
 from vcfbench.plans.steps import CaptureSines, ConfigureScope, SineRecord
-from vcfbench.procedures.phase import CaptureSense, PhaseSettings
+from vcfbench.procedures.phase.results import CaptureSense
+from vcfbench.procedures.phase.settings import PhaseSettings
 from vcfbench.testing import simulated
 
 OVERRIDES = {

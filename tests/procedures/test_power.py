@@ -12,9 +12,10 @@ from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
+from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged
 from vcfbench.procedures.power.results import valid_output
-from vcfbench.procedures.power.settings import By, PowerSettings
+from vcfbench.procedures.power.settings import PowerSettings
 
 if TYPE_CHECKING:
     from vcfbench.plans.step import Step
@@ -107,14 +108,14 @@ def test_the_second_rail_waits_at_0_v_and_all_is_off_between_orders() -> None:
 
 
 def test_the_rails_end_where_they_were_and_stay_within_the_step() -> None:
-    for by in By:
+    for by in ScaleFactorBy:
         steps = planned(by=by, cycles=1)
         rails = [step for step in steps if isinstance(step, ConfigureRail)]
         assert [step.voltage_v for step in rails[-2:]] == [10.0, -10.0]
         assert {abs(step.voltage_v) for step in rails} == {9.8, 10.0, 10.2}
         turned = {step.rate_deg_s for step in steps if isinstance(step, SetRate)}
-        assert turned == ({0.0} if by is By.V_VC else {0.0, 200.0, -200.0})
-        assert any(isinstance(step, SetVvc) for step in steps) is (by is By.V_VC)
+        assert turned == ({0.0} if by is ScaleFactorBy.V_VC else {0.0, 200.0, -200.0})
+        assert any(isinstance(step, SetVvc) for step in steps) is (by is ScaleFactorBy.V_VC)
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,10 @@ from vcfbench.plans.steps import (
     SetTemperature,
     StopFlow,
 )
+from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
-from vcfbench.procedures.temperature.settings import By, TemperatureSettings
+from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.record.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
 
@@ -173,7 +174,7 @@ def test_without_a_chamber_a_person_sets_each_temperature_and_the_room_again() -
 
 
 def test_by_the_table_it_turns_both_ways_at_each_temperature() -> None:
-    steps = planned(by=By.TABLE, cycles=1, level_deg_s=150.0)
+    steps = planned(by=ScaleFactorBy.TABLE, cycles=1, level_deg_s=150.0)
     assert {step.rate_deg_s for step in steps if isinstance(step, SetRate)} == {0.0, 150.0, -150.0}
     assert {step.v_vc_v for step in steps if isinstance(step, Acquire)} == {0.0}
 

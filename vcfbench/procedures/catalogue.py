@@ -61,7 +61,7 @@ BUILT_IN = {
         "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
     ),
     "phase": (
-        "vcfbench.procedures.phase:PHASE",
+        "vcfbench.procedures.phase.plan:PHASE",
         "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     ),
     "temperature": (

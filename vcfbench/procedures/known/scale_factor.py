@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,11 +26,32 @@ __all__ = [
     "AtRestSettings",
     "ReadScaleFactor",
     "ScaleFactor",
+    "ScaleFactorBy",
     "ScaleFactorRead",
+    "contradictions_of_level",
     "read_scale_factor",
     "scale_factor_of",
     "scale_factor_used",
 ]
+
+
+class ScaleFactorBy(Enum):
+    """What the scale factor is taken with."""
+
+    V_VC = "v-vc"
+    TABLE = "table"
+
+
+def contradictions_of_level(
+    by: ScaleFactorBy, level_deg_s: float, max_rate_deg_s: float | None
+) -> Iterator[InvalidValue]:
+    """Yield why the scale factor cannot be taken on the table at `level_deg_s`: no table, or too fast a rate."""
+    if by is not ScaleFactorBy.TABLE:
+        return
+    if max_rate_deg_s is None:
+        yield InvalidValue("by", "v-vc: the bench has no rate table", by.value)
+    elif level_deg_s > max_rate_deg_s:
+        yield InvalidValue("level_deg_s", f"at most {max_rate_deg_s:g} deg/s (limits)", level_deg_s)
 
 
 class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):

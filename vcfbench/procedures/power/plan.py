@@ -29,9 +29,9 @@ from vcfbench.plans.steps import (
     Settle,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import read_scale_factor
+from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.power.results import RailDraw, RailsDrawn, RailsLogged, power_report, power_results
-from vcfbench.procedures.power.settings import By, Order, PowerSettings
+from vcfbench.procedures.power.settings import Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     go_to_rate,
@@ -220,7 +220,7 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
     table_deg_s = 0.0 if held else None
     yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s)
     level = settings.level_deg_s
-    if settings.by is By.TABLE:
+    if settings.by is ScaleFactorBy.TABLE:
         for rate_deg_s, previous_deg_s in ((level, 0.0), (-level, level)):
             yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
             yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)

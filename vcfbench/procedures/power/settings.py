@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.procedures.known.scale_factor import AtRestSettings
+from vcfbench.procedures.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-__all__ = ["By", "Order", "PowerSettings", "Varied"]
+__all__ = ["Order", "PowerSettings", "Varied"]
 
 Order = Literal["together", "positive", "negative"]
 Varied = Literal["positive", "negative", "both"]
-
-
-class By(Enum):
-    """What the scale factor is taken with."""
-
-    V_VC = "v-vc"
-    TABLE = "table"
 
 
 class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
@@ -50,8 +42,9 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
         float, Meta(ge=0.05, le=5.0, description="how far a rail is moved either way, within the limits")
     ] = 0.2
     by: Annotated[
-        By, Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True})
-    ] = By.V_VC
+        ScaleFactorBy,
+        Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True}),
+    ] = ScaleFactorBy.V_VC
     level_deg_s: Annotated[
         float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
     ] = 200.0
@@ -82,7 +75,4 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
                     yield InvalidValue(
                         "rail_step_v", f"at most {most_v:g} V, for the limits of the rails", self.rail_step_v
                     )
-        if self.by is By.TABLE and limits.max_rate_deg_s is None:
-            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
-        if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
-            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
+        yield from contradictions_of_level(self.by, self.level_deg_s, limits.max_rate_deg_s)

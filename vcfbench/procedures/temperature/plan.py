@@ -43,7 +43,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import read_scale_factor
+from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
     energised,
@@ -56,7 +56,7 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
-from vcfbench.procedures.temperature.settings import STEADY_MEANS, By, TemperatureSettings
+from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -140,8 +140,8 @@ def _soak(settings: TemperatureSettings) -> Routine[None]:
     samples = max(4, round(settings.soak_window_s / settings.sample_interval_s))
     window = Acquire(
         2,
-        settings.level_deg_s if settings.by is By.TABLE else 0.0,
-        settings.level_v if settings.by is By.V_VC else 0.0,
+        settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0,
+        settings.level_v if settings.by is ScaleFactorBy.V_VC else 0.0,
         _table_deg_s(settings, 1.0),
         **{**window_of(settings), "samples": samples},
     )
@@ -172,7 +172,7 @@ def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool
 
 def _level(settings: TemperatureSettings, sign: float, previous: float = 0.0) -> Routine[float]:
     """Apply the level with this sign; at 0 V_Vc is off. Return V_Vc as it reads back, V."""
-    if settings.by is By.TABLE:
+    if settings.by is ScaleFactorBy.TABLE:
         rate, before = sign * settings.level_deg_s, previous * settings.level_deg_s
         yield from go_to_rate(settings, rate, previous_deg_s=before)
         return 0.0
@@ -189,7 +189,7 @@ def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
     """Return what the table must read back, None where there is none."""
     if settings.station.limits.max_rate_deg_s is None:
         return None
-    return sign * settings.level_deg_s if settings.by is By.TABLE else 0.0
+    return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
 
 
 def _measured_there(settings: TemperatureSettings) -> Routine[None]:

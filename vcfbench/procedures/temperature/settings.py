@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.procedures.bandwidth import BandwidthSettings
-from vcfbench.procedures.known.scale_factor import AtRestSettings
+from vcfbench.procedures.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["STEADY_MEANS", "By", "Celsius", "TemperatureSettings"]
+__all__ = ["STEADY_MEANS", "Celsius", "TemperatureSettings"]
 
 STEADY_MEANS = 3
 """So many means in a row must stand still."""
 Celsius = Annotated[float, Meta(ge=-100.0, le=200.0)]
-
-
-class By(Enum):
-    """What the scale factor is taken with."""
-
-    V_VC = "v-vc"
-    TABLE = "table"
 
 
 class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
@@ -52,8 +44,9 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
         60.0
     )
     by: Annotated[
-        By, Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True})
-    ] = By.V_VC
+        ScaleFactorBy,
+        Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True}),
+    ] = ScaleFactorBy.V_VC
     level_deg_s: Annotated[
         float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
     ] = 200.0
@@ -107,7 +100,4 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
         if self.longest_soak_s < self.soak_s + STEADY_MEANS * self.soak_window_s:
             least_s = self.soak_s + STEADY_MEANS * self.soak_window_s
             yield InvalidValue("longest_soak_s", f"at least {least_s:g} s: soak_s and three means", self.longest_soak_s)
-        if self.by is By.TABLE and limits.max_rate_deg_s is None:
-            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
-        if self.by is By.TABLE and limits.max_rate_deg_s is not None and self.level_deg_s > limits.max_rate_deg_s:
-            yield InvalidValue("level_deg_s", f"at most {limits.max_rate_deg_s:g} deg/s (limits)", self.level_deg_s)
+        yield from contradictions_of_level(self.by, self.level_deg_s, limits.max_rate_deg_s)
