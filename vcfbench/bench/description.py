@@ -5,10 +5,8 @@ must decide itself (resources, limits, latitude) has no default. Every role may 
 Settings of procedures are those of their own classes (:mod:`vcfbench.bench.settings`).
 """
 
-from __future__ import annotations
-
-from datetime import date  # noqa: TC003 - msgspec reads it
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from datetime import date
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
@@ -46,9 +44,7 @@ from vcfbench.bench.parts import (
     OscilloscopeWiring,
     RailWiring,
 )
-
-if TYPE_CHECKING:
-    from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import ProcedureSettings
 
 __all__ = [
     "CALIBRATION_KEYS",

@@ -1,12 +1,10 @@
 """Tables of the bench file that settings of procedures hold too: wiring, limits, what is expected and what passes."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from msgspec import Struct
 
-from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
+from vcfbench.bench.bounds import (
     Acceleration,
     Current,
     DriftWindow,

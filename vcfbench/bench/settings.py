@@ -4,14 +4,13 @@
 key has its range in its type, and what it means in the `description` beside it. `station` is what the place gives.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from enum import Enum
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from msgspec import Meta, Struct, field, structs
 
-from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
+from vcfbench.bench.bounds import (
     Acceleration,
     AmplitudeWindow,
     Current,
@@ -32,14 +31,8 @@ from vcfbench.bench.bounds import (  # noqa: TC001 - msgspec reads them
 )
 from vcfbench.bench.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.parts import AcceptanceLimits, Expected, Limits, OscilloscopeWiring, RailWiring
+from vcfbench.bench.parts import AcceptanceLimits, Expected, Limits, Node, OscilloscopeWiring, RailWiring
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from typing import Self
-
-    from vcfbench.bench.parts import Node
 
 __all__ = [
     "PAPER_RATES_DEG_S",

@@ -4,23 +4,18 @@ A drift of the zero reads as scale factor where rate and time go together: in th
 0.4 % of the scale factor. In `ABBA` each pair of rates is taken +, -, -, +, which a linear drift leaves as it is.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from itertools import count
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
 from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.flicker import KnownFlickerSettings
 from vcfbench.procedures.sweep.agreement import SWEEP_DRIFT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from vcfbench.bench.settings import ProcedureSettings
 
 __all__ = [
     "ABBA_SIGNS",

@@ -1,9 +1,8 @@
 """What can be set of the virtual Coriolis calibration."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterator
+from typing import Annotated
 
 from msgspec import Meta
 
@@ -12,8 +11,6 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import Match, rate_words
 from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 __all__ = ["VirtualCoriolisSettings"]
 
 
