@@ -73,6 +73,7 @@ class WindowNoise(Struct, frozen=True):
         readings = np.array([point.n for point in points])
         dof = sum(point.n - 1 for point in points)
         pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / dof
+        pooled = _resolved(pooled, settings.meter_resolution_v, int(readings.max()))
         white = cls(readings, pooled, float(dof), np.empty(0), None)
         known, successive = settings.station.sources, _successive_zeros(points)
         stated = known.bias_instability_deg_h
@@ -137,6 +138,17 @@ class WindowNoise(Struct, frozen=True):
         flicker = self.by_flicker(weights, [each.steady for each in sums])
         more, also = _jointly("flicker", sums, flicker, self.flicker_dof)
         return sources + more, correlations | also
+
+
+def _resolved(variance_v2: float, resolution_v: float, readings: int) -> float:
+    """Return the variance of one reading such that means have no less than the last digit leaves them.
+
+    Readings that scatter by less than half a digit are alike, and their mean is no better than one of them. Those that
+    scatter by more average the digit out.
+    """
+    if variance_v2 >= 0.25 * resolution_v**2:
+        return variance_v2
+    return max(variance_v2, readings * resolution_v**2 / 12.0)
 
 
 _LEAST_DOF = 2.0
