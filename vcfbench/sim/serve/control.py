@@ -48,8 +48,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.sim.serve.clock import ServedClock
-    from vcfbench.sim.serve.instrument import AttendedPassage, Client, ServedInstrument
+    from vcfbench.sim.serve.instrument import Client, ServedInstrument
     from vcfbench.sim.serve.loop import Loop, Timer
+    from vcfbench.sim.serve.passage import AttendedPassage
 
 __all__ = ["ControlServer", "Controlled", "Refused"]
 

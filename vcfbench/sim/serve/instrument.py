@@ -8,16 +8,13 @@ through (terminator, IEEE 488.2 message exchange), as in a box with several.
 from __future__ import annotations
 
 import math
-import re
-import sys
-import traceback
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Protocol
 
 from vcfbench.sim.rate_tables.line import LineDevice
 from vcfbench.sim.rate_tables.stream import FrameDevice
 from vcfbench.sim.scpi import RS232, Interface, ScpiError, ScpiTwin
-from vcfbench.sim.scpi.lexer import find_message_end
+from vcfbench.sim.serve.framing import NOTHING_EMPTY, empty_messages, message_sizes, shortest_calls
 
 if TYPE_CHECKING:
     import socket
@@ -26,9 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
     from vcfbench.sim.serve.clock import ServedClock
 
-__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "AttendedPassage", "Client", "ServedInstrument"]
-
-Bytes: TypeAlias = bytes | bytearray
+__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "Client", "ServedInstrument"]
 
 SOCKET = Interface("lan", message_exchange=False)
 CONVERTER = Interface("converter", message_exchange=False, break_byte=b"\x03")
@@ -47,10 +42,6 @@ _CLEAR = b"++clr"
 _NEVER_KNOWN = (b"#", b"\x03", b"++")
 """What is in messages that must be looked at each time: blocks, breaks, words to a converter."""
 _NOTHING = math.inf
-_BLANK = re.compile(rb"[\r\n]*")
-_NONE_BLANK = re.compile(b"")
-_PATIENCE_S = 0.005
-"""Wall time without a word from anybody after which a lockstep clock goes on to the next status that comes unasked."""
 
 
 class Client:
@@ -123,7 +114,7 @@ class Client:
         if self.overlong:
             data = self._skip(data, end=end, tag=tag)
         self.partial += data
-        blank = instrument.blank if self.pushes else _NONE_BLANK  # elsewhere even an empty message interrupts
+        blank = instrument.blank if self.pushes else NOTHING_EMPTY  # elsewhere even an empty message interrupts
         while True:
             if (found := blank.match(self.partial)) is not None and found.end():
                 del self.partial[: found.end()]
@@ -191,6 +182,16 @@ class DelayingWire(Protocol):
         ...
 
 
+class PassingTime(Protocol):
+    """What lets bench time pass, for an instrument that does something by itself."""
+
+    next_due_s: float
+    """When the next of all instruments does something, inf for never."""
+
+    working: list[ServedInstrument]
+    """Those that work something out, a slice a turn."""
+
+
 class _Nobody(Client):
     """Takes the answer to a question whose asker has left."""
 
@@ -223,7 +224,7 @@ class ServedInstrument:
         """What goes wrong with answers: what is left of one, its end, and how late that is, s."""
         self.late: deque[tuple[float, Client, bytes, bool]] = deque()
         """Answers on their way, and the bench times at which they arrive."""
-        self.passage: AttendedPassage | None = None
+        self.passage: PassingTime | None = None
         self.lines: list[DelayingWire] = []
         """Serial lines whose characters take time."""
         self.watches_service = False
@@ -237,12 +238,12 @@ class ServedInstrument:
         self.engine = device.engine if isinstance(device, ScpiTwin) else None
         limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
         self.longest = limit + 8
-        self.message_size, self.line_size = _framing(device)
+        self.message_size, self.line_size = message_sizes(device)
         self.binary = isinstance(device, FrameDevice)
         """Whether every byte may be part of a message: none means a break."""
-        self.blank = _blank(device)
+        self.blank = empty_messages(device)
         """Finds the ends of messages without anything before them, which mean nothing."""
-        self._write, self._read, self._wake_at = _shortest(device)
+        self._write, self._read, self._wake_at = shortest_calls(device)
         if self.engine is not None:
             self.engine.hand_over = self._hand_over
         self.speaks = self.engine is None and device.wake_at() is not None
@@ -261,7 +262,7 @@ class ServedInstrument:
     def power(self, *, on: bool) -> None:
         """Let the instrument take and say something, or nothing at all."""
         if on:
-            self._write, self._read, self._wake_at = _shortest(self.device)
+            self._write, self._read, self._wake_at = shortest_calls(self.device)
         else:
             self._write, self._read = (lambda _data, **_end: None), (lambda _limit: (b"", False))
 
@@ -597,192 +598,3 @@ class ServedInstrument:
             if not client.closed:
                 client.deliver(data, end=end)
                 client.refill()
-
-
-def _shortest(device: Device) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:
-    """Return the device's write, read and wake_at, past what only passes them on."""
-    kind = type(device)
-    if (kind.write, kind.read, kind.wake_at) == (ScpiTwin.write, ScpiTwin.read, ScpiTwin.wake_at):
-        device = cast("Device", cast("ScpiTwin", device).engine)
-    return device.write, device.read, device.wake_at
-
-
-def _framing(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
-    """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
-    if isinstance(device, ScpiTwin):
-        return _scpi_size if device.engine.dialect.takes_blocks else _newline_size, _newline_size
-    if isinstance(device, FrameDevice):
-        return device.message_size, device.message_size
-    return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
-
-
-def _blank(device: Device) -> re.Pattern[bytes]:
-    """Return what finds the ends of empty messages for `device`, which it need not be told of."""
-    if isinstance(device, ScpiTwin):
-        return _BLANK
-    if isinstance(device, LineDevice) and not isinstance(device, FrameDevice):
-        return re.compile(b"[%b]*" % re.escape(device.terminators))
-    return _NONE_BLANK
-
-
-def _newline_size(data: Bytes) -> int:
-    return data.find(b"\n") + 1
-
-
-def _line_size(data: Bytes) -> int:
-    """Return the length of the first line in `data`, ended by CR or LF, 0 while it is incomplete."""
-    ends = [index for index in (data.find(b"\r"), data.find(b"\n")) if index >= 0]
-    return min(ends) + 1 if ends else 0
-
-
-def _scpi_size(data: Bytes) -> int:
-    """Return the length of the first message in `data`, 0 while it is incomplete."""
-    return find_message_end(data) + 1
-
-
-def _served(instrument: ServedInstrument) -> None:
-    """Serve `instrument`; one that makes a mistake is left alone until somebody speaks to it, the others go on."""
-    try:
-        instrument.serve()
-    except Exception:  # noqa: BLE001  (as in the loop)
-        traceback.print_exc(file=sys.stderr)
-        instrument.due_s = _NOTHING
-
-
-def _worked(instrument: ServedInstrument) -> bool:
-    """Let `instrument` work out a slice; return whether there is more, which one that makes a mistake does not have."""
-    try:
-        return instrument.work()
-    except Exception:  # noqa: BLE001  (as in the loop)
-        traceback.print_exc(file=sys.stderr)
-        instrument.device.clear()
-        return False
-
-
-class AttendedPassage:
-    """Lets bench time pass, and looks in on the devices at the instants at which they do something by themselves."""
-
-    def __init__(self, clock: ServedClock) -> None:
-        self.clock = clock
-        self.instruments: list[ServedInstrument] = []
-        self.next_due_s = _NOTHING
-        self.working: list[ServedInstrument] = []
-        """Those that work something out, a slice a turn: bench time waits for it wherever it would jump."""
-        self.tells = False
-        """Whether who leads the clock tells when it waits for what comes unasked, so that nobody need guess."""
-        self.errands: list[tuple[float, Callable[[], None]]] = []
-        """Other things to do at bench times, in order (scheduled faults)."""
-
-    def add(self, instrument: ServedInstrument) -> None:
-        """Look in on `instrument` too."""
-        self.instruments.append(instrument)
-        instrument.passage = self
-        instrument.touched()
-
-    def restart(self) -> None:
-        """Forget every errand; time begins anew at 0, at once if somebody is connected."""
-        self.errands.clear()
-        self.clock.restart()
-        if any(client.comes_and_goes for each in self.instruments for client in each.clients):
-            self.clock.start()
-        elif any(each.speaks and each.clients for each in self.instruments):
-            self.clock.run_ahead()
-        self.next_due_s = _NOTHING
-        for each in self.instruments:
-            each.touched()
-
-    def at(self, instant_s: float, action: Callable[[], None]) -> None:
-        """Do `action` at bench time `instant_s`."""
-        self.errands.append((instant_s, action))
-        self.errands.sort(key=lambda errand: errand[0])
-        self.next_due_s = min(self.next_due_s, instant_s)
-
-    def tick(self) -> None:
-        """Bring bench time up to date with the wall clock."""
-        reached = self.clock.catch_up(self.next_due_s)
-        if reached >= self.next_due_s:
-            self.pass_to(reached)
-        if self.working:
-            self._work()
-
-    def _work(self) -> None:
-        """Let each that works something out do a slice of it."""
-        for each in tuple(self.working):
-            if not _worked(each):
-                self.working.remove(each)
-
-    def _work_out(self) -> None:
-        """Let everybody come to the end of what it works out, before time jumps."""
-        while self.working:
-            self._work()
-
-    def wait_s(self) -> float:
-        """Return the wall seconds until something is due; jump there instead if the clock does and somebody waits."""
-        if self.working:
-            return 0.0
-        if self.next_due_s == _NOTHING:
-            return _NOTHING
-        if self.clock.jumps:
-            due = min((each.due_s for each in self.instruments if each.awaited), default=_NOTHING)
-            if due < _NOTHING:
-                self.jump_to(due)
-                return 0.0
-            if self._next_unasked_s() < _NOTHING:
-                return _PATIENCE_S
-        return self.clock.wall_until(self.next_due_s)
-
-    def idle(self) -> None:
-        """Go on to the next status that comes unasked, if who leads the clock seems to wait for it."""
-        due = self._next_unasked_s()
-        if self.clock.jumps and due < _NOTHING:
-            self.jump_to(due)
-
-    def _next_unasked_s(self) -> float:
-        if not self.clock.lockstep or self.tells:
-            return _NOTHING
-        return min((each.due_s for each in self.instruments if each.listened_to), default=_NOTHING)
-
-    def jump_to(self, instant_s: float) -> None:
-        """Let time jump to `instant_s`, stopping wherever something is due."""
-        self._work_out()
-        self.pass_to(instant_s)
-        self.clock.sleep_until(instant_s)
-
-    def pass_to(self, instant_s: float) -> None:
-        """Let time pass until `instant_s`."""
-        while (due := self._earliest()) <= instant_s:
-            self._arrive(due)
-        self.clock.move(instant_s)
-
-    def pass_until(self, done: Callable[[], bool], instant_s: float, most: int) -> bool:
-        """Let time jump from one thing that is due to the next until `done`, or `instant_s`; False after `most`."""
-        for _ in range(most):
-            self._work_out()
-            if done():
-                instant_s = self.clock.now()
-            elif (due := self._earliest()) <= instant_s:
-                self._arrive(due)
-                continue
-            self.clock.sleep_until(instant_s)
-            return True
-        self.clock.sleep_until(self.clock.now())
-        return False
-
-    def _arrive(self, due_s: float) -> None:
-        """Do what is due."""
-        self.clock.move(due_s)
-        self._do_errands(due_s)
-        for each in self.instruments:
-            if each.due_s <= due_s:
-                _served(each)
-
-    def _earliest(self) -> float:
-        due = min((each.due_s for each in self.instruments), default=_NOTHING)
-        if self.errands:
-            due = min(due, self.errands[0][0])
-        self.next_due_s = due
-        return due
-
-    def _do_errands(self, now_s: float) -> None:
-        while self.errands and self.errands[0][0] <= now_s:
-            self.errands.pop(0)[1]()

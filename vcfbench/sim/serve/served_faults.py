@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from vcfbench.sim.faults import Fault, FaultScript
-    from vcfbench.sim.serve.instrument import AttendedPassage, ServedInstrument
+    from vcfbench.sim.serve.instrument import ServedInstrument
+    from vcfbench.sim.serve.passage import AttendedPassage
     from vcfbench.sim.serve.wire import Listener
 
 __all__ = ["ServedFaults", "require_roles"]

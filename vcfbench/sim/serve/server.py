@@ -18,8 +18,9 @@ from vcfbench.sim.faults import FaultScript
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
 from vcfbench.sim.serve.hislip import HislipServer
-from vcfbench.sim.serve.instrument import CONVERTER, SOCKET, AttendedPassage, ServedInstrument
+from vcfbench.sim.serve.instrument import CONVERTER, SOCKET, ServedInstrument
 from vcfbench.sim.serve.loop import Loop
+from vcfbench.sim.serve.passage import AttendedPassage
 from vcfbench.sim.serve.raw import ByteStream, Pty, TcpStream, has_ptys
 from vcfbench.sim.serve.serial_pty import SerialPty
 from vcfbench.sim.serve.served_faults import ServedFaults, require_roles
