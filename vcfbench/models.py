@@ -142,12 +142,12 @@ def _trueform(name: str, sine_hz: float) -> Model:
 
 def _x_series(name: str) -> Model:
     """Return the row of an InfiniiVision 3000 X or 4000 X."""
-    kind = f"Keysight{name[:3].title()}{name[3:]}"  # DSOX3024A: KeysightDsoX3024A
     return Model(
         name,
         ("oscilloscope",),
-        driver=f"vcfbench.drivers.infiniivision:{kind}",
-        twin=f"vcfbench.sim.instruments.infiniivision:{kind}Twin",
+        driver="vcfbench.drivers.infiniivision:InfiniiVisionX",
+        twin="vcfbench.sim.instruments.infiniivision:InfiniiVisionXTwin",
+        own={},
         console="vcfbench.bench.guard.rules:no_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11"}),

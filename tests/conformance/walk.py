@@ -48,7 +48,7 @@ from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
 from vcfbench.sim.instruments.e36312a import E36312ATwin
 from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.instruments.infiniivision import KeysightDsoX3024ATwin, XSeriesErrors
+from vcfbench.sim.instruments.infiniivision import InfiniiVisionXTwin, XSeriesErrors
 from vcfbench.sim.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
 from vcfbench.sim.instruments.trueform import TrueformErrors, TrueformTwin
 from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
@@ -133,7 +133,7 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
     "dmm6500": lambda world, _interface: KeithleyDMM6500Twin(world, errors=MeterErrors.none()),
     "agilent33220a": lambda world, _interface: Agilent33220ATwin(world, GeneratorErrors.none()),
     "keysight33622a": lambda world, _interface: TrueformTwin.of_model("33622A", 120e6)(world, TrueformErrors.none()),
-    "dsox3024a": lambda world, _interface: KeysightDsoX3024ATwin(
+    "dsox3024a": lambda world, _interface: InfiniiVisionXTwin.of_model("DSOX3024A")(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, XSeriesErrors.none()
     ),
     "dso7104b": lambda world, _interface: Dso7104BTwin(

@@ -6,32 +6,19 @@ the length of the measurement record, which is not made use of. ``*IDN?`` writes
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from vcfbench.drivers.dso7104b import Dso7104B
 
-__all__ = ["KeysightDsoX3024A", "KeysightDsoX4104A", "KeysightMsoX3104T"]
+__all__ = ["InfiniiVisionX"]
 
 
 class InfiniiVisionX(Dso7104B):
-    """An oscilloscope of the X series."""
+    """An oscilloscope of the X series, made by :meth:`of_model`; of a mixed-signal one its analog channels."""
 
     least_scale_v: ClassVar[float] = 1e-3  # general knowledge of the data sheets, unverified
 
-
-class KeysightDsoX3024A(InfiniiVisionX):
-    """The DSO-X 3024A."""
-
-    model: ClassVar[str] = "DSOX3024A"
-
-
-class KeysightMsoX3104T(InfiniiVisionX):
-    """The MSO-X 3104T, its analog channels."""
-
-    model: ClassVar[str] = "MSOX3104T"
-
-
-class KeysightDsoX4104A(InfiniiVisionX):
-    """The DSO-X 4104A."""
-
-    model: ClassVar[str] = "DSOX4104A"
+    @classmethod
+    def of_model(cls, model: str) -> type[Self]:
+        """Return the driver of a model of the series."""
+        return type(cls.__name__, (cls,), {"model": model, "__doc__": cls.__doc__})

@@ -64,7 +64,7 @@ class SupplyCalibration(Struct):
     level: str | None = None
     """The point that the output was sent to, "MIN" or "MAX"."""
     points: dict[str, CalibrationPoint] = field(default_factory=dict)
-    """What has been told, by point."""
+    """What was measured, by point."""
     subject: tuple[str, str] = ("", "")
     """Output and quantity that are being adjusted."""
 

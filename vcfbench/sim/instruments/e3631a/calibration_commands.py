@@ -20,7 +20,10 @@ from vcfbench.sim.scpi import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
+    from vcfbench.sim.instruments.e3631a.output import SupplyOutput
 
 __all__ = ["CALIBRATION_COMMANDS"]
 
@@ -45,28 +48,32 @@ def _go_to_amps(supply: SimulatedE3631A, level: str) -> None:
     supply.program(supply.selected, amps=level_a(supply.output, level))
 
 
-@remote_only
-def _take_volts(supply: SimulatedE3631A, measured: float) -> None:
+def _take(
+    supply: SimulatedE3631A,
+    quantity: str,
+    measured: float,
+    programmed_and_shown: Callable[[SupplyOutput], tuple[float, float]],
+    adjust: Callable[[SupplyOutput, CalibrationPoint, CalibrationPoint], None],
+) -> None:
+    """Take what was measured outside of the selected output; the second point makes new constants."""
     _require_on(supply)
     supply.observe()
-    output = supply.output
-    shown = output.voltage_reading()
-    both = supply.calibration.take(supply.selected, "VOLT", CalibrationPoint(output.volts, measured, shown))
+    programmed, shown = programmed_and_shown(supply.output)
+    point = CalibrationPoint(programmed, measured, shown)
+    both = supply.calibration.take(supply.selected, quantity, point)
     if both is not None:
-        adjust_volts(output, *both)
+        adjust(supply.output, *both)
         supply.drive()
+
+
+@remote_only
+def _take_volts(supply: SimulatedE3631A, measured: float) -> None:
+    _take(supply, "VOLT", measured, lambda output: (output.volts, output.voltage_reading()), adjust_volts)
 
 
 @remote_only
 def _take_amps(supply: SimulatedE3631A, measured: float) -> None:
-    _require_on(supply)
-    supply.observe()
-    output = supply.output
-    shown = output.current_reading()
-    both = supply.calibration.take(supply.selected, "CURR", CalibrationPoint(output.amps, measured, shown))
-    if both is not None:
-        adjust_amps(output, *both)
-        supply.drive()
+    _take(supply, "CURR", measured, lambda output: (output.amps, output.current_reading()), adjust_amps)
 
 
 def _count(supply: SimulatedE3631A) -> int:

@@ -2,18 +2,6 @@
 
 from __future__ import annotations
 
-from vcfbench.sim.instruments.infiniivision.instrument import (
-    InfiniiVisionXTwin,
-    KeysightDsoX3024ATwin,
-    KeysightDsoX4104ATwin,
-    KeysightMsoX3104TTwin,
-    XSeriesErrors,
-)
+from vcfbench.sim.instruments.infiniivision.instrument import InfiniiVisionXTwin, XSeriesErrors
 
-__all__ = [
-    "InfiniiVisionXTwin",
-    "KeysightDsoX3024ATwin",
-    "KeysightDsoX4104ATwin",
-    "KeysightMsoX3104TTwin",
-    "XSeriesErrors",
-]
+__all__ = ["InfiniiVisionXTwin", "XSeriesErrors"]

@@ -11,7 +11,7 @@ inside, reference waveforms, the second math trace.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from msgspec.structs import replace
 
@@ -21,13 +21,7 @@ from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = [
-    "InfiniiVisionXTwin",
-    "KeysightDsoX3024ATwin",
-    "KeysightDsoX4104ATwin",
-    "KeysightMsoX3104TTwin",
-    "XSeriesErrors",
-]
+__all__ = ["InfiniiVisionXTwin", "XSeriesErrors"]
 
 _LENGTHS = (*(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 62_500), *(100_000, 200_000, 500_000, 1_000_000))
 
@@ -68,30 +62,28 @@ def _two_digits(kind: type[XSeriesErrors], like: ScopeErrors) -> XSeriesErrors:
     return kind(**{**fields, "exponent_digits": 2})
 
 
+_KINDS = {
+    each.name: each
+    for each in (
+        _kind("DSOX3024A", "AGILENT TECHNOLOGIES,{},MY51360123,02.38.2014110300", 4, 4e9),
+        _kind("MSOX3104T", "KEYSIGHT TECHNOLOGIES,{},MY55510123,07.30.2019051434", 4, 5e9),
+        _kind("DSOX4104A", "KEYSIGHT TECHNOLOGIES,{},MY54100123,04.08.2016071800", 4, 5e9),
+    )
+}
+"""200 MHz, 1 GHz and 1 GHz, four channels each; the digital ones of the MSOX3104T are not simulated."""
+
+
 class InfiniiVisionXTwin(Dso7104BTwin):
-    """An oscilloscope of the X series; arguments as of the DSO7104B."""
+    """An oscilloscope of the X series, made by :meth:`of_model`; arguments as of the DSO7104B."""
 
     errors_class: ClassVar = XSeriesErrors
+
+    @classmethod
+    def of_model(cls, model: str) -> type[Self]:
+        """Return the simulated model of the series."""
+        return type(cls.__name__, (cls,), {"kind": _KINDS[model], "__doc__": cls.__doc__})
 
     def identity(self) -> str:
         """Return the reply of a real unit (users' records), which writes DSO-X 3024A, but for the model."""
         model = f"{self._model[:3]}-X {self._model[4:]}" if self._model[3:4] == "X" else self._model
         return self.kind.identity.format(model)
-
-
-class KeysightDsoX3024ATwin(InfiniiVisionXTwin):
-    """The DSO-X 3024A, 200 MHz, four channels."""
-
-    kind: ClassVar[ScopeKind] = _kind("DSOX3024A", "AGILENT TECHNOLOGIES,{},MY51360123,02.38.2014110300", 4, 4e9)
-
-
-class KeysightMsoX3104TTwin(InfiniiVisionXTwin):
-    """The MSO-X 3104T, 1 GHz, four channels; its digital ones are not simulated."""
-
-    kind: ClassVar[ScopeKind] = _kind("MSOX3104T", "KEYSIGHT TECHNOLOGIES,{},MY55510123,07.30.2019051434", 4, 5e9)
-
-
-class KeysightDsoX4104ATwin(InfiniiVisionXTwin):
-    """The DSO-X 4104A, 1 GHz, four channels."""
-
-    kind: ClassVar[ScopeKind] = _kind("DSOX4104A", "KEYSIGHT TECHNOLOGIES,{},MY54100123,04.08.2016071800", 4, 5e9)
