@@ -155,8 +155,6 @@ def main() -> None:
     """Run the command line; the process ends with the code of the worst that happened, whatever comes in the way."""
     # the model's matrices have some twenty rows: threads for them cost half as much again as the whole calibration
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # what a command loads stays; at Python's pace looking through it for garbage takes a tenth of a short run
-    gc.set_threshold(200_000)  # a short run stays below it
     open_streams()
     code = BenchError.exit_code
     with SignalsWithoutBench() as signals:
