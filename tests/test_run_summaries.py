@@ -141,6 +141,14 @@ def test_the_command_answers_in_csv_that_reads_back(runs: Path) -> None:
     assert listed(runs, "--csv", "--dut", "G-9").splitlines() == [",".join(list(rows[0])[:13])]
 
 
+def test_no_text_is_a_formula_in_a_spreadsheet(runs: Path, tmp_path: Path) -> None:
+    shutil.copytree(runs / NAMES[0], tmp_path / NAMES[0])
+    change(tmp_path / NAMES[0], metadata={"operator": "@SUM(1)", "note": "=cmd|'/c calc'!A1", "dut": "-1"})
+    (row,) = csv.DictReader(io.StringIO(listed(tmp_path, "--csv")))
+    assert (row["operator"], row["note"], row["dut"]) == ("'@SUM(1)", "'=cmd|'/c calc'!A1", "'-1")
+    assert float(row["scale_factor"]) < 0.0
+
+
 def test_json_and_csv_together_are_refused(runs: Path) -> None:
     done = warm.run(["vcfbench", "runs", "list", "--json", "--csv"], runs)
     assert (done.returncode, "expected one of the two, came both" in done.stderr) == (2, True)

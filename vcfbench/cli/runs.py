@@ -235,8 +235,6 @@ def _print_csv(known: Sequence[RunSummary]) -> None:
     import csv  # noqa: PLC0415
     import sys  # noqa: PLC0415
 
-    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
-
     names = list(dict.fromkeys(name for each in known for name in each.results))
     writer = csv.writer(sys.stdout, lineterminator="\n")
     writer.writerow([*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit"))])
@@ -246,7 +244,14 @@ def _print_csv(known: Sequence[RunSummary]) -> None:
         parts = [part for k in found for part in ((k.value, k.u, k.unit) if k is not None else (None, None, None))]
         tags = ";".join(f"{key}={value}" for key, value in each.tags.items())
         cells = [*(values[name] for name in _CSV), tags, *parts]
-        writer.writerow([printable(cell) if isinstance(cell, str) else cell for cell in cells])
+        writer.writerow([_inert(cell) if isinstance(cell, str) else cell for cell in cells])
+
+
+def _inert(text: str) -> str:
+    """Return a text as a spreadsheet shows it: what it would take for a formula has an apostrophe before it."""
+    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
+
+    return printable(f"'{text}" if text.startswith(("=", "+", "-", "@")) else text)
 
 
 def _status(status: str, damage: str | None) -> str:
