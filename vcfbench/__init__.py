@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point, Status
     from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
     from vcfbench.report.text import text_of
+    from vcfbench.runs.analyzed import TableAnalysis, analyze
     from vcfbench.runs.asked import DryRun, dry_run
     from vcfbench.runs.compared import RunComparison, compare_runs
     from vcfbench.runs.conduct import run
@@ -175,6 +176,7 @@ __all__ = [
     "StudyResult",
     "SwitchesOutput",
     "Table",
+    "TableAnalysis",
     "Text",
     "TransportError",
     "TurntableResult",
@@ -186,6 +188,7 @@ __all__ = [
     "WrongInstrument",
     "__version__",
     "allan_deviation",
+    "analyze",
     "characterise",
     "compare",
     "compare_runs",
@@ -354,6 +357,10 @@ _HOMES = {
         "Text",
     ),
     "report.text": ("text_of",),
+    "runs.analyzed": (
+        "TableAnalysis",
+        "analyze",
+    ),
     "runs.asked": (
         "DryRun",
         "dry_run",

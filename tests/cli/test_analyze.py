@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import vcfbench
 from vcfbench.analysis.csv_table import decode, parse_table
-from vcfbench.cli.analyze import analyze, compared_columns, read_series
+from vcfbench.cli.analyze import analyze
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -88,9 +89,23 @@ def test_one_column_and_three_are_not_compared_unasked(
     ("asked", "words"),
     [("a", "two column names"), ("a,b,c", "two column names"), ("a,x", "has no column 'x', only a, b")],
 )
-def test_unknown_columns_are_named(asked: str, words: str) -> None:
+def test_unknown_columns_are_named(asked: str, words: str, written: Callable[[bytes], Path]) -> None:
+    table = written(b"rate_deg_s,a,b\n-1,1,1\n0,2,3\n1,3,5\n")
     with pytest.raises(ConfigError, match=words):
-        compared_columns(asked, ["a", "b"], Path("t.csv"))
+        analyze(table, asked)
+    with pytest.raises(ConfigError, match=r"names of two columns|has no column 'x', only a, b"):
+        vcfbench.analyze(str(table), asked.split(",") if "x" in asked else asked)
+
+
+def test_a_script_gets_what_the_command_prints(
+    written: Callable[[bytes], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = written(b"rate_deg_s,a,b\n-1,1,1\n0,2,3\n1,3,5\n")
+    found = vcfbench.analyze(table)
+    assert found.compared == ("a", "b")
+    assert found.comparison is not None
+    assert found.comparison.scale_factor_error_percent == pytest.approx(100.0)
+    assert found.as_json() == analysed(capsys, table)
 
 
 def test_points_of_a_record(written: Callable[[bytes], Path], capsys: pytest.CaptureFixture[str]) -> None:
@@ -155,9 +170,9 @@ def test_unusable_file_is_one_sentence(case: str, written: Callable[[bytes], Pat
 
 def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.csv: expected a CSV file, there is no such file"):
-        read_series(tmp_path / "none.csv")
+        vcfbench.analyze(tmp_path / "none.csv")
     with pytest.raises(ConfigError, match=r"expected a CSV file, this is a directory"):
-        read_series(tmp_path)
+        vcfbench.analyze(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path  # noqa: TC003 - typer reads the annotation when it runs
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from vcfbench.analysis.csv_table import Series
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 
 __all__ = ["analyze"]
@@ -39,65 +38,22 @@ def analyze(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
-    series = read_series(file)
-    pair = compared_columns(compare, list(series), file)
-    results = _characterise(series, file)
-    comparison = _compare(results, pair)
+    from vcfbench.runs.analyzed import analyze as analyzed  # noqa: PLC0415
+
+    analysis = analyzed(file, None if compare is None else _two_names(compare))
     if json:
-        _print_json(results, pair, comparison)
+        from json import dumps  # noqa: PLC0415
+
+        typer.echo(dumps(analysis.as_json(), allow_nan=False))
     else:
-        _print_tables(results, pair, comparison)
+        _print_tables(analysis.series, analysis.compared, analysis.comparison)
 
 
-def read_series(file: Path) -> dict[str, Series]:
-    """Read the table in `file`; raises ConfigError with file, line and column."""
-    from vcfbench.analysis.csv_table import decode, parse_table  # noqa: PLC0415
-    from vcfbench.files import MOST_TABLE, read_file, shown  # noqa: PLC0415
-
-    return parse_table(decode(read_file(file, "a CSV file", MOST_TABLE), shown(file)), shown(file))
-
-
-def compared_columns(asked: str | None, columns: list[str], file: Path) -> tuple[str, str] | None:
-    """Return the two columns to compare, reference first, or None; raises ConfigError for an unknown one."""
-    if asked is None:
-        return (columns[0], columns[1]) if len(columns) == 2 else None
+def _two_names(asked: str) -> list[str]:
     names = [name.strip() for name in asked.split(",")]
     if len(names) != 2:
         raise ConfigError(f"--compare {asked}: two column names with a comma between them are needed")
-    for name in names:
-        if name not in columns:
-            raise ConfigError(f"--compare {asked}: {file} has no column {name!r}, only {', '.join(columns)}")
-    return names[0], names[1]
-
-
-def _characterise(series: Mapping[str, Series], file: Path) -> dict[str, ScaleFactorResult]:
-    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415
-
-    results = {}
-    for column, one in series.items():
-        try:
-            results[column] = characterise(one.rate_deg_s, one.output_v, one.u_output_v)
-        except ConfigError as error:
-            raise ConfigError(f"{file}, column {column}: {error}") from error
-    return results
-
-
-def _compare(results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None) -> Comparison | None:
-    from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415
-
-    return None if pair is None else compare(results[pair[0]], results[pair[1]])
-
-
-def _print_json(
-    results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
-) -> None:
-    from json import dumps  # noqa: PLC0415
-
-    compared: dict[str, Any] | None = None
-    if pair is not None and comparison is not None:
-        compared = {"reference": pair[0], "other": pair[1], **comparison.as_json()}
-    series = {column: result.as_json() for column, result in results.items()}
-    typer.echo(dumps({"series": series, "comparison": compared}, allow_nan=False))
+    return names
 
 
 def _print_tables(
