@@ -244,6 +244,18 @@ def test_a_record_too_short_for_the_estimator_is_refused(estimator: Estimator) -
         deviation(np.arange(10.0), 6, estimator)
 
 
+@pytest.mark.parametrize(
+    ("sample", "interval_s", "words"),
+    [
+        *((sample, 1.0, "not a finite number") for sample in (np.nan, np.inf)),
+        *((1.0, interval_s, "above 0 s") for interval_s in (0.0, -1.0, np.nan, np.inf)),
+    ],
+)
+def test_what_is_no_sample_or_no_interval_is_refused(sample: float, interval_s: float, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        allan_deviation([0.0, 1.0, sample, 2.0, 3.0], interval_s)
+
+
 @pytest.mark.parametrize("factor", [0, 6])
 def test_a_record_too_short_is_refused(factor: int) -> None:
     with pytest.raises(ConfigError, match="two clusters"):

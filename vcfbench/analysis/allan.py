@@ -202,10 +202,14 @@ def allan_deviation(
     `noise` is the law that the equivalent degrees of freedom are computed for. Takes memory for one more record.
 
     Raises:
-        ConfigError: the record is too short for a factor.
+        ConfigError: the record is too short for a factor, holds what is no finite number, or its interval is no time.
 
     """
     values = np.asarray(record, dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise ConfigError("a sample of the record is not a finite number")
+    if not 0.0 < interval_s < math.inf:
+        raise ConfigError(f"expected an interval above 0 s between samples, came {interval_s:g} s")
     chosen = list(averaging_factors(values.size) if factors is None else factors)
     for factor in chosen:
         _terms(values.size, factor, estimator)
