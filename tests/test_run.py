@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -332,6 +333,7 @@ def test_an_observer_that_fails_is_left_out_and_the_run_goes_on(quick: Run, tmp_
         ({"settle_s": float("nan")}, "settings: procedure.settle_s: expected a finite number, came nan"),
         ({"drive": {"start_up_s": 1e9}}, "settings: procedure.drive.start_up_s: expected a number"),
         ({"rates_deg_s": [1.0]}, "settings: procedure.rates_deg_s: expected a list of 3 to 1000 numbers"),
+        ({"k_vc_guess_deg_s_per_v": 0}, "settings: procedure.k_vc_guess_deg_s_per_v: expected a number that is not 0"),
         ({"match": "nearly"}, "settings: procedure.match: expected 'zero' or 'absolute', came 'nearly'"),
     ],
 )
@@ -347,6 +349,13 @@ def test_settings_are_checked_like_those_of_a_bench_file(
         vcfbench.dry_run("virtual-coriolis", settings=settings)
 
 
+@pytest.mark.parametrize("settings", [[1.0], "samples=3", {1: 2}, vcfbench.ProcedureSettings()])
+def test_settings_are_a_mapping(settings: Any, tmp_path: Path) -> None:
+    for ask in (partial(vcfbench.run, runs=tmp_path), vcfbench.dry_run):
+        with pytest.raises(vcfbench.ConfigError, match="settings: expected a mapping of keys to values, came "):
+            ask("turntable", settings=settings)
+
+
 def test_settings_from_numpy_are_numbers(quick: Run) -> None:
     import numpy as np  # noqa: PLC0415  # this test alone needs it
 
@@ -359,6 +368,21 @@ def test_settings_from_numpy_are_numbers(quick: Run) -> None:
 def test_a_seed_is_a_whole_number(seed: Any, tmp_path: Path) -> None:
     with pytest.raises(vcfbench.ConfigError, match="expected a whole number"):
         vcfbench.run("turntable", seed=seed, runs=tmp_path)
+    with pytest.raises(vcfbench.ConfigError, match="expected a whole number"):
+        vcfbench.open_bench(seed=seed)
+
+
+@pytest.mark.parametrize("open_", [vcfbench.load_bench, vcfbench.open_bench, vcfbench.safe_bench])
+def test_a_number_is_no_bench(open_: Any) -> None:
+    """A seed in the second place was read as a file descriptor: 0 waited for the terminal."""
+    with pytest.raises(vcfbench.ConfigError, match="expected a bench file or one of paper, lab, ideal, came 0"):
+        open_(0)
+
+
+@pytest.mark.parametrize("given", [None, 3, vcfbench.ProcedureSettings])
+def test_what_is_no_procedure_is_refused_with_words(given: Any, tmp_path: Path) -> None:
+    with pytest.raises(vcfbench.PlanError, match="expected a procedure's name, its file or a Procedure, came"):
+        vcfbench.run(given, runs=tmp_path)
 
 
 def test_records_need_a_directory_with_a_name() -> None:
@@ -383,6 +407,37 @@ def test_what_a_bench_cannot_bear_is_refused_before_anything_is_opened(tmp_path:
     with pytest.raises(vcfbench.LimitError, match=r"step 2 .*1:00:00 into the plan.*nothing was opened"):
         vcfbench.run(spin, runs=tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -5.0])
+def test_a_step_that_lasts_no_time_that_could_be_is_refused(seconds: float, tmp_path: Path) -> None:
+    def plan(_settings: Any) -> vcfbench.Plan:
+        yield vcfbench.Note("Begin")
+        yield Settle(seconds, "what for")
+        return vcfbench.Outcome("never")
+
+    with pytest.raises(vcfbench.PlanError, match=rf"step 2 \(wait {seconds:g} s: what for\): expected to last 0 s"):
+        vcfbench.run(own(plan=plan), runs=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        ({"needs": {"power": (vcfbench.PowersRails,)}}, "'mine': needs: expected a capability by role"),
+        ({"needs": ["power"]}, "'mine': needs: expected a capability by role"),
+        ({"uses": {"scope": vcfbench.CapturesWaveforms}}, "'mine': uses: .* came 'scope'"),
+        ({"settings": vcfbench.ProcedureSettings()}, "'mine': expected settings that are ProcedureSettings, a class"),
+    ],
+)
+def test_mistakes_in_a_procedure_are_told_when_it_is_made(mistake: dict[str, Any], words: str) -> None:
+    with pytest.raises(vcfbench.ConfigError, match=words):
+        own(**mistake)
+
+
+def own(**parts: Any) -> Any:
+    known = {"name": "mine", "title": "Mine.", "settings": vcfbench.ProcedureSettings}
+    return vcfbench.Procedure(**{**known, "plan": too_fast, "results": lambda _settings, _points: {}, **parts})
 
 
 # --- without a bench ---

@@ -6,6 +6,7 @@ Settings of procedures are those of their own classes (:mod:`vcfbench.bench.sett
 """
 
 from datetime import date
+from operator import index
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
@@ -45,6 +46,7 @@ from vcfbench.bench.parts import (
     RailWiring,
 )
 from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.errors import ConfigError
 
 __all__ = [
     "CALIBRATION_KEYS",
@@ -252,11 +254,25 @@ class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):
     chamber: Errors = "drawn"
 
 
+LARGEST_SEED = 2**63 - 1
+
+
+def whole_seed(seed: object) -> int:
+    """Return a seed that a script or a command gives, numpy's numbers too; raises ConfigError for what is none."""
+    try:
+        whole = index(seed)  # type: ignore[arg-type]  # what has no index raises
+    except TypeError:
+        whole = -1
+    if not 0 <= whole <= LARGEST_SEED:
+        raise ConfigError(f"--seed {seed!r}: expected a whole number from 0 to {LARGEST_SEED}")
+    return whole
+
+
 class Simulation(BenchFileTable, frozen=True, kw_only=True):
     """What stands behind the resources of a simulated bench; a bench file without it is a real station."""
 
     parameters: Literal["paper", "ideal"] = "paper"
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)] = 0
     errors: SimulationErrors = field(default_factory=SimulationErrors)
     override: dict[str, Any] = field(default_factory=dict)
 

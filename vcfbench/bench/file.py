@@ -10,6 +10,7 @@ import msgspec
 
 from vcfbench.bench.description import BenchDescription
 from vcfbench.bench.strict import converted, refusal, words
+from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.models import resolve
 
@@ -36,6 +37,8 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
     """
     if path is None:
         return _embedded("paper")
+    if not isinstance(path, Path | str):  # an int would be read as a descriptor: of a terminal, for ever
+        raise ConfigError(f"bench: expected a bench file or one of {', '.join(EMBEDDED)}, came {path!r}")
     if str(path) in EMBEDDED and (not Path(path).exists() or Path(path).is_dir()):
         return _embedded(str(path))
     return _beside(parse_bench(read_text(path, "a bench file"), shown(path)), Path(path))

@@ -304,6 +304,8 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         yield from turned_windows(self.drive, "drive")
         if len(set(self.rates_deg_s)) < 3:
             yield InvalidValue("rates_deg_s", "at least three different rates", list(self.rates_deg_s))
+        if self.k_vc_guess_deg_s_per_v == 0.0:
+            yield InvalidValue("k_vc_guess_deg_s_per_v", "a number that is not 0", self.k_vc_guess_deg_s_per_v)
         if self.station.rails.positive == "P6V" and self.positive_rail_v > 6.18:  # E3631A: programming range of +6 V
             yield InvalidValue("positive_rail_v", "at most 6.18 V from output P6V", self.positive_rail_v)
         reading_s = 2.0 * self.nplc / self.station.mains_hz  # with its autozero it is two integration times long

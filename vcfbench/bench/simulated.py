@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.bench.description import whole_seed
 from vcfbench.bench.overrides import overridden, part_way
 from vcfbench.errors import ConfigError
 from vcfbench.models import ROLES, find_language, find_model, languages, resolve, twin_of
@@ -61,8 +62,8 @@ _STREAMS = {
 
 
 def chosen_seed(description: BenchDescription, seed: int | None) -> int:
-    """Return `seed`, or the bench file's when there is none."""
-    return _simulation(description).seed if seed is None else seed
+    """Return `seed`, or the bench file's when there is none; raises ConfigError for what is no seed."""
+    return _simulation(description).seed if seed is None else whole_seed(seed)
 
 
 def twins(description: BenchDescription) -> dict[str, Any]:

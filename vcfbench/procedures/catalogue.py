@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
+from os import PathLike
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConfigError, PlanError
@@ -159,13 +160,15 @@ def is_file(name: str) -> bool:
     return name.endswith(".py") or "/" in name or "\\" in name
 
 
-def procedure(name: str | Path) -> AnyProcedure:
-    """Return the procedure called `name`, or the one that the file `name` defines.
+def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
+    """Return the procedure called `name`, the one that the file `name` defines, or `name` if it is one.
 
     Raises:
         PlanError: there is none; the words list those that there are.
         ConfigError: its file or its package cannot be used, or its name is taken twice.
     """
+    if not isinstance(name, str | PathLike):
+        return _one_itself(name)
     if not isinstance(name, str) or is_file(name):
         from vcfbench.procedures.own_code import procedure_in  # noqa: PLC0415
 
@@ -174,6 +177,14 @@ def procedure(name: str | Path) -> AnyProcedure:
         return PROCEDURES[name]
     except KeyError:
         raise PlanError(f"there is no procedure {name!r}; known are {', '.join(PROCEDURES)}") from None
+
+
+def _one_itself(given: object) -> AnyProcedure:
+    from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415  # with the first procedure
+
+    if not isinstance(given, Procedure):
+        raise PlanError(f"expected a procedure's name, its file or a Procedure, came {given!r}")
+    return given
 
 
 @cache  # looking through the installed packages takes milliseconds

@@ -13,6 +13,7 @@ What is wrong is one line with the place that gave it, the key, what was expecte
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from msgspec import ValidationError, structs, to_builtins
@@ -27,7 +28,7 @@ from vcfbench.models import ROLES, find_model, resolve
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
@@ -37,7 +38,13 @@ S = TypeVar("S", bound=ProcedureSettings)
 
 
 def asked_in_python(settings: Mapping[str, Any]) -> Layer:
-    """Return what a script asks for: ``settings={...}``; numbers and arrays of numpy are taken as Python's."""
+    """Return what a script asks for: ``settings={...}``; numbers and arrays of numpy are taken as Python's.
+
+    Raises:
+        ConfigError: it is no mapping of texts to values.
+    """
+    if not isinstance(settings, Mapping) or not all(isinstance(key, str) for key in settings):
+        raise ConfigError(f"settings: expected a mapping of keys to values, came {settings!r}")
     values: dict[str, Any] = to_builtins(dict(settings), enc_hook=_plain_number)
     return Layer(values, lambda keys: f"settings: {dotted(('procedure', *keys))}")
 

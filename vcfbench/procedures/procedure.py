@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
@@ -11,10 +12,11 @@ from msgspec import Struct, field
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.models import ROLES
 from vcfbench.report.generic import generic_report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from datetime import datetime
 
     from vcfbench.plans.measured import Measured
@@ -71,12 +73,26 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", self.name):
             raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', came {self.name!r}")
-        if not issubclass(self.settings, ProcedureSettings):
-            raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings")
+        if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
+            raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
+        for asked, what in ((self.needs, "needs"), (self.uses, "uses")):
+            self._require_capabilities(asked, what)
         if self.name in self.settings.__struct_fields__:
             raise ConfigError(
                 f"procedure {self.name!r}: its name is that of a setting, [procedure.{self.name}] is both"
             )
+
+    def _require_capabilities(self, asked: object, what: str) -> None:
+        """Refuse what names no role, or asks of one what is no capability: it would be found with the bench."""
+        roles = (*ROLES, "rate_table")
+        words = f"procedure {self.name!r}: {what}: expected a capability by role, as in {{'power': PowersRails}}"
+        if not isinstance(asked, Mapping):
+            raise ConfigError(f"{words}, came {asked!r}")
+        for role, capability in asked.items():
+            if role not in roles:
+                raise ConfigError(f"{words}, of {', '.join(roles)}; came {role!r}")
+            if not isinstance(capability, type):
+                raise ConfigError(f"{words}, came {role}: {capability!r}")
 
     def __repr__(self) -> str:
         return f"<Procedure {self.name}>"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
-from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
 
     Display = Callable[["Beginning"], AbstractContextManager[Observer]]
     """Makes a display, told what is about to begin."""
-
-_LARGEST_SEED: Final = 2**63 - 1
 
 
 class _Nothing:
@@ -214,7 +211,7 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     checked.name = getattr(asked.procedure, "name", str(asked.procedure))
     checked.metadata = asked.metadata
     checked.description = description = described(asked.bench)
-    chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
+    chosen = procedure(asked.procedure)
     checked.name = chosen.name
     checked.seed = _seed(description, asked.seed)
     checked_pace(description, asked.speed)
@@ -278,10 +275,6 @@ def _seed(description: BenchDescription, seed: int | None) -> int | None:
         raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
     if description.simulation is None:
         raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
-    try:
-        whole = index(seed)
-    except TypeError:
-        whole = -1
-    if not 0 <= whole <= _LARGEST_SEED:
-        raise ConfigError(f"--seed {seed!r}: expected a whole number from 0 to {_LARGEST_SEED}")
-    return whole
+    from vcfbench.bench.description import whole_seed  # noqa: PLC0415  # a bench is described by now
+
+    return whole_seed(seed)
