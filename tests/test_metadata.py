@@ -177,6 +177,25 @@ def test_the_command_takes_all_of_it_and_warns(place: Path) -> None:
     assert json.loads(dry.stdout)["dry_run"] is True
 
 
+@pytest.mark.parametrize("asked", [{"note": "Gr\udcfc\udcdfe"}, {"tags": {"a": "\udcfc"}}, {"operator": "\udcfc"}])
+def test_bytes_of_another_encoding_are_refused_before_a_record_begins(asked: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="expected a text in UTF-8"):
+        vcfbench.run("turntable", metadata=asked, runs=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("asked", ["G-1", [("dut", "G-1")]])
+def test_what_is_no_mapping_is_refused(asked: Any, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="metadata: expected a mapping of dut, operator, note"):
+        vcfbench.run("turntable", metadata=asked, runs=tmp_path)
+
+
+def test_a_directory_with_a_name_of_another_encoding_takes_records(tmp_path: Path) -> None:
+    runs = tmp_path / "Gr\udcfc"
+    run = vcfbench.run("turntable", settings={"rates_deg_s": [10, 0, -10], "samples": 2}, runs=runs)
+    assert vcfbench.load_run("last", runs) == run
+
+
 @pytest.mark.parametrize("tag", ["batch", "=7", "batch="])
 def test_a_tag_without_key_or_value_is_refused(tag: str, tmp_path: Path) -> None:
     done = warm.run(["vcfbench", "run", "turntable", "--dry-run", "--tag", tag], tmp_path)

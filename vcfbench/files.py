@@ -27,6 +27,7 @@ __all__ = [
     "MOST_SETTINGS",
     "MOST_TABLE",
     "dotted",
+    "is_utf8",
     "opened",
     "parse_toml",
     "read_file",
@@ -178,6 +179,15 @@ def shown(path: Path | str) -> str:
     """Return the name of a file as it can be printed: quoted where it holds what cannot."""
     name = str(path)
     return name if name.isprintable() and name else ascii(name)
+
+
+def is_utf8(text: str) -> bool:
+    """Tell whether a text can be written down; bytes of another encoding on a command line cannot."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:

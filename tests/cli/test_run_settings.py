@@ -12,6 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
+from vcfbench.cli.set_option import asked_by_command
+from vcfbench.errors import ConfigError
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
@@ -61,6 +63,16 @@ def sets(*given: str) -> list[str]:
 )
 def test_what_cannot_be_set_is_one_line_that_names_the_option(given: list[str], said: str) -> None:
     assert refusal(*sets(*given)).startswith(said)
+
+
+def test_a_text_that_reads_as_a_number_is_a_text() -> None:
+    asked = asked_by_command(["k_vc=150", "dut='7'", "samples=3"], {}, {}, texts={"k_vc", "dut"})
+    assert asked.values == {"k_vc": "150", "dut": "7", "samples": 3}
+
+
+def test_bytes_of_another_encoding_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"--set 'order=.*': expected UTF-8"):
+        asked_by_command(["order=p\udcfc"], {}, {})
 
 
 def test_an_option_that_stands_for_a_key_is_named_itself() -> None:

@@ -187,7 +187,7 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 
         given = {key: value for key in own if (value := options.pop(key)) is not None}
         given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
-        settings = asked_by_command(options.pop("settings") or (), given, own, lists)
+        settings = asked_by_command(options.pop("settings") or (), given, own, lists, texts)
         with tracing(options.pop("trace")):
             metadata = metadata_options({key: options.pop(key) for key in METADATA_OPTIONS})
             asked = RunOptions(**options, settings=settings.values, metadata=metadata)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.layering import Layer
 from vcfbench.errors import ConfigError
-from vcfbench.files import dotted, parse_toml
+from vcfbench.files import dotted, is_utf8, parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping
@@ -15,7 +15,11 @@ __all__ = ["asked_by_command"]
 
 
 def asked_by_command(
-    given: Iterable[str], options: Mapping[str, str], names: Mapping[str, str], lists_of_texts: Container[str] = ()
+    given: Iterable[str],
+    options: Mapping[str, str],
+    names: Mapping[str, str],
+    lists_of_texts: Container[str] = (),
+    texts: Container[str] = (),
 ) -> Layer:
     """Return the settings of a command line.
 
@@ -24,17 +28,20 @@ def asked_by_command(
         options: values of options that stand for a key each.
         names: what the option of such a key is called.
         lists_of_texts: keys whose value is a list of texts, which may do without brackets and quotes.
+        texts: keys whose value is a text, which may do without quotes also where it reads as a number: 0042.
 
     Raises:
-        ConfigError: a setting has no key or no value, or a key is given twice.
+        ConfigError: a setting has no key or no value, a key is given twice, or what is given is no UTF-8.
     """
     values: dict[str, Any] = {key: _value(text) for key, text in options.items()}
     for each in given:
+        if not is_utf8(each):
+            raise ConfigError(f"--set {each!a}: expected UTF-8")
         key, equals, text = each.partition("=")
         if not equals or not all(part.strip() for part in key.split(".")):
             raise ConfigError(f"--set {each}: expected KEY=VALUE, as in --set samples=20")
         keys = [part.strip() for part in key.split(".")]
-        _put(values, keys, _texts(text) if dotted(keys) in lists_of_texts else _value(text.strip()), each)
+        _put(values, keys, _meant(dotted(keys), text.strip(), lists_of_texts, texts), each)
 
     def naming(keys: tuple[str | int, ...]) -> str:
         path = dotted(keys)
@@ -52,6 +59,14 @@ def _put(values: dict[str, Any], keys: list[str], value: object, said: str) -> N
     if last in values:
         raise ConfigError(f"--set {said}: {'.'.join(keys)} is given twice")
     values[last] = value
+
+
+def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container[str]) -> object:
+    """Return the value of `key` that `text` stands for."""
+    if key in lists_of_texts:
+        return _texts(text)
+    found = _value(text)
+    return text if key in texts and not isinstance(found, str) else found
 
 
 def _value(text: str) -> object:

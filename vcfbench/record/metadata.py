@@ -16,6 +16,7 @@ from msgspec import Struct, field
 from msgspec.structs import asdict, force_setattr
 
 from vcfbench.errors import ConfigError
+from vcfbench.files import is_utf8
 from vcfbench.interfaces import Identity  # noqa: TC001 - msgspec reads it
 from vcfbench.record.plain import ReadOnly
 
@@ -104,6 +105,8 @@ def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
     if isinstance(values, RunMetadata):
         return values
     known = RunMetadata.__struct_fields__
+    if not isinstance(values, Mapping | None):
+        raise ConfigError(f"metadata: expected a mapping of {', '.join(known)}, came {_short(values)}")
     for key in values or ():
         if key not in known:
             close = difflib.get_close_matches(str(key), known, n=1)
@@ -161,6 +164,8 @@ def _of_before(role: str, part: Mapping[str, Any]) -> dict[str, Any]:
 def _text(name: str, value: object, most: int) -> str:
     if not isinstance(value, str) or not value.strip() or len(value) > most:
         raise ConfigError(f"{name}: expected a text of 1 to {most} characters, came {_short(value)}")
+    if not is_utf8(value):  # no record could hold it
+        raise ConfigError(f"{name}: expected a text in UTF-8, came {ascii(value)[:60]}")
     return value
 
 

@@ -12,6 +12,7 @@ from msgspec import Struct, field, to_builtins
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
+from vcfbench.files import shown
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
@@ -82,18 +83,18 @@ def run(
 
     if runs is not None and not str(runs).strip():
         raise ConfigError("runs: expected a directory, came an empty name")
-    options = {
-        "bench": _words_for(bench),
-        "seed": seed,
-        "runs": None if runs is None else str(runs),
-        "speed": speed,
-        "settings": dict(settings or {}),
-    }
     with _PREPARING:
         from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
         asked_settings = asked_in_python(settings or {})
         said = metadata_of(metadata)
+    options = {
+        "bench": _words_for(bench),
+        "seed": seed,
+        "runs": None if runs is None else shown(runs),
+        "speed": speed,
+        "settings": dict(settings or {}),
+    }
     asked = Asked(
         procedure,
         bench,
@@ -111,7 +112,9 @@ def run(
 
 
 def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
-    return None if bench is None else str(getattr(bench, "name", bench) if not isinstance(bench, Path) else bench)
+    if isinstance(bench, Path | str):
+        return shown(bench)
+    return None if bench is None else str(getattr(bench, "name", bench))
 
 
 def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) -> Run:
@@ -347,7 +350,7 @@ class _Record(Struct):
             "seed": course.checked.seed,
             "versions": _versions(),
             "identities": msgspec.to_builtins(identities),
-            "options": msgspec.to_builtins(course.asked.options, enc_hook=str),
+            "options": msgspec.to_builtins(course.asked.options, enc_hook=shown),
             "settings": msgspec.to_builtins(self.prepared.settings),
             "bench": msgspec.to_builtins(description),
             **times,

@@ -82,7 +82,7 @@ def resume(
         speed=speed,
         observers=observers,
         operator=operator,
-        options={"resume": str(broken.directory.path), "speed": speed},
+        options={"resume": shown(broken.directory.path), "speed": speed},
     )
     with StopSignals() as signals:
         return conduct(asked, signals, broken.prepare)
