@@ -139,13 +139,14 @@ class Aborted(BenchError):
     def behind(cls, error: BaseException) -> Aborted | None:
         """Return the stop that `error` came of, None where it did not, or something is not safe.
 
-        Code that a signal hits may take it for a mistake of its own.
+        Code that a signal hits may take it for a mistake of its own, and say so. A stop that was being dealt with when
+        `error` came (its ``__context__``), as that of a run before this one, is none of it.
         """
         each: BaseException | None = error
-        seen = set[int]()  # an error can be raised from one that it led to
+        seen = set[int]()  # nothing keeps anybody from a circle
         while each is not None and not isinstance(each, cls | NotSafe) and id(each) not in seen:
             seen.add(id(each))
-            each = each.__cause__ or each.__context__
+            each = each.__cause__
         return each if isinstance(each, cls) else None
 
 

@@ -103,8 +103,15 @@ def test_a_stop_that_came_out_as_something_else_is_found() -> None:
     late.__cause__ = stop
     assert Aborted.behind(late) is stop
     assert Aborted.behind(stop) is stop
-    unsafe.__context__ = stop
+    unsafe.__cause__ = stop
     assert Aborted.behind(unsafe) is None
     round_about, other = BenchError("a"), BenchError("b")
-    round_about.__cause__, other.__context__ = other, round_about
+    round_about.__cause__, other.__cause__ = other, round_about
     assert Aborted.behind(round_about) is None
+
+
+def test_a_stop_that_was_dealt_with_before_is_none_of_an_error() -> None:
+    """Whoever resumes a stopped run where he catches its error learns what went wrong then."""
+    later = BenchError("the wire broke")
+    later.__context__ = Aborted("stopped by SIGINT")
+    assert Aborted.behind(later) is None
