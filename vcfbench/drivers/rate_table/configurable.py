@@ -12,13 +12,13 @@ import re
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from msgspec import Struct, field
-
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table import templates
-from vcfbench.drivers.rate_table.fields import decode, text_value, unwrapped
-from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_frame, take_text
+from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_text
+from vcfbench.drivers.rate_table.motion_values import MotionValues, limit_error
 from vcfbench.drivers.rate_table.profile import STREAM
+from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received
+from vcfbench.drivers.rate_table.profile_values import ProfileValues
 from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, on_grid, require_rest
 from vcfbench.errors import (
     ConfigError,
@@ -26,7 +26,6 @@ from vcfbench.errors import (
     FramingError,
     InstrumentError,
     InterlockError,
-    LimitError,
     LinkLost,
     OutOfSync,
     TransportError,
@@ -38,10 +37,10 @@ if TYPE_CHECKING:
 
     from vcfbench.drivers.rate_table.dialect import TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.drivers.rate_table.profile import Byte, Field, Flag, Profile, Reply, Requirement, Step
+    from vcfbench.drivers.rate_table.profile import Profile, Requirement, Step
     from vcfbench.drivers.rate_table.templates import Value
 
-__all__ = ["ConfigurableDialect", "Received"]
+__all__ = ["ConfigurableDialect"]
 
 
 _SPAN_S = 0.25
@@ -49,14 +48,6 @@ _SPAN_S = 0.25
 
 _READINGS = 8
 """Rates that are read in one making safe, beside those that it waits for rest with."""
-
-
-class Received(Struct, frozen=True):
-    """A reply: bytes, or the text of a line and the groups of the pattern that it matched."""
-
-    data: bytes
-    text: str = ""
-    groups: Mapping[str, str] = field(default_factory=dict)
 
 
 class ConfigurableDialect:
@@ -72,6 +63,9 @@ class ConfigurableDialect:
             raise ConfigError(f"rate_table.axis: expected one of {known} ({profile.title}), came {axis}")
         self.profile = profile
         self.axis = axis
+        self._motion = MotionValues(profile, axis)
+        self._values = ProfileValues(profile, axis)
+        self._replies = ProfileReplies(profile)
         self._steady = SteadyRate(profile.at_rate.tolerance_deg_s, profile.at_rate.relative, profile.at_rate.polls)
         self._servo = False
         self._sequence = 0
@@ -80,7 +74,7 @@ class ConfigurableDialect:
     @property
     def rate_quantum_deg_s(self) -> float:
         """Step of the commanded rate."""
-        return self.profile.units.rate_quantum / self._rate_per_deg
+        return self._motion.rate_quantum_deg_s
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
         """Return the rate that the table will really be told for `rate_deg_s`."""
@@ -117,7 +111,7 @@ class ConfigurableDialect:
         for step in self.profile.commands[name]:
             self._send(line, step, {}, deadline)
             if step.expect is not None:
-                self._await(line, step.expect, deadline, among_others=True)
+                self._replies.await_reply(line, step.expect, deadline, among_others=True)
         drain(line, deadline)
 
     @property
@@ -149,7 +143,7 @@ class ConfigurableDialect:
         before = (_torn_end(self.profile) + stop[0], *stop[1:])
         if acceleration_deg_s2 is None or not self.profile.commands.get("set_accel"):
             return before
-        commanded = self._table_acceleration(acceleration_deg_s2)
+        commanded = self._motion.table_acceleration(acceleration_deg_s2)
         if commanded is None:  # not one that this table can be told: it stops as it is
             return before
         return (*before, *self._words(("set_accel",), {"acc": commanded}), *stop)
@@ -198,7 +192,7 @@ class ConfigurableDialect:
 
         Where a table must be stopped before it takes another rate this returns when it was, beyond `deadline`.
         """
-        values = self._motion_values(line, rate_deg_s, acceleration_deg_s2)
+        values = self._motion.of(line, rate_deg_s, acceleration_deg_s2)
         if rate_deg_s == 0.0:
             try:
                 self._set_acceleration(line, values, self._generous(line, deadline, "set_accel"))
@@ -239,12 +233,12 @@ class ConfigurableDialect:
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the rate; where the table does not tell it, watch the angle."""
         if "rate" in self.profile.fields:
-            return self._sign * self.number(line, "rate", deadline)
-        return self._sign * self._slope(line, "position", _SPAN_S, deadline)
+            return self._motion.sign * self.number(line, "rate", deadline)
+        return self._motion.sign * self._slope(line, "position", _SPAN_S, deadline)
 
     def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
         """Read the angle."""
-        return self._sign * self.number(line, "position", deadline)
+        return self._motion.sign * self.number(line, "position", deadline)
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Name what the table reports; a table without such flags reports nothing."""
@@ -282,69 +276,7 @@ class ConfigurableDialect:
                 line.dirty = True
                 raise line.locate(error, query, deadline)  # noqa: B904 - the same error, now knowing where
 
-    # Values
-
-    @property
-    def _sign(self) -> int:
-        return self.profile.units.sign
-
-    @property
-    def _rate_per_deg(self) -> float:
-        units = self.profile.units
-        per = {"deg/s": 1.0, "deg/min": 60.0, "rpm": 1.0 / 6.0, "counts/s": units.counts_per_deg}
-        return per[units.rate] * units.velocity_factor
-
-    @property
-    def _acceleration_per_deg(self) -> float:
-        units = self.profile.units
-        return self._rate_per_deg / units.velocity_factor * units.acceleration_factor
-
-    def _motion_values(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float) -> dict[str, Value]:
-        """Return what templates of a motion command can name; raises LimitError before anything is sent."""
-        rate = self._table_rate(line, rate_deg_s)
-        values: dict[str, Value] = {
-            "rate": rate,
-            "abs_rate": abs(rate),
-            "dir": self.profile.units.positive if rate >= 0.0 else self.profile.units.negative,
-        }
-        values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
-        if acceleration_deg_s2 != math.inf:
-            values["acc"] = self._commanded_acceleration(line, acceleration_deg_s2)
-        if self.profile.units.travel is not None:
-            values["travel_end"] = self.profile.units.travel[1 if rate >= 0.0 else 0]
-        return values
-
-    def _table_rate(self, line: TableLine, rate_deg_s: float) -> float:
-        units, highest = self.profile.units, self.profile.safety.max_rate_deg_s
-        bound = min(highest, units.rate_max / self._rate_per_deg)
-        if not abs(rate_deg_s) <= bound:
-            raise self._limit(line, f"a rate of {rate_deg_s:g} deg/s is beyond the {bound:g} deg/s of its profile")
-        rate = self._sign * round(rate_deg_s * self._rate_per_deg / units.rate_quantum) * units.rate_quantum
-        if rate_deg_s and abs(rate) < max(units.rate_min, units.rate_quantum * 0.5):
-            least = max(units.rate_min, units.rate_quantum) / self._rate_per_deg
-            raise self._limit(
-                line, f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least:g} deg/s"
-            )
-        return rate
-
-    def _commanded_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
-        commanded = self._table_acceleration(acceleration_deg_s2)
-        if commanded is None:
-            what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
-            raise self._limit(line, what)
-        return commanded
-
-    def _table_acceleration(self, acceleration_deg_s2: float) -> float | None:
-        """Return the acceleration in the table's units, not above what was asked; None if it cannot be told that."""
-        units, highest = self.profile.units, self.profile.safety.max_acceleration_deg_s2
-        commanded = acceleration_deg_s2 * self._acceleration_per_deg
-        if units.acceleration_quantum is not None and math.isfinite(commanded):
-            commanded = math.floor(commanded / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
-        bad = not 0.0 < acceleration_deg_s2 <= highest or not commanded > 0.0
-        return None if bad or not units.acceleration_min <= commanded <= units.acceleration_max else commanded
-
-    def _limit(self, line: TableLine, what: str) -> LimitError:
-        return LimitError(f"{what}, nothing was sent", **located(line))
+    # Readings
 
     def number(self, line: TableLine, name: str, deadline: Deadline) -> float:
         """Read a field of the profile, in deg or deg/s of the table's own sign."""
@@ -352,7 +284,7 @@ class ConfigurableDialect:
         if spec.differentiate is not None:
             return self._slope(line, spec.differentiate, spec.span_s, deadline)
         assert spec.source is not None  # noqa: S101 - the profile was checked
-        return self._field(spec, self._fetch(line, spec.source, deadline))
+        return self._values.number(spec, self._fetch(line, spec.source, deadline))
 
     def _slope(self, line: TableLine, name: str, span_s: float, deadline: Deadline) -> float:
         first, started_s = self.number(line, name, deadline), line.clock.now()
@@ -362,47 +294,10 @@ class ConfigurableDialect:
             turned = (turned + 180.0) % 360.0 - 180.0  # the shorter way round: span times rate stays below half a turn
         return turned / (line.clock.now() - started_s)
 
-    def _field(self, spec: Field, received: Received) -> float:
-        if self.profile.binary:
-            raw = decode(spec.type, received.data, spec.at or 0, self.profile.received_frame.order)
-        else:
-            raw = text_value("hex" if spec.type == "hex" else "decimal", self._piece(spec, received))
-        return unwrapped(raw * spec.scale + spec.offset, spec.wrap)
-
-    def _piece(self, spec: Field | Flag, received: Received) -> str:
-        """Return the piece of a line that a field or flag is about."""
-        if spec.group is not None:
-            name = spec.group.format(axis=self.axis)
-            if name not in received.groups:
-                raise FramingError(f"the reply {received.text[:60]!r} has no {name}")
-            return received.groups[name]
-        pieces = list(received.groups.values()) if received.groups else received.text.split(",")
-        if spec.item is None or spec.item >= len(pieces):
-            raise FramingError(f"the reply {received.text[:60]!r} has no item {spec.item}")
-        return pieces[spec.item]
-
     def flag(self, line: TableLine, name: str, deadline: Deadline) -> bool:
         """Read a flag of the profile."""
         spec = self.profile.status[name]
-        return self._holds(spec, self._fetch(line, spec.source, deadline)) is not spec.negate
-
-    def _holds(self, spec: Flag, received: Received) -> bool:
-        if spec.contains is not None:
-            text = received.data.decode("latin-1") if self.profile.binary else self._piece(spec, received)
-            return spec.contains in text
-        value = self._flag_value(spec, received)
-        if spec.bit is not None:
-            return bool(int(value) >> spec.bit & 1)
-        if spec.mask is not None:
-            return int(value) & spec.mask == (spec.mask if spec.value is None else spec.value)
-        if spec.among is not None:
-            return value in spec.among
-        return (spec.above is None or value > spec.above) and (spec.below is None or value < spec.below)
-
-    def _flag_value(self, spec: Flag, received: Received) -> float:
-        if self.profile.binary:
-            return decode(spec.type, received.data, spec.at or 0, self.profile.received_frame.order)
-        return text_value("hex" if spec.type == "hex" else "decimal", self._piece(spec, received))
+        return self._values.holds(spec, self._fetch(line, spec.source, deadline)) is not spec.negate
 
     def _fetch(self, line: TableLine, source: str, deadline: Deadline) -> Received:
         try:
@@ -426,7 +321,7 @@ class ConfigurableDialect:
         with line.exclusive():
             try:
                 line.take_unasked()
-                return self._await(line, stream.reply, within, among_others=True)
+                return self._replies.await_reply(line, stream.reply, within, among_others=True)
             except DeadlineExceeded as error:
                 error.what = f"no status for {within.elapsed():.3g} s"
                 raise line.locate(error, STREAM, within) from error
@@ -516,7 +411,7 @@ class ConfigurableDialect:
         try:
             message = self.message(step.send, values)
         except ValueError as error:
-            raise self._limit(line, f"{step.send!r} cannot be said ({error})") from error
+            raise limit_error(line, f"{step.send!r} cannot be said ({error})") from error
         if self.profile.stream is None:
             line.take_unasked()
         line.send(message, deadline)
@@ -545,84 +440,14 @@ class ConfigurableDialect:
     def _reply(self, line: TableLine, step: Step, within: Deadline, *, among_others: bool) -> Received | None:
         if step.expect is None:
             if self.profile.link.prompt is not None and not step.no_reply:
-                self._await_prompt(line, step, within)
+                self._replies.await_prompt(line, step, within)
             return None
         try:
-            return self._await(line, step.expect, within, among_others=among_others, sent=step.send or "")
+            return self._replies.await_reply(line, step.expect, within, among_others=among_others, sent=step.send or "")
         except DeadlineExceeded:
             if step.optional_reply:
                 return None
             raise
-
-    def _await_prompt(self, line: TableLine, step: Step, within: Deadline) -> None:
-        refusal = self.profile.refusals.pattern
-        try:
-            while (text := self._text(line, within)) != self.profile.link.prompt:
-                if refusal is not None and re.fullmatch(refusal, text):
-                    raise InstrumentError(f"refused ({text})", words=text, **located(line))
-        except DeadlineExceeded:
-            if not step.optional_reply:
-                raise
-            line.dirty = True  # it may come later
-
-    def _text(self, line: TableLine, deadline: Deadline) -> str:
-        return take_text(self.profile.received_frame, self.profile.link.rx_end, line, deadline)
-
-    def _await(
-        self, line: TableLine, name: str, deadline: Deadline, *, among_others: bool = False, sent: str = ""
-    ) -> Received:
-        """Return the reply `name`; others are dropped if they may come late, or if `among_others`."""
-        while True:
-            try:
-                received = self._receive(line, name, deadline)
-            except FramingError:
-                if not among_others:
-                    raise
-                continue
-            if isinstance(received, Received):
-                self._close_reply(line, deadline)
-                return received
-            self._require_droppable(line, received, among_others=among_others, sent=sent)
-
-    def _receive(self, line: TableLine, name: str, deadline: Deadline) -> Received | bytes | str:
-        """Return the next message: as a reply if it is `name`, else as it came."""
-        reply = self.profile.replies[name]
-        if self.profile.binary:
-            data = take_frame(self.profile.received_frame, line, deadline)
-            return Received(data) if _has(reply.bytes, data) else data
-        text = self._text(line, deadline)
-        return _matched(reply, text) or text
-
-    def _close_reply(self, line: TableLine, deadline: Deadline) -> None:
-        """Take the prompt that follows the data."""
-        prompt = self.profile.link.prompt
-        while prompt is not None and self._text(line, deadline) != prompt:
-            pass
-
-    def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
-        if isinstance(message, bytes):
-            if self.profile.refusals.bytes and _has(self.profile.refusals.bytes, message):
-                raise InstrumentError(f"refused ({message.hex(' ')})", words=message.hex(" "), **located(line))
-            late = any(reply.late and _has(reply.bytes, message) for reply in self._unasked())
-        else:
-            pattern = self.profile.refusals.pattern
-            if pattern is not None and re.fullmatch(pattern, message):
-                raise InstrumentError(f"refused ({message})", words=message, **located(line))
-            echo = self.profile.link.echo == "optional" and message == sent
-            late = (
-                echo
-                or message == self.profile.link.prompt
-                or any(_matched(reply, message) for reply in self._unasked())
-            )
-        if not late and not among_others:
-            shown = message.hex(" ") if isinstance(message, bytes) else message
-            raise FramingError(f"came {shown[:60]!r}, which is no answer to the question")
-
-    def _unasked(self) -> list[Reply]:
-        """Return the replies that may come at any time."""
-        stream = self.profile.stream
-        own = [] if stream is None else [self.profile.replies[stream.reply]]
-        return [*own, *(reply for reply in self.profile.replies.values() if reply.late)]
 
     # Waiting for states
 
@@ -683,17 +508,3 @@ def _torn_end(profile: Profile) -> bytes:
         return bytes.fromhex(frame.trailer)
     filling = b"\xff" if bytes.fromhex(frame.header).startswith(b"\0") else b"\0"
     return filling * ((frame.length or frame.longest) - 1)
-
-
-def _has(wanted: tuple[Byte, ...], data: bytes) -> bool:
-    return all(each.at < len(data) and data[each.at] == each.value for each in wanted)
-
-
-def _matched(reply: Reply, text: str) -> Received | None:
-    found = re.fullmatch(reply.pattern or "", text)
-    if found is None:
-        return None
-    groups = {key: value for key, value in found.groupdict().items() if value is not None}
-    if reply.split is not None:
-        groups |= {f"item_{number}": piece for number, piece in enumerate(text.split(reply.split))}
-    return Received(b"", text, groups)

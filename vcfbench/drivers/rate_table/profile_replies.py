@@ -1,0 +1,121 @@
+"""Replies of a table whose language a profile tells: which comes, which may come late, which refuses."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+
+from vcfbench.drivers.rate_table.frames import take_frame, take_text
+from vcfbench.drivers.rate_table.steady import located
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.clock import Deadline
+    from vcfbench.drivers.rate_table.line import TableLine
+    from vcfbench.drivers.rate_table.profile import Byte, Profile, Reply, Step
+
+__all__ = ["ProfileReplies", "Received"]
+
+
+class Received(Struct, frozen=True):
+    """A reply: bytes, or the text of a line and the groups of the pattern that it matched."""
+
+    data: bytes
+    text: str = ""
+    groups: Mapping[str, str] = field(default_factory=dict)
+
+
+class ProfileReplies:
+    """Takes the replies of the language of `profile` from a line."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._profile = profile
+
+    def await_prompt(self, line: TableLine, step: Step, within: Deadline) -> None:
+        """Take lines until the prompt comes that ends the reply to `step`; InstrumentError for a refusal before it."""
+        refusal = self._profile.refusals.pattern
+        try:
+            while (text := self._text(line, within)) != self._profile.link.prompt:
+                if refusal is not None and re.fullmatch(refusal, text):
+                    raise InstrumentError(f"refused ({text})", words=text, **located(line))
+        except DeadlineExceeded:
+            if not step.optional_reply:
+                raise
+            line.dirty = True  # it may come later
+
+    def _text(self, line: TableLine, deadline: Deadline) -> str:
+        return take_text(self._profile.received_frame, self._profile.link.rx_end, line, deadline)
+
+    def await_reply(
+        self, line: TableLine, name: str, deadline: Deadline, *, among_others: bool = False, sent: str = ""
+    ) -> Received:
+        """Return the reply `name`; others are dropped if they may come late, or if `among_others`."""
+        while True:
+            try:
+                received = self._receive(line, name, deadline)
+            except FramingError:
+                if not among_others:
+                    raise
+                continue
+            if isinstance(received, Received):
+                self._close_reply(line, deadline)
+                return received
+            self._require_droppable(line, received, among_others=among_others, sent=sent)
+
+    def _receive(self, line: TableLine, name: str, deadline: Deadline) -> Received | bytes | str:
+        """Return the next message: as a reply if it is `name`, else as it came."""
+        reply = self._profile.replies[name]
+        if self._profile.binary:
+            data = take_frame(self._profile.received_frame, line, deadline)
+            return Received(data) if _has(reply.bytes, data) else data
+        text = self._text(line, deadline)
+        return _matched(reply, text) or text
+
+    def _close_reply(self, line: TableLine, deadline: Deadline) -> None:
+        """Take the prompt that follows the data."""
+        prompt = self._profile.link.prompt
+        while prompt is not None and self._text(line, deadline) != prompt:
+            pass
+
+    def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
+        if isinstance(message, bytes):
+            if self._profile.refusals.bytes and _has(self._profile.refusals.bytes, message):
+                raise InstrumentError(f"refused ({message.hex(' ')})", words=message.hex(" "), **located(line))
+            late = any(reply.late and _has(reply.bytes, message) for reply in self._unasked())
+        else:
+            pattern = self._profile.refusals.pattern
+            if pattern is not None and re.fullmatch(pattern, message):
+                raise InstrumentError(f"refused ({message})", words=message, **located(line))
+            echo = self._profile.link.echo == "optional" and message == sent
+            late = (
+                echo
+                or message == self._profile.link.prompt
+                or any(_matched(reply, message) for reply in self._unasked())
+            )
+        if not late and not among_others:
+            shown = message.hex(" ") if isinstance(message, bytes) else message
+            raise FramingError(f"came {shown[:60]!r}, which is no answer to the question")
+
+    def _unasked(self) -> list[Reply]:
+        """Return the replies that may come at any time."""
+        stream = self._profile.stream
+        own = [] if stream is None else [self._profile.replies[stream.reply]]
+        return [*own, *(reply for reply in self._profile.replies.values() if reply.late)]
+
+
+def _has(wanted: tuple[Byte, ...], data: bytes) -> bool:
+    return all(each.at < len(data) and data[each.at] == each.value for each in wanted)
+
+
+def _matched(reply: Reply, text: str) -> Received | None:
+    found = re.fullmatch(reply.pattern or "", text)
+    if found is None:
+        return None
+    groups = {key: value for key, value in found.groupdict().items() if value is not None}
+    if reply.split is not None:
+        groups |= {f"item_{number}": piece for number, piece in enumerate(text.split(reply.split))}
+    return Received(b"", text, groups)
