@@ -140,6 +140,18 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
     )
 
 
+@pytest.mark.parametrize("seed", [11, 17, 27])
+def test_a_search_that_ends_at_a_negative_time_constant_found_it_all_the_same(seed: int) -> None:
+    """One in ten did, and said that no exponential stands out where its amplitude had ten standard deviations."""
+    result = synthetic(np.random.default_rng(seed), 230.0, -100.0 / 3600.0, 0.03)
+    tau_s, u_s = found(result.time_constant)
+    assert abs(tau_s - 230.0) < 4.0 * u_s
+    amplitude, u_amplitude = found(result.amplitude)
+    assert abs(amplitude + 100.0 / 3600.0) < 4.0 * u_amplitude
+    warm_up_s, _ = found(result.warm_up)
+    assert warm_up_s > 0.0
+
+
 @pytest.mark.exhaustive
 def test_values_scatter_as_their_uncertainties_say() -> None:
     rng, z = np.random.default_rng(7), []

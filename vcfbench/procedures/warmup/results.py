@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from vcfbench.analysis.model_fit import ModelFit
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.record.schema import Point
 
@@ -228,7 +229,16 @@ def _fitted(begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, inst
             fits.append(fit_model(residuals, start, "warm-up"))
         except ConfigError:
             continue
-    return min(fits, key=lambda fit: fit.chi_square, default=None)
+    best = min(fits, key=lambda fit: fit.chi_square, default=None)
+    return None if best is None else _positive(best)
+
+
+def _positive(fit: ModelFit) -> ModelFit:
+    """Return a fit with its time constant positive: the search may end at either sign, which means the same."""
+    import numpy as np  # noqa: PLC0415
+
+    turn = np.array([1.0, 1.0, -1.0 if fit.parameters[2] < 0.0 else 1.0])
+    return replace(fit, parameters=fit.parameters * turn, covariance=fit.covariance * np.outer(turn, turn))
 
 
 def _constant(
