@@ -147,3 +147,14 @@ def test_functions_stay_small() -> None:
 
 def test_every_module_explains_itself() -> None:
     assert [name for name, tree in modules().items() if not ast.get_docstring(tree)] == []
+
+
+def class_names(part: str) -> set[str]:
+    found = {name: tree for name, tree in modules().items() if f"{name}.".startswith(f"vcfbench.{part}.")}
+    kinds = {each.name for tree in found.values() for each in ast.walk(tree) if isinstance(each, ast.ClassDef)}
+    return {kind for kind in kinds if not kind.startswith("_")}
+
+
+def test_no_class_has_the_name_of_one_on_the_other_side_of_the_wire() -> None:
+    """Who reads of an E3631A must know whether it is the driver or the instrument."""
+    assert (class_names("drivers") | class_names("interfaces")) & class_names("sim") == set()

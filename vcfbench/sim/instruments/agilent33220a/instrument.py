@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from vcfbench.sim.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
 from vcfbench.sim.instruments.agilent33220a.levels import Levels
 from vcfbench.sim.instruments.agilent33220a.modulation import Player
-from vcfbench.sim.instruments.agilent33220a.rules import Rules
+from vcfbench.sim.instruments.agilent33220a.rules import SettingRules
 from vcfbench.sim.instruments.agilent33220a.settings import (
     KIND_33220A,
     RESET,
@@ -115,7 +115,7 @@ class SimulatedAgilent33220A(ScpiTwin):
         )
         self.memory = self.made_memory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
         self.levels = self.made_levels(errors)
-        self.rules = Rules(self.kind, self.state, self.levels, self.engine.report)
+        self.rules = SettingRules(self.kind, self.state, self.levels, self.engine.report)
         clock_hz = self.kind.arbitrary_clock_hz
         self._player = Player(self.state, errors, self.levels, self.memory, noise_seed, clock_hz=clock_hz)
         world.drive_v_vc(None)

@@ -18,7 +18,7 @@ from vcfbench.sim.instruments.agilent33220a.waveforms import turned
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
 
-__all__ = ["Bursts", "Deviated", "Keyed", "Phase", "Rhythm", "Run", "Shifted", "Steady", "Swept", "continued"]
+__all__ = ["Bursts", "Deviated", "Keyed", "Phase", "Rhythm", "Shifted", "Steady", "SteadyRun", "Swept", "continued"]
 
 
 _MOST_BREAKS = 10_000
@@ -28,7 +28,7 @@ _STEEP = 100.0
 """A rhythm steeper than this, per period, jumps."""
 
 
-class Run(NamedTuple):
+class SteadyRun(NamedTuple):
     """A stretch of constant frequency: 0 Hz where the phase stands still."""
 
     hz: float
@@ -82,9 +82,9 @@ class Steady(Struct, frozen=True):
         del start_s, stop_s
         return np.empty(0)
 
-    def run(self, time_s: float) -> Run:
+    def run(self, time_s: float) -> SteadyRun:
         """Return the one run that it is."""
-        return Run(self.hz, self.hz * time_s + self.cycles, math.inf)
+        return SteadyRun(self.hz, self.hz * time_s + self.cycles, math.inf)
 
 
 class Deviated(Struct, frozen=True):
@@ -195,11 +195,11 @@ class Keyed(Struct, frozen=True):
         """Return the hops."""
         return _multiples(0.5 / self.rate_hz, start_s, stop_s)
 
-    def run(self, time_s: float) -> Run:
+    def run(self, time_s: float) -> SteadyRun:
         """Return what is left of the half period; a hop less than 1e-9 of it away has been."""
         halves = math.floor(2 * self.rate_hz * time_s + 1e-9)
         cycles = float(self.at(np.array([time_s]))[0])
-        return Run(self.hop_hz if halves % 2 else self.hz, cycles, (halves + 1) / (2 * self.rate_hz))
+        return SteadyRun(self.hop_hz if halves % 2 else self.hz, cycles, (halves + 1) / (2 * self.rate_hz))
 
 
 class Swept(Struct, frozen=True):
@@ -258,12 +258,12 @@ class Swept(Struct, frozen=True):
         ends = np.array([self.from_s, self.from_s + self.lasts_s])
         return ends[(ends > start_s) & (ends < stop_s)]
 
-    def run(self, time_s: float) -> Run | None:
+    def run(self, time_s: float) -> SteadyRun | None:
         """Return the wait before or after the only sweep."""
         if self.again or self.from_s <= time_s < self.from_s + self.lasts_s:
             return None
         until = self.from_s if time_s < self.from_s else math.inf
-        return Run(self.start_hz, float(self.at(np.array([time_s]))[0]), until)
+        return SteadyRun(self.start_hz, float(self.at(np.array([time_s]))[0]), until)
 
 
 class Bursts(Struct, frozen=True):
@@ -302,17 +302,17 @@ class Bursts(Struct, frozen=True):
         both = np.concatenate((begun, begun + self.count / self.hz))
         return both[(both > start_s) & (both < stop_s) & (both >= self.from_s)]
 
-    def run(self, time_s: float) -> Run:
+    def run(self, time_s: float) -> SteadyRun:
         """Return what is left of a burst, or of the wait for the next; an edge less than 1 ps away has been."""
         since = time_s - self.from_s + 1e-12 * max(1.0, abs(time_s))
         cycles = float(self.at(np.array([time_s]))[0])
         if since < 0.0:
-            return Run(0.0, self.cycles, self.from_s)
+            return SteadyRun(0.0, self.cycles, self.from_s)
         start = self.from_s if math.isinf(self.period_s) else self.from_s + since // self.period_s * self.period_s
         end = start + self.count / self.hz
         if since - (start - self.from_s) < end - start:
-            return Run(self.hz, cycles, end)
-        return Run(0.0, self.cycles, start + self.period_s)
+            return SteadyRun(self.hz, cycles, end)
+        return SteadyRun(0.0, self.cycles, start + self.period_s)
 
 
 def _multiples(period_s: float, start_s: float, stop_s: float) -> Values:

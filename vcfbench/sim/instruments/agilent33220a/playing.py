@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.components import Component
     from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
-    from vcfbench.sim.instruments.agilent33220a.phases import Phase, Run
+    from vcfbench.sim.instruments.agilent33220a.phases import Phase, SteadyRun
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
     from vcfbench.sim.sources import Bend
 
@@ -99,7 +99,7 @@ class Playing(Struct, frozen=True):
 
     # --- while the frequency stays ------------------------------------------------------------------------------
 
-    def _run(self, start_s: float, run: Run, bend: Bend) -> Piece | None:
+    def _run(self, start_s: float, run: SteadyRun, bend: Bend) -> Piece | None:
         if run.hz == 0.0:
             return Piece(start_s, run.until_s, float(bent(self.at(np.array([start_s])), bend)[0]))
         if run.hz >= FAST_HZ:
@@ -110,7 +110,7 @@ class Playing(Struct, frozen=True):
             return self._lines(start_s, run, bend)
         return self._straight(start_s, run, corners, bend) if often_hz < _OFTEN_HZ else None
 
-    def _straight(self, start_s: float, run: Run, corners: tuple[float, ...], bend: Bend) -> Piece:
+    def _straight(self, start_s: float, run: SteadyRun, corners: tuple[float, ...], bend: Bend) -> Piece:
         """Return what it is up to the next corner: a chord, and what the input bends it by as sines."""
         place = run.cycles % 1.0
         soon = run.hz * _SHORTEST_S
@@ -124,7 +124,7 @@ class Playing(Struct, frozen=True):
         chord = float(made[-1] - made[0])
         return Piece(start_s, stop, float(made[0]), chord / lasts, _sines(made - made[0] - chord * parts, lasts))
 
-    def _lines(self, start_s: float, run: Run, bend: Bend) -> Piece:
+    def _lines(self, start_s: float, run: SteadyRun, bend: Bend) -> Piece:
         """Return the lines of its spectrum."""
         edges = np.arange(BINS + 1) / BINS
         means = [np.diff(self.waveform.integral(power, edges)) * BINS for power in POWERS]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.settings import GeneratorKind, Settings
     from vcfbench.sim.scpi import ScpiError
 
-__all__ = ["Rules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
+__all__ = ["SettingRules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
 
 _NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user", "SIN": "sine", "SQU": "square", "TRI": "triangle"}
 _MODE_WORDS = {"SWE": "sweep", "BURS": "burst"}
@@ -57,7 +57,7 @@ def widest_swing_s(settings: Settings, kind: GeneratorKind) -> float:
     return float(max(min(settings["width"] - least, longest - settings["width"]), 0.0))
 
 
-class Rules:
+class SettingRules:
     """Keeps the settings consistent; `report` takes the conflicts."""
 
     def __init__(

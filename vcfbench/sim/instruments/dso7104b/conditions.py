@@ -24,7 +24,7 @@ __all__ = [
     "Pattern",
     "PulseCondition",
     "SequenceCondition",
-    "Stage",
+    "SequenceStage",
     "Video",
 ]
 
@@ -308,7 +308,7 @@ class Video(_Patient):
         return exactly(end) if self._field and first and self._in_field else None
 
 
-class Stage(Struct, frozen=True):
+class SequenceStage(Struct, frozen=True):
     """What one stage of a sequence waits for: a pattern entered or exited, an edge, or an edge within a pattern."""
 
     pattern: Mapping[int, bool] | None = None
@@ -319,7 +319,7 @@ class Stage(Struct, frozen=True):
 class _Waiting:
     """A stage that follows the changes."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: SequenceStage) -> None:
         self._stage = stage
         self._levels = _Levels(stage.pattern or {})
 
@@ -348,9 +348,9 @@ class SequenceCondition(_Patient):
 
     def __init__(
         self,
-        find: Stage,
-        trigger: Stage,
-        reset: Stage | None = None,
+        find: SequenceStage,
+        trigger: SequenceStage,
+        reset: SequenceStage | None = None,
         *,
         count: int = 1,
         counts_anew: bool = True,

@@ -15,7 +15,7 @@ from vcfbench.sim.instruments.dso7104b.conditions import (
     Pattern,
     PulseCondition,
     SequenceCondition,
-    Stage,
+    SequenceStage,
     Video,
 )
 from vcfbench.sim.instruments.dso7104b.inputs import EXTERNAL, LINE
@@ -130,13 +130,13 @@ def _television(state: Mapping[str, Any]) -> Trigger:
     return Trigger({channel: comparator_of(state, source)}, make, SyncTips(negative, swing_v))
 
 
-def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> Stage | None:
+def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> SequenceStage | None:
     """Return the stage that words like `PATT1,AND,EDGE1` or `EDGE2,COUN` mean; None for NONE and TIMer."""
     pattern = next((_wanted(*state[f"SEQ:{word}"]) for word in words if word.startswith("PATT")), None)
     edge = next((state[f"SEQ:{word}"] for word in words if word.startswith("EDGE")), None)
     if pattern is None and edge is None:
         return None
-    return Stage(pattern, "EXIT" not in words, None if edge is None else (_input(edge[0]), edge[1] == "POS"))
+    return SequenceStage(pattern, "EXIT" not in words, None if edge is None else (_input(edge[0]), edge[1] == "POS"))
 
 
 def _sequence(state: Mapping[str, Any]) -> Trigger:
