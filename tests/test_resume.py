@@ -20,7 +20,7 @@ from tests import warm
 from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
-from vcfbench.errors import Aborted, ConfigError, MeasurementError, PlanError
+from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, PlanError
 from vcfbench.record.journal import read_journal
 from vcfbench.runs.asked import Asked, Checked
 from vcfbench.runs.keeping import keep_of_device
@@ -349,6 +349,29 @@ def test_two_signals_amid_a_line_leave_a_record_that_is_resumed(
     assert (record.damage, record.status, len(record.points)) == (None, "aborted", 2)
     assert record.points == broken.points
     resumed = vcfbench.resume(broken)
+    assert [point.rate_deg_s for point in resumed.points] == [point.rate_deg_s for point in whole.points]
+
+
+def test_a_disk_that_was_full_for_a_moment_leaves_a_record_that_is_resumed(
+    whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The failure cannot be written when it comes, the way to rest can: the steps follow each other all the same."""
+    write, refused = os.write, []
+
+    def full(descriptor: int, data: bytes) -> int:
+        if (b'"point":' in data and b'"rate_deg_s":0.0' in data) or 0 < len(refused) < 3:
+            refused.append(data)
+            return write(descriptor, data[: len(data) // 2])
+        return write(descriptor, data)
+
+    with monkeypatch.context() as filled:
+        filled.setattr(os, "write", full)
+        with pytest.raises(BenchError, match="cannot be written: the disk took") as failed:
+            vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path)
+    record = read_journal(failed.value.run.directory / "journal.jsonl")
+    assert (record.damage, record.status, len(record.points)) == (None, "aborted", 1)
+    assert [line["n"] for line in record.errors] == [record.errors[0]["n"], record.errors[0]["n"] + 1]
+    resumed = vcfbench.resume(failed.value.run)
     assert [point.rate_deg_s for point in resumed.points] == [point.rate_deg_s for point in whole.points]
 
 

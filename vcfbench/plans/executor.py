@@ -149,6 +149,7 @@ class Executor:
         self._context = Context(bench, self._heard, operator=operator, undivided=undivided)
         self._started_s = bench.clock.now() if began_s is None else began_s
         self._number = self._written = 0
+        self._owed: list[dict[str, Any]] = []
         self._points: list[Point] = []
         self._asked_again: list[str] = []
         self._not_checked: list[str] = []
@@ -264,7 +265,14 @@ class Executor:
             "chunk": self._context.chunks + 1,
             "readings": readings,
         }
+        self._write_owed()
         self.journal.readings(chunk)
+
+    def _write_owed(self) -> None:
+        """Write the failures that the disk did not take when they came: what is written after them leaves no gap."""
+        while self._owed:
+            self.journal.error(self._owed[0])
+            del self._owed[0]
 
     def _write(self, step: Step, result: StepResult, start_s: float) -> None:
         if self._context.chunks:
@@ -276,6 +284,7 @@ class Executor:
         if point is not None:
             line["point"] = point.as_json()
         with self._undivided():
+            self._write_owed()
             self.journal.step(line)
             self._written = self._number
             self._count(step, result, self._context.asked_again)
@@ -320,8 +329,9 @@ class Executor:
         readings = to_builtins(self._context.readings)
         line = {**self._line(step), "t_s": self._now(), **_error_fields(error), "readings": readings, **self._seen()}
         if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
+            self._owed.append(line)
             with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
-                self.journal.error(line)
+                self._write_owed()
         self._tell(StepFailed(self._number, self._now(), step, error))
         return error
 
