@@ -349,6 +349,12 @@ def test_settings_are_checked_like_those_of_a_bench_file(
         vcfbench.dry_run("virtual-coriolis", settings=settings)
 
 
+def test_a_read_back_is_told_to_the_digit_that_is_wrong() -> None:
+    tight = {**QUICK, "rate_tolerance_deg_s": 1e-5}
+    with pytest.raises(vcfbench.MeasurementError, match=r"\+10 deg/s.*: reads \+(10\.0\d{2,}|9\.99\d+) deg/s"):
+        vcfbench.run("turntable", seed=2, settings=tight, runs=None)
+
+
 @pytest.mark.parametrize("settings", [[1.0], "samples=3", {1: 2}, vcfbench.ProcedureSettings()])
 def test_settings_are_a_mapping(settings: Any, tmp_path: Path) -> None:
     for ask in (partial(vcfbench.run, runs=tmp_path), vcfbench.dry_run):
@@ -438,6 +444,15 @@ def test_mistakes_in_a_procedure_are_told_when_it_is_made(mistake: dict[str, Any
 def own(**parts: Any) -> Any:
     known = {"name": "mine", "title": "Mine.", "settings": vcfbench.ProcedureSettings}
     return vcfbench.Procedure(**{**known, "plan": too_fast, "results": lambda _settings, _points: {}, **parts})
+
+
+def test_a_list_of_runs_is_told_how_runs_are_compared(quick: Run) -> None:
+    with pytest.raises(vcfbench.ConfigError, match=r"as in compare_runs\(before, after\), came a list"):
+        vcfbench.compare_runs([quick, quick])  # type: ignore[arg-type]  # what is tested
+
+
+def test_the_catalogue_shows_its_names() -> None:
+    assert repr(vcfbench.PROCEDURES).startswith("<procedures turntable, virtual-coriolis, zero, ")
 
 
 # --- without a bench ---

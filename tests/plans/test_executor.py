@@ -146,6 +146,10 @@ def _sag(bench: FakeBench) -> None:
     bench.power.sag_v = 0.2
 
 
+def _sag_by_a_little(bench: FakeBench) -> None:
+    bench.power.sag_v = 0.1004
+
+
 def _fault(bench: FakeBench) -> None:
     bench.rate_table.fault_at_s = 60.0
 
@@ -181,6 +185,7 @@ def _lost(bench: FakeBench) -> None:
             0,
         ),
         (_sag, MeasurementError, r"power at FAKE::5: P25V reads \+9.8 V, expected \+10 V within 0.1 V, step 9", 0),
+        (_sag_by_a_little, MeasurementError, r"P25V reads \+9.8996 V, expected \+10 V within 0.1 V", 0),
         (_fault, InterlockError, r"rate_table at FAKE::COM1: fault: over-speed trip, step", 4),
         (
             _slow,

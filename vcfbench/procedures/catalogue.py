@@ -114,6 +114,9 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
             raise ConfigError(f"the name {name!r} is taken twice: {self.origin(name)}; one of them has to be renamed")
         return _load(entries[0])
 
+    def __repr__(self) -> str:
+        return f"<procedures {', '.join(self)}>"
+
     def __iter__(self) -> Iterator[str]:
         """Yield the names: those that come along first."""
         yield from BUILT_IN

@@ -91,11 +91,16 @@ class RunComparison:
 
 
 def compare_runs(*runs: Run) -> RunComparison:
-    """Compare runs, of one procedure or of several, with the first of them.
+    """Compare runs, of one procedure or of several, with the first of them: ``compare_runs(before, after)``.
 
     Raises:
-        ConfigError: there are fewer than two, more than 26, or they share neither results nor points.
+        ConfigError: there are fewer than two, more than 26, something else than runs is among them, or they share
+            neither results nor points.
     """
+    for each in runs:
+        if not hasattr(each, "results"):
+            kind = type(each).__name__
+            raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), came a {kind}")
     if not 2 <= len(runs) <= 26:
         raise ConfigError(f"expected 2 to 26 runs to compare, came {len(runs)}")
     of_each = [values_of(run) for run in runs]

@@ -162,7 +162,7 @@ def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> Rail
         if abs(reading.voltage_v - rail.voltage_v) <= tolerance_v:
             return ""
         return (
-            f"{rail.output} reads {reading.voltage_v:+.4g} V, expected {rail.voltage_v:+g} V within {tolerance_v:g} V"
+            f"{rail.output} reads {reading.voltage_v:+.7g} V, expected {rail.voltage_v:+g} V within {tolerance_v:g} V"
         )
 
     reading = context.believable(lambda: _read(power, rail.output), off)

@@ -161,7 +161,7 @@ class AwaitRate(Step, Struct, frozen=True):
             if deadline.expired():
                 raise problem(
                     table,
-                    f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.5g} deg/s, "
+                    f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
                     f"at-rate flag {'set' if at_rate else 'not set'}",
                 )
             sleep(clock, _POLL_S)
@@ -192,7 +192,7 @@ def read_rate(context: Context, rate_deg_s: float, tolerance_deg_s: float) -> fl
     def left(reading: float) -> str:
         if abs(reading - rate_deg_s) <= tolerance_deg_s:
             return ""
-        return f"left {rate_deg_s:+g} deg/s during the window: reads {reading:+.5g} deg/s"
+        return f"left {rate_deg_s:+g} deg/s during the window: reads {reading:+.9g} deg/s"
 
     reading = context.believable(table.rate_deg_s, left)
     if said := left(reading):
