@@ -59,8 +59,8 @@ def bench_of(seed: int, errors: str, ageing: dict[str, Any]) -> Any:
 
 def _all(how: str) -> Any:
     kind = type(SIMULATION.errors)
-    told: dict[str, Any] = dict.fromkeys(kind.__struct_fields__, how)
-    return kind(**told)
+    fields: dict[str, Any] = dict.fromkeys(kind.__struct_fields__, how)
+    return kind(**fields)
 
 
 def _plain(errors: Any) -> Any:

@@ -158,3 +158,23 @@ def class_names(part: str) -> set[str]:
 def test_no_class_has_the_name_of_one_on_the_other_side_of_the_wire() -> None:
     """Who reads of an E3631A must know whether it is the driver or the instrument."""
     assert (class_names("drivers") | class_names("interfaces")) & class_names("sim") == set()
+
+
+def names(tree: ast.Module) -> Iterator[str]:
+    """Yield what a module names by itself: functions, classes, parameters, variables, fields."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def test_names_are_words_of_the_field() -> None:
+    """What was told is stated, commanded, reported or recorded: a name says which."""
+    private = {"told", "misfit", "misfits", "mishap", "mishaps"}
+    found = {f"{module}: {name}" for module, tree in modules().items() for name in names(tree)}
+    assert {each for each in found if private & set(each.partition(": ")[2].lower().split("_"))} == set()

@@ -33,7 +33,7 @@ UNSEEN = (
 )
 """What a self-calibration by K_Vc cannot see: all that K_Vc itself is made of (equation 16 of the paper)."""
 
-_AS_TOLD = (
+_AS_STATED = (
     "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
     "K_Vc itself, if k_vc_u_deg_s_per_v was not told: its u counts as 0",
 )
@@ -175,7 +175,7 @@ def _given(settings: KnownDeviceSettings, given: str, reference: Reference | Non
         coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
     )
     source = f"K_Vc = {given} (deg/s)/V, as told"
-    return KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_TOLD, reference=reference)
+    return KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED, reference=reference)
 
 
 def _require_valid(record: Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
