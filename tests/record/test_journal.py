@@ -117,6 +117,7 @@ HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b
         '{"type":"header","format":1,"bench":3}\n',
         '{"type":"header","format":1,"bench":[]}\n',
         HEADER + '{"type":"footer","status":"aborted","error":"in words alone"}\n',
+        HEADER + '{"type":"footer","status":"aborted","error":[]}\n',
         HEADER + '{"type":"step","n":1,"step_kind":"Acquire","point":POINT,"result":[]}\n',
         HEADER + '{"type":"step","n":1,"point":BIG}\n{"type":"footer","status":"complete"}\n',
     ],

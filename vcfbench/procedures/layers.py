@@ -89,7 +89,7 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
     except ValidationError as error:
         raise ConfigError(f"its settings are not those of this version: {error}") from None
     written = to_builtins(settings)
-    if missing := sorted(set(written) - set(values)) + sorted(set(written["station"]) - set(values["station"])):
+    if missing := sorted(set(written) - set(values)) + sorted(set(written["station"]) - set(values.get("station", ()))):
         raise ConfigError(f"its settings are not those of this version: {', '.join(missing)} missing")
     return settings
 

@@ -227,7 +227,7 @@ def read_journal(path: Path) -> JournalRecord:
     record = _record(lines, path, torn=torn)
     try:
         _ = record.status, record.points, record.header.get("bench", {}).get("name")
-        _ = ((record.footer or {}).get("error") or {}).get("what")
+        _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
         return replace(record, damage=first_damage(lines) or unreadable)
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{shown(path)}: no record of this program: {error!r}") from error
