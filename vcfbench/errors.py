@@ -49,6 +49,10 @@ __all__ = [
 ]
 
 
+_AT_ONCE_S = 0.001
+"""What failed sooner is said to have failed at once."""
+
+
 class Where(TypedDict, total=False):
     """Where and when something went wrong, as :class:`BenchError` takes it."""
 
@@ -101,7 +105,7 @@ class BenchError(Exception):
         if self.step is not None:
             parts.append(f"step {self.step}")
         if self.elapsed_s is not None:
-            parts.append(f"after {self.elapsed_s:.3g} s")
+            parts.append("at once" if self.elapsed_s < _AT_ONCE_S else f"after {self.elapsed_s:.3g} s")
         text = ", ".join(parts)
         return f"{text}; {self.hint}" if self.hint else text
 

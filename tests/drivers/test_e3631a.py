@@ -175,7 +175,7 @@ def test_a_measured_overload_is_no_voltage() -> None:
     "identity", ["HEWLETT-PACKARD,34401A,0,10-5-2", "ACME,E3631A,0,1", "Agilent Technologies,E3632A,0,1"]
 )
 def test_another_instrument_is_refused_and_nothing_is_sent_to_it(identity: str) -> None:
-    with pytest.raises(WrongInstrument, match="expected a E3631A"), expected_exchange(OPEN, [("*IDN?", identity)]):
+    with pytest.raises(WrongInstrument, match="expected E3631A"), expected_exchange(OPEN, [("*IDN?", identity)]):
         pass
 
 

@@ -62,8 +62,8 @@ def test_every_maker_that_sold_it_is_accepted(maker: str) -> None:
 @pytest.mark.parametrize(
     ("identity", "wanted"),
     [
-        ("HEWLETT-PACKARD,34410A,0,1", "expected a 34401A, found HEWLETT-PACKARD 34410A, serial number 0"),
-        ("RIGOL,34401A,7,1", "expected a 34401A, found RIGOL 34401A, serial number 7"),
+        ("HEWLETT-PACKARD,34410A,0,1", "expected 34401A, found HEWLETT-PACKARD 34410A, serial number 0"),
+        ("RIGOL,34401A,7,1", "expected 34401A, found RIGOL 34401A, serial number 7"),
     ],
 )
 def test_another_instrument_is_refused_and_given_back(identity: str, wanted: str) -> None:
@@ -79,7 +79,7 @@ def test_another_instrument_is_refused_and_given_back(identity: str, wanted: str
 def test_another_specimen_is_refused_when_one_is_asked_for() -> None:
     clock = VirtualClock()
     wire = ScriptedWire([("*IDN?", "HEWLETT-PACKARD,34401A,MY1,10-5-2")], clock=clock)
-    wanted = "expected a 34401A with serial number MY2, found HEWLETT-PACKARD 34401A, serial number MY1"
+    wanted = "expected 34401A with serial number MY2, found HEWLETT-PACKARD 34401A, serial number MY1"
     with pytest.raises(WrongInstrument, match=wanted):
         Hp34401A(session_on(wire, clock), serial_number="MY2")
     assert wire.closed

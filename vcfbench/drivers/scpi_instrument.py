@@ -133,7 +133,7 @@ class ScpiInstrument:
         found = f"{identity.maker} {identity.model}, serial number {identity.serial}"
         self._session.close()
         raise WrongInstrument(
-            f"expected a {wanted}, found {found}",
+            f"expected {wanted}, found {found}",
             instrument=self.name,
             resource=self.resource,
             hint="check the resource in the bench file",

@@ -107,7 +107,7 @@ class PageContent:
                 pass
             view = follower.view
             if view.end is not None and "parts" not in view.end:
-                view.finished({**view.end, **_came_to(follower.path.parent)})
+                view.finished({**view.end, **_ended(follower.path.parent)})
             elif view.end is None and not being_written(follower.path) and not follower.read_on() and view.end is None:
                 view.finished({"status": "incomplete", "error": "the record ends here, nobody writes it any more"})
         except OSError as error:
@@ -115,7 +115,7 @@ class PageContent:
         return follower.view
 
 
-def _came_to(directory: Path) -> dict[str, Any]:
+def _ended(directory: Path) -> dict[str, Any]:
     """Return results and verdict of a recorded run as the page shows them."""
     from vcfbench.runs.recorded import load_run  # noqa: PLC0415  # needed once a run is over
 

@@ -140,7 +140,7 @@ class _Course(Struct):
     header: Mapping[str, Any] = field(default_factory=dict)
     directory: RunDirectory | None = None
     execution: Execution | None = None
-    came_to: Evaluation | None = None
+    evaluation: Evaluation | None = None
     error: BenchError | None = None
     observers: Mapping[str, Shielded] = field(default_factory=dict)
     kept: Path | None = None
@@ -165,17 +165,17 @@ class _Course(Struct):
         from vcfbench.runs.run import Run, breaks  # noqa: PLC0415
 
         description, execution = self.checked.description, self.execution
-        status = Status.ABORTED if self.came_to is None else Status.COMPLETE
+        status = Status.ABORTED if self.evaluation is None else Status.COMPLETE
         points = () if execution is None else execution.points
-        came_to = nothing(points) if self.came_to is None else self.came_to
+        evaluation = nothing(points) if self.evaluation is None else self.evaluation
         return Run(
             procedure=self.checked.name,
             status=status,
             points=points,
-            results=came_to.results,
-            no_results=None if self.came_to is not None else f"the record is {status.value}",
+            results=evaluation.results,
+            no_results=None if self.evaluation is not None else f"the record is {status.value}",
             error=self.error,
-            verdict=came_to.verdict,
+            verdict=evaluation.verdict,
             directory=None if self.directory is None else self.directory.path,
             bench=None if description is None else description.name,
             simulated=None if description is None else description.simulated,
@@ -189,7 +189,7 @@ class _Course(Struct):
             metadata=self.checked.metadata,
             equipment=equipment_of(self.header),
             resumed=breaks(self.header, len(points)),
-            _came_to=came_to.report,
+            _own_report=evaluation.report,
         )
 
 
@@ -389,9 +389,9 @@ class _Record(Struct):
     def _keep_of_device(self) -> None:
         """Add what the procedure keeps of the device to its store: of a run that is complete, recorded and safe."""
         course, procedure, settings = self.course, self.prepared.procedure, self.prepared.settings
-        if procedure.entry is None or course.error is not None or course.came_to is None or course.directory is None:
+        if procedure.entry is None or course.error is not None or course.evaluation is None or course.directory is None:
             return
-        kept = procedure.entry(settings, course.came_to.results, self._made(course.came_to))
+        kept = procedure.entry(settings, course.evaluation.results, self._made(course.evaluation))
         if kept is not None:
             from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 
@@ -401,11 +401,11 @@ class _Record(Struct):
                 error.hint = f"the record has it: vcfbench device --add {course.directory.run} keeps it later"
                 raise
 
-    def _made(self, came_to: Evaluation) -> Provenance:
+    def _made(self, evaluation: Evaluation) -> Provenance:
         from vcfbench.procedures.procedure import Provenance  # noqa: PLC0415
 
         assert self.course.directory is not None  # noqa: S101  # there is a journal
-        description, verdict = self.prepared.description, came_to.verdict
+        description, verdict = self.prepared.description, evaluation.verdict
         return Provenance(
             bench=description.name,
             run=self.course.directory.run,
@@ -430,13 +430,13 @@ class _Record(Struct):
 
     def _compute(self) -> None:
         from vcfbench.plans.measured import Measured  # noqa: PLC0415
-        from vcfbench.runs.results import come_to  # noqa: PLC0415
+        from vcfbench.runs.results import evaluate  # noqa: PLC0415
 
         course, settings = self.course, self.prepared.settings
         assert self.journal is not None  # noqa: S101  # the plan was performed
         measured = Measured(course.as_run().points, self.journal.lines)
         try:
-            course.came_to = come_to(self.prepared.procedure, settings, settings.acceptance, measured)
+            course.evaluation = evaluate(self.prepared.procedure, settings, settings.acceptance, measured)
         except BenchError as error:
             failed = MeasurementError(f"the points give no result: {error.what}")
             failed.__cause__ = error.__cause__
@@ -475,10 +475,10 @@ class _Record(Struct):
         from vcfbench.procedures.catalogue import BUILT_IN  # noqa: PLC0415
         from vcfbench.report.kept import plain_report  # noqa: PLC0415
 
-        if self.course.came_to is None or self.prepared.procedure.name in BUILT_IN:
+        if self.course.evaluation is None or self.prepared.procedure.name in BUILT_IN:
             return {}
         with suppress(ConfigError):  # a number in it is not finite: the results are kept all the same
-            return {"report": plain_report(self.course.came_to.report)}
+            return {"report": plain_report(self.course.evaluation.report)}
         return {}
 
 

@@ -30,20 +30,20 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
-    from vcfbench.runs.recomputed import came_to_of  # noqa: PLC0415
+    from vcfbench.runs.recomputed import evaluation_of  # noqa: PLC0415
     from vcfbench.runs.recorded import directory_of  # noqa: PLC0415
 
     directory = directory_of(run, runs)
     record = directory.read()
-    came_to, why_none = came_to_of(directory, record)
+    evaluation, why_none = evaluation_of(directory, record)
     if record.status is not Status.COMPLETE or why_none is not None:
         raise ConfigError(f"{directory.run} has no results to be kept: {why_none}")
     if record.footer is None or record.footer.get("error") is not None:
         raise ConfigError(f"{directory.run} ended with an error: nothing of it is kept")
     chosen = procedure(str(record.header.get("procedure")))
     settings = recorded_settings(chosen, record.header.get("settings"))
-    made = _made(directory, record, came_to)
-    kept = None if chosen.entry is None else chosen.entry(settings, came_to.results, made)
+    made = _made(directory, record, evaluation)
+    kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
     if kept is None:
         raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
     store = DeviceStore(kept.store if devices is None else devices)
@@ -53,8 +53,8 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
     return store.add(kept.record)
 
 
-def _made(directory: RunDirectory, record: JournalRecord, came_to: Evaluation) -> Provenance:
-    header, footer, verdict = record.header, record.footer or {}, came_to.verdict
+def _made(directory: RunDirectory, record: JournalRecord, evaluation: Evaluation) -> Provenance:
+    header, footer, verdict = record.header, record.footer or {}, evaluation.verdict
     return Provenance(
         bench=str(header["bench"].get("name")),
         run=directory.run,

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from vcfbench.record.journal import JournalRecord
     from vcfbench.runs.results import Evaluation
 
-__all__ = ["came_to_of", "printable"]
+__all__ = ["evaluation_of", "printable"]
 
 
-def came_to_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
+def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
     """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
     from vcfbench.runs.results import nothing  # noqa: PLC0415
     from vcfbench.runs.stored import stored  # noqa: PLC0415
@@ -43,7 +43,7 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
     from vcfbench.record.journal import lines_of  # noqa: PLC0415
-    from vcfbench.runs.results import come_to  # noqa: PLC0415
+    from vcfbench.runs.results import evaluate  # noqa: PLC0415
 
     name = record.header.get("procedure")
     if not isinstance(name, str) or name not in PROCEDURES:
@@ -52,7 +52,7 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     settings = recorded_settings(procedure, record.header.get("settings"))
     measured = Measured(record.points, lambda: record.lines)  # they have been read: a million readings take a second
     try:
-        return come_to(procedure, settings, settings.acceptance, measured)
+        return evaluate(procedure, settings, settings.acceptance, measured)
     except BenchError as error:
         raise ConfigError(f"the points give no result: {error.what}") from error
     finally:

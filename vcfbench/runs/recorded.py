@@ -13,7 +13,7 @@ from vcfbench.record.directory import RunDirectory, find_run
 from vcfbench.record.directory import list_runs as recorded_runs
 from vcfbench.record.metadata import equipment_of, metadata_from
 from vcfbench.record.schema import Status
-from vcfbench.runs.recomputed import came_to_of, printable
+from vcfbench.runs.recomputed import evaluation_of, printable
 from vcfbench.runs.run import Run, breaks
 
 if TYPE_CHECKING:
@@ -87,16 +87,16 @@ def _run_or_why_not(directory: RunDirectory) -> Run:
 def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
     """Return what `record` in `directory` tells of its run."""
     header, footer = record.header, record.footer or {}
-    came_to, why_none = came_to_of(directory, record)
+    evaluation, why_none = evaluation_of(directory, record)
     lost = footer.get("observers_lost", ())
     run = Run(
         procedure=str(header.get("procedure")),
         status=record.status,
         points=record.points,
-        results=came_to.results,
+        results=evaluation.results,
         no_results=why_none,
         error=_error(record),
-        verdict=came_to.verdict,
+        verdict=evaluation.verdict,
         directory=directory.path,
         bench=header.get("bench", {}).get("name"),
         simulated=header.get("simulated"),
@@ -110,8 +110,8 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         metadata=metadata_from(header),
         equipment=equipment_of(header),
         resumed=tuple(map(printable, breaks(header, len(record.points)))),
-        _came_to=came_to.report,
-        _measured=came_to.measured,
+        _own_report=evaluation.report,
+        _measured=evaluation.measured,
     )
     if run.error is not None:
         run.error.run = run

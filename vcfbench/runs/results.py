@@ -37,7 +37,7 @@ def nothing(points: Sequence[Point]) -> Evaluation:
     return Evaluation(None, None, Report([points_table(points)]))
 
 
-def come_to(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> Evaluation:
+def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> Evaluation:
     """Compute the results of `procedure`, judge them by `limits`, and make their report.
 
     Raises:

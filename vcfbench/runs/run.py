@@ -82,7 +82,7 @@ class Run(Struct, frozen=True, eq=False):
     metadata: RunMetadata = field(default_factory=RunMetadata)
     equipment: tuple[Equipment, ...] = ()
     resumed: tuple[str, ...] = ()
-    _came_to: Report = Report()
+    _own_report: Report = Report()
     _measured: Any = None
 
     @property
@@ -183,7 +183,7 @@ class Run(Struct, frozen=True, eq=False):
         broken = [Text(f"resumed: {each}") for each in self.resumed]
         left_out = [Text(f"not checked: {each}") for each in self.not_checked]
         verdict = [] if self.verdict is None else [verdict_table(self.verdict)]
-        return Report([*self._came_to.parts, *broken, *left_out, *verdict])
+        return Report([*self._own_report.parts, *broken, *left_out, *verdict])
 
     def _repr_html_(self) -> str:
         """Show the run in a notebook: how it ended, and its report with its figures."""

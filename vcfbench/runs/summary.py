@@ -191,12 +191,12 @@ def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
 
 def _read(directory: RunDirectory) -> RunSummary:
     """Read a record in full, and compute its results again where they are not stored."""
-    from vcfbench.runs.recomputed import came_to_of  # noqa: PLC0415  # few records need it
+    from vcfbench.runs.recomputed import evaluation_of  # noqa: PLC0415  # few records need it
 
     record = directory.read()
     header, metadata = record.header, metadata_from(record.header)
-    came_to, _ = came_to_of(directory, record)
-    verdict = came_to.verdict
+    evaluation, _ = evaluation_of(directory, record)
+    verdict = evaluation.verdict
     return RunSummary(
         run=directory.run,
         directory=directory.path,
@@ -210,7 +210,7 @@ def _read(directory: RunDirectory) -> RunSummary:
         operator=metadata.operator,
         note=metadata.note,
         tags=metadata.tags,
-        results=ReadOnly(dict(_stored_results(_encoded(came_to.results)))),
+        results=ReadOnly(dict(_stored_results(_encoded(evaluation.results)))),
         verdict=None if verdict is None else verdict.word,
         damage=record.damage,
     )

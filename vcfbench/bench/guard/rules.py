@@ -71,7 +71,7 @@ class OnlyQuestions:
         for part in read_message(message):
             refuse_self_test(part)
             if not part.query:
-                raise Unreadable(f"the commands of a {self._model} are not known here, only questions pass")
+                raise Unreadable(f"the commands of {self._model} are not known here, only questions pass")
 
 
 def at_most(what: str, value: float, limit: float, unit: str) -> None:
