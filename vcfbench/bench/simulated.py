@@ -143,15 +143,18 @@ def physical_parameters(description: BenchDescription) -> BenchParameters:
     return overridden(here, simulation.override)
 
 
-def true_output(description: BenchDescription, *, at_input: bool = False) -> Callable[[float, float | None], float]:
+def true_output(
+    description: BenchDescription, *, at_input: bool = False, rails_v: tuple[float, float] | None = None
+) -> Callable[[float, float | None], float]:
     """Return the true output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
 
-    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it.
+    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it. `rails_v` are the rails,
+    positive and negative; None means the nominal ones of the gyroscope.
     """
     from vcfbench.sim.gyro.warm_output import warm_output  # noqa: PLC0415
     from vcfbench.sim.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
 
-    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM)
+    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
 
 
 def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:

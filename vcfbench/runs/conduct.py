@@ -190,6 +190,7 @@ class _Course(Struct):
             equipment=equipment_of(self.header),
             resumed=breaks(self.header, len(points)),
             _own_report=evaluation.report,
+            _header=self.header,
         )
 
 

@@ -84,6 +84,7 @@ class Run(Struct, frozen=True, eq=False):
     resumed: tuple[str, ...] = ()
     _own_report: Report = Report()
     _measured: Any = None
+    _header: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def measured(self) -> Measured:
@@ -107,12 +108,14 @@ class Run(Struct, frozen=True, eq=False):
     def header(self) -> Mapping[str, Any]:
         """Who ran what on which bench, as the record says: identities, settings, versions; read when asked for.
 
+        Of a run without a record it is what the record would say, empty where the bench was not opened.
+
         Raises:
             ConfigError: the record cannot be read any more.
         """
         from vcfbench.record.journal import read_header  # noqa: PLC0415
 
-        return {} if self.directory is None else read_header(self.directory / "journal.jsonl")
+        return self._header if self.directory is None else read_header(self.directory / "journal.jsonl")
 
     @property
     def readings(self) -> tuple[RawReading, ...]:
@@ -167,10 +170,10 @@ class Run(Struct, frozen=True, eq=False):
 
     def __eq__(self, other: object) -> bool:
         """Tell whether all but what was measured is the same: a run of a record reads that when it is asked for."""
-        return isinstance(other, Run) and astuple(self)[:-1] == astuple(other)[:-1]
+        return isinstance(other, Run) and astuple(self)[:-2] == astuple(other)[:-2]
 
     def __hash__(self) -> int:
-        return hash(astuple(self)[:-1])
+        return hash(astuple(self)[:-2])
 
     def __repr__(self) -> str:
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"

@@ -1,8 +1,9 @@
 """The true values of what a calibration of a simulated gyroscope states, in closed form.
 
 Lines through the true outputs of the warm gyroscope (docs/theory.md), K_Vc where two outputs are equal, a meter that
-does not load the gyroscope. So they hold for runs that let the gyroscope warm up (`warm_up_s`, six of its time
-constants), and say nothing of the instruments' errors: those are what uncertainties are about.
+does not load the gyroscope, rails as the run set them. So they hold for runs that let the gyroscope warm up
+(`warm_up_s`, six of its time constants), and say nothing of the instruments' errors: those are what uncertainties are
+about.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
 
     if run.procedure == "turntable":
         rates = [point.rate_deg_s for point in run.points if point.step == 1]
-        return turntable_truth(true_output(description), rates)
+        return turntable_truth(true_output(description, rails_v=_rails_v(run)), rates)
     if not isinstance(run.results, VirtualCoriolisResult):
         return {}
     driven = [point for point in run.points if point.step == 4]
@@ -50,8 +51,13 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
     if isinstance(run.results, NullVirtualCoriolisResult):
         matched = [pair.rate_deg_s for pair in run.results.pairs]
     table = [point.rate_deg_s for point in run.points if point.step == 3]
-    output = true_output(description, at_input=None not in measured)
+    output = true_output(description, at_input=None not in measured, rails_v=_rails_v(run))
     return four_step_truth(output, Rates(table, levels, matched))
+
+
+def _rails_v(run: Run) -> tuple[float, float]:
+    settings = run.header["settings"]
+    return settings["positive_rail_v"], settings["negative_rail_v"]
 
 
 def turntable_truth(output: Output, rates_deg_s: Sequence[float]) -> dict[str, float]:

@@ -1,14 +1,14 @@
 """The output of a warm gyroscope as a closed form of its parameters: what a calibration without errors would find.
 
-Demodulated modes at the temperature after the warm-up, modulator and output amplifier, after docs/theory.md. The
-simulation itself does not use it: it propagates the modes in time.
+Drive at the temperature after the warm-up and on the rails, demodulated modes, feed-through, modulator and output
+amplifier, after docs/theory.md. The simulation itself does not use it: it propagates the modes in time.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from vcfbench.sim.gyro.design import earth_rate_deg_s
 
@@ -20,16 +20,21 @@ if TYPE_CHECKING:
 __all__ = ["warm_output"]
 
 
-def warm_output(bench: BenchParameters, generator_ohm: float = 50.0) -> Callable[[float, float | None], float]:
+def warm_output(
+    bench: BenchParameters, generator_ohm: float = 50.0, rails_v: tuple[float, float] | None = None
+) -> Callable[[float, float | None], float]:
     """Return the output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
 
     The rate is that about its own axis, of which a table askew to it gives less.
     V_Vc is the level of the open generator behind `generator_ohm`; 0 ohm means the level at the input.
+    `rails_v` are the rails at the PCB, positive and negative; None means the nominal ones.
     """
     thermal, virtual, stage = bench.thermal, bench.virtual_path, bench.output_stage
-    rise = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
-    seen = _demodulated(bench, rise)
-    steady_deg_s = earth_rate_deg_s(bench) + thermal.bias_coefficient_deg_s_k * rise
+    positive_v, negative_v = rails_v or (bench.supply.nominal_v, -bench.supply.nominal_v)
+    low_v, high_v = min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
+    rise_k = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
+    seen = _demodulated(bench, min(positive_v, -negative_v))
+    steady_deg_s = earth_rate_deg_s(bench) + thermal.bias_coefficient_deg_s_k * rise_k
 
     def output(rate_deg_s: float, v_vc_v: float | None) -> float:
         modulated = 0.0
@@ -38,28 +43,52 @@ def warm_output(bench: BenchParameters, generator_ohm: float = 50.0) -> Callable
             modulated = (
                 virtual.offset_v + node + virtual.second_order_per_v * node**2 + virtual.third_order_per_v2 * node**3
             )
-        u = stage.gain * (seen[0] * (rate_deg_s + steady_deg_s) + seen[1] * modulated + seen[2])
-        return stage.offset_v + u + stage.second_order_per_v * u**2 + stage.third_order_per_v2 * u**3
+        u = stage.gain * (seen.per_deg_s * (rate_deg_s + steady_deg_s) + seen.per_v * modulated + seen.at_rest_v)
+        y = stage.offset_v + u + stage.second_order_per_v * u**2 + stage.third_order_per_v2 * u**3
+        return min(max(y, low_v), high_v)
 
     return output
 
 
-def _demodulated(bench: BenchParameters, rise_k: float) -> tuple[float, float, float]:
-    """Return what comes out of the demodulator per deg/s, per volt at the modulator, and from quadrature, V."""
-    path, virtual = bench.sense_path, bench.virtual_path
-    drive = 2 * math.pi * bench.drive_mode.frequency_hz * (1 + bench.drive_mode.frequency_coefficient_per_k * rise_k)
-    velocity = bench.drive_loop.amplitude_m * drive
-    chain = path.preamplifier_gain * path.amplifier_gain * path.multiplier_per_v * path.reference_amplitude_v / 2
-    per_rate = per_volt = shifted = 0j
+class _Demodulated(NamedTuple):
+    """What comes out of the demodulator, V: per deg/s, per volt at the modulator, of quadrature and carrier at rest."""
+
+    per_deg_s: float
+    per_v: float
+    at_rest_v: float
+
+
+def _demodulated(bench: BenchParameters, weaker_rail_v: float) -> _Demodulated:
+    """Return it at the temperature of the modes, which they take in steps of `refresh_k`."""
+    path, virtual, thermal = bench.sense_path, bench.virtual_path, bench.thermal
+    warm_c = thermal.ambient_c + thermal.self_heating_k
+    rise_k = math.floor(warm_c / thermal.refresh_k + 0.5) * thermal.refresh_k - thermal.reference_c
+    reference_rad_s = 2 * math.pi * bench.drive_mode.frequency_hz
+    drive = reference_rad_s * (1 + bench.drive_mode.frequency_coefficient_per_k * rise_k)
+    amplitude_m = _drive_amplitude_m(bench, drive, rise_k, weaker_rail_v)
+    v_dac = path.reference_amplitude_v * amplitude_m / bench.drive_loop.amplitude_m
+    demodulator = 0.5j * path.multiplier_per_v * v_dac * cmath.exp(-1j * path.demodulator_phase_rad)
+    carrier = -1j * cmath.exp(1j * virtual.carrier_phase_rad)
+    per_rate = shifted = 0j
+    per_volt = carrier * path.v_vc_feedthrough * v_dac / path.reference_amplitude_v
     for mode in (bench.sense_in_phase, bench.sense_anti_phase):
         own = 2 * math.pi * mode.frequency_hz * (1 + mode.frequency_coefficient_per_k * rise_k)
         quality = mode.quality * (1 + mode.quality_coefficient_per_k * rise_k)
-        answer = chain * mode.pick_off_v_per_m / complex(own**2 - drive**2, own * drive / quality)
+        picked = path.preamplifier_gain * path.amplifier_gain * mode.pick_off_v_per_m
+        answer = picked / complex(own**2 - drive**2, own * drive / quality)
         left, right = mode.left_participation, mode.right_participation
         combs = left * virtual.left_comb_n_per_v2 + right * virtual.right_comb_n_per_v2
-        force = combs * path.reference_amplitude_v / virtual.mass_kg
-        per_rate += answer * (left + right) * 2j * velocity * math.pi / 180
-        per_volt += answer * -1j * cmath.exp(1j * virtual.carrier_phase_rad) * force
-        shifted += answer * 2 * velocity * mode.quadrature_rad_s
-    demodulator = 1j * cmath.exp(-1j * path.demodulator_phase_rad)
-    return (demodulator * per_rate).real, (demodulator * per_volt).real, (demodulator * shifted).real
+        per_rate += answer * (left + right) * 2j * amplitude_m * drive * math.pi / 180
+        per_volt += answer * carrier * combs * v_dac / virtual.mass_kg
+        shifted += answer * 2 * amplitude_m * reference_rad_s * mode.quadrature_rad_s  # a stiffness: drive or no drive
+    at_rest = shifted + carrier * path.carrier_feedthrough * v_dac
+    return _Demodulated((demodulator * per_rate).real, (demodulator * per_volt).real, (demodulator * at_rest).real)
+
+
+def _drive_amplitude_m(bench: BenchParameters, drive_rad_s: float, rise_k: float, weaker_rail_v: float) -> float:
+    """Return what the AGC holds: its set amplitude on these rails, or as much as the largest force can hold."""
+    loop, mode = bench.drive_loop, bench.drive_mode
+    wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (weaker_rail_v - bench.supply.nominal_v))
+    quality = mode.quality * (1 + mode.quality_coefficient_per_k * rise_k)
+    strongest = loop.force_limit_n_per_v * weaker_rail_v * quality / (mode.mass_kg * drive_rad_s**2)
+    return min(wanted, strongest)

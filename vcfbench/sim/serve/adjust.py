@@ -122,7 +122,8 @@ def _nodes(world: World) -> Iterator[Adjustment]:
 
     for node in NODES:
         write = partial(_drive, world) if node == "v_vc" else None
-        yield Adjustment(f"node.{node}", "V", "voltage of the node now", partial(world.glance_v, node), write)
+        meaning = "voltage of the node at this instant, mains and noise in it"
+        yield Adjustment(f"node.{node}", "V", meaning, partial(world.glance_v, node), write)
 
 
 def _drive(world: World, volts: Any) -> None:
