@@ -20,6 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.record.devices import (
     FORMAT,
     Certificate,
+    Characteristics,
     Conditions,
     DeviceStore,
     KvcCurve,
@@ -257,6 +258,6 @@ def test_any_number_instant_and_words_come_back(
 def test_every_field_is_documented() -> None:
     """In the class itself, as a docstring, and in docs/devices.md by name."""
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
-    for kind in (Certificate, SelfCalibration, KvcCurve, Measured, Conditions):
+    for kind in (Certificate, SelfCalibration, Characteristics, KvcCurve, Measured, Conditions):
         for name in kind.__struct_fields__:
             assert re.search(rf"^\| .*`{name}`", page, re.MULTILINE), (kind, name)

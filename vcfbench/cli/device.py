@@ -77,14 +77,14 @@ def device(
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
     """Draw the scale factor of each entry against the first that has one, ppm, over days."""
-    from vcfbench.record.devices import SelfCalibration, StaticNoise  # noqa: PLC0415
+    from vcfbench.record.devices import Certificate, SelfCalibration  # noqa: PLC0415
     from vcfbench.report.document import Axis, Figure, Series  # noqa: PLC0415
     from vcfbench.report.plot import save_figure  # noqa: PLC0415
 
     found = [
         (record.done if isinstance(record, SelfCalibration) else record.issued, record.scale_factor_v_per_deg_s)
         for record in (entry.record for entry in entries)
-        if not isinstance(record, StaticNoise)
+        if isinstance(record, Certificate | SelfCalibration)
     ]
     known = [(done, scale) for done, scale in found if scale is not None and scale.value]
     if not known:
@@ -107,9 +107,12 @@ def _list(serials: tuple[str, ...], devices: Path, *, json: bool) -> None:
 
 def _row(entry: Entry) -> dict[str, Any]:
     """Return an entry by the names of the columns; None where it has no such value."""
-    from vcfbench.record.devices import SelfCalibration, StaticNoise  # noqa: PLC0415
+    from vcfbench.record.devices import Characterisation, SelfCalibration, StaticNoise  # noqa: PLC0415
 
     record = entry.record
+    if isinstance(record, Characterisation):
+        made = {"kind": "characterisation", "done": record.done.isoformat(timespec="seconds")}
+        return {**dict.fromkeys(_COLUMNS), "entry": entry.name, **made}
     if isinstance(record, StaticNoise):
         found = record.bias_instability_deg_h
         made = {"kind": "static-noise", "done": record.done.isoformat(timespec="seconds")}

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import BenchError
-from vcfbench.record.devices import Certificate, DeviceStore, StaticNoise
+from vcfbench.record.devices import Certificate, Characterisation, DeviceStore, StaticNoise
 from vcfbench.record.directory import RunDirectory
 from vcfbench.record.journal import being_written, read_header
 from vcfbench.runs.summary import summary_of
@@ -118,6 +118,8 @@ def _entry(entry: Entry) -> dict[str, Any]:
     elif isinstance(record, StaticNoise):
         found = record.bias_instability_deg_h
         kind, done, result = "static-noise", record.done, f"B {found.value:.3g} deg/h, u {found.u:.2g}"
+    elif isinstance(record, Characterisation):
+        kind, done, result = "characterisation", record.done, f"by {record.procedure}"
     else:
         kind, done, factor = "self-calibration", record.done, record.scale_factor_v_per_deg_s
         drift = "" if record.drift_ppm is None else f", drift {record.drift_ppm.value:+.0f} ppm"

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, structs
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_SETTINGS, read_text, shown
@@ -26,6 +26,8 @@ from vcfbench.typed import typed
 __all__ = [
     "FORMAT",
     "Certificate",
+    "Characterisation",
+    "Characteristics",
     "Conditions",
     "CurveShare",
     "Device",
@@ -175,6 +177,60 @@ class Conditions(_Value, frozen=True, kw_only=True):
     """Who measured: ``*IDN?`` by role."""
 
 
+class Characteristics(_Value, frozen=True, kw_only=True):
+    """What a device is like, as far as K_Vc depends on it; None is what nobody has measured.
+
+    The names of what `vcfbench.analysis.k_vc_model` knows are those that it has there.
+    """
+
+    temperature_c: Measured | None = None
+    """At which the rest was measured, degC."""
+    drive_hz: Measured | None = None
+    """Drive frequency, locked."""
+    split_hz: Measured | None = None
+    """Drive less anti-phase sense frequency."""
+    q_anti_phase: Measured | None = None
+    """Quality factor of that mode."""
+    in_phase_split_hz: Measured | None = None
+    """Drive less in-phase sense frequency."""
+    q_in_phase: Measured | None = None
+    """Quality factor of that mode."""
+    in_phase_share: Measured | None = None
+    """Part of the in-phase mode in the static response to V_Vc, each mode by its stiffness; 0 to 1."""
+    carrier_phase_deg: Measured | None = None
+    """Of the carrier against the drive's velocity, apart from half turns; 0 is ideal."""
+    demodulator_phase_deg: Measured | None = None
+    """Of the demodulator's reference against the same."""
+    comb_mismatch: Measured | None = None
+    """In-phase over anti-phase force of the combs, over the same of a rate, less 1; 0 for equal combs."""
+    v_vc_feedthrough: Measured | None = None
+    """Of the modulated V_Vc, in the sense signal without motion, over what the modes answer to V_Vc."""
+    drive_amplitude_v: Measured | None = None
+    """Amplitude of the drive signal, V."""
+    carrier_amplitude_v: Measured | None = None
+    """Amplitude of the carrier, V."""
+    modulator_second_per_v: Measured | None = None
+    """Second order of the modulator, which acts as V + second V^2 + third V^3; 1/V."""
+    modulator_third_per_v2: Measured | None = None
+    """Its third order, 1/V^2."""
+    positive_rail_v: Measured | None = None
+    """Positive rail as it was read back, V."""
+    negative_rail_v: Measured | None = None
+    """Negative rail."""
+    drive_ppm_k: Measured | None = None
+    """Change of the drive frequency with temperature, ppm of it a kelvin."""
+    split_hz_k: Measured | None = None
+    """Change of `split_hz`, Hz/K."""
+    k_vc_ppm_k: Measured | None = None
+    """Change of K_Vc itself, where it was measured on a table at several temperatures."""
+    k_vc_ppm_v: Measured | None = None
+    """Change of K_Vc with the level of both rails, ppm a volt, where it was measured."""
+    least_temperature_c: float | None = None
+    """Lowest temperature at which any coefficient was measured, degC."""
+    most_temperature_c: float | None = None
+    """Highest."""
+
+
 class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
     """What a calibration on a rate table found of a device, so that it can calibrate itself from then on."""
 
@@ -194,6 +250,8 @@ class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="cert
     """Scale factor on the table on that day, to compare with."""
     bias_v: Measured | None = None
     """Output at rest on that day, V."""
+    characteristics: Characteristics | None = None
+    """What the device was like, to compare with; None where nobody measured it."""
     unseen: tuple[Text, ...] = ()
     """What a self-calibration by this certificate cannot see when it changes, in words."""
     remarks: tuple[Text, ...] = ()
@@ -229,6 +287,8 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
     """Normalised error of that change."""
     verdict: Literal["pass", "marginal", "fail"] | None = None
     """What the acceptance limits made of it."""
+    characteristics: Characteristics | None = None
+    """What the device was like, as far as it was looked at."""
     remarks: tuple[Text, ...] = ()
     """What else is to be said."""
 
@@ -258,7 +318,24 @@ class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="stat
         return self.done <= instant and (self.valid_until is None or instant <= self.valid_until)
 
 
-DeviceRecord = Certificate | SelfCalibration | StaticNoise
+class Characterisation(_Value, frozen=True, kw_only=True, tag_field="kind", tag="characterisation"):
+    """What a procedure found of what K_Vc depends on, for the next certificate."""
+
+    serial: str
+    """Serial number of the device."""
+    done: Instant
+    """When it was measured."""
+    procedure: Text
+    """Name of the procedure."""
+    characteristics: Characteristics
+    """What it found."""
+    conditions: Conditions
+    """Under what it was measured."""
+    remarks: tuple[Text, ...] = ()
+    """What else is to be said."""
+
+
+DeviceRecord = Certificate | SelfCalibration | StaticNoise | Characterisation
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,6 +424,15 @@ class DeviceStore:
         """Return the last static record of a device; None where it has none."""
         return next((each for each in reversed(self.entries(serial)) if isinstance(each.record, StaticNoise)), None)
 
+    def characteristics(self, serial: str) -> Characteristics | None:
+        """Return what is known of what K_Vc depends on, each by its last characterisation; None where there is none."""
+        found: dict[str, Measured | float] = {}
+        for each in self.entries(serial):
+            if isinstance(each.record, Characterisation):
+                values = structs.asdict(each.record.characteristics)
+                found |= {name: value for name, value in values.items() if value is not None}
+        return Characteristics(**found) if found else None  # type: ignore[arg-type]
+
     def history(self, serial: str) -> tuple[Entry, ...]:
         """Return the self-calibrations of a device, oldest first."""
         return tuple(each for each in self.entries(serial) if isinstance(each.record, SelfCalibration))
@@ -411,7 +497,12 @@ def load_device(serial: str, devices: Path | str = "devices") -> Device:
 
 
 def _kind(record: DeviceRecord) -> str:
-    kinds = {Certificate: "certificate", SelfCalibration: "self-calibration", StaticNoise: "static noise"}
+    kinds = {
+        Certificate: "certificate",
+        SelfCalibration: "self-calibration",
+        StaticNoise: "static noise",
+        Characterisation: "characterisation",
+    }
     return kinds[type(record)]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from msgspec import Meta, Struct, field, structs
 
@@ -13,7 +13,16 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
-from vcfbench.record.devices import Certificate, KvcCurve, Measured, SelfCalibration, StaticNoise, read_entry
+from vcfbench.record.devices import (
+    Certificate,
+    Characterisation,
+    Characteristics,
+    KvcCurve,
+    Measured,
+    SelfCalibration,
+    StaticNoise,
+    read_entry,
+)
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -58,6 +67,10 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Where the curve comes from: ``certificate 0001``, a file, a number."""
     certificate: str | None
     """Name of the device's own certificate; None where the curve comes from elsewhere."""
+    issued: str | None = None
+    """When the certificate was measured, as ISO 8601 has it; None where there is none."""
+    characteristics: Characteristics | None = None
+    """What the device was like then, as far as the certificate has it."""
     unseen: tuple[str, ...] = UNSEEN
     holds_not: tuple[str, ...] = ()
     """What is in no uncertainty because K_Vc comes from there."""
@@ -151,9 +164,17 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
         k_vc=record.k_vc,
         source=f"certificate {found.name}",
         certificate=found.name,
-        unseen=record.unseen,
         reference=reference,
+        **_of_certificate(record),
     )
+
+
+def _of_certificate(record: Certificate) -> dict[str, Any]:
+    """Return what a certificate says beside the curve."""
+    at_c, seen = record.conditions.temperature_c, record.characteristics or Characteristics()
+    if seen.temperature_c is None and at_c is not None:
+        seen = structs.replace(seen, temperature_c=Measured(value=at_c, u=0.0))
+    return {"unseen": record.unseen, "issued": record.issued.isoformat(), "characteristics": seen}
 
 
 def _given(settings: KnownDeviceSettings, given: str, reference: Reference | None, now: datetime) -> KnownDevice:
@@ -166,7 +187,9 @@ def _given(settings: KnownDeviceSettings, given: str, reference: Reference | Non
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
         _require_valid(record, shown(given), settings, now)
         source = f"certificate of {record.serial}, {shown(given)}"
-        return KnownDevice(k_vc=record.k_vc, source=source, certificate=None, unseen=record.unseen, reference=reference)
+        return KnownDevice(
+            k_vc=record.k_vc, source=source, certificate=None, reference=reference, **_of_certificate(record)
+        )
     if not 0.0 < abs(number) <= 1e6:
         raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
@@ -192,7 +215,7 @@ def _reference(entries: tuple[Entry, ...]) -> Reference | None:
     """Return the last entry that has a scale factor."""
     for entry in reversed(entries):
         record = entry.record
-        if isinstance(record, StaticNoise):
+        if isinstance(record, StaticNoise | Characterisation):
             continue
         measured = record.scale_factor_v_per_deg_s
         if measured is None:

@@ -1,0 +1,182 @@
+"""K_Vc in closed form: what it depends on beside combs and masses, by how much, and what a change of that does to it.
+
+Equation (16) of Wang et al. (2018) with both sense modes, their damping, phases of carrier and demodulator, combs that
+excite the modes in another proportion than a rate does, and a feed-through; derived in docs/theory.md. What has no
+other way to be known, the absolute force of the combs and the mass, is a factor that no function here returns.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["QUANTITIES", "Gyroscope", "change_ppm", "sensitivities"]
+
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gyroscope:
+    """What K_Vc depends on and can be measured of a gyroscope; the drive is held at its resonance."""
+
+    drive_hz: float
+    split_hz: float
+    """Drive less anti-phase sense frequency."""
+    q_anti_phase: float
+    in_phase_split_hz: float
+    """Drive less in-phase sense frequency."""
+    q_in_phase: float
+    in_phase_share: float
+    """Part of the in-phase mode in the static response to V_Vc, each mode by its stiffness at the drive frequency."""
+    carrier_phase_deg: float
+    """Of the carrier against the drive's velocity, apart from half turns: 0 is ideal."""
+    demodulator_phase_deg: float
+    """Of the demodulator's reference against the same."""
+    comb_mismatch: float
+    """In-phase over anti-phase force of the combs, over the same of a rate, less 1; 0 for equal combs."""
+    v_vc_feedthrough: float
+    """Of the carrier that V_Vc modulates, in the sense signal without motion, over what the modes answer to V_Vc."""
+    drive_amplitude_v: float
+    """Of the drive signal; in any unit, if it is the same in all that is compared."""
+    carrier_amplitude_v: float
+    """Of the carrier, likewise."""
+
+
+QUANTITIES = tuple(field.name for field in fields(Gyroscope))
+"""The names of all that K_Vc depends on."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Mode:
+    """1/(P + jR) of a sense mode at the drive frequency, and its derivatives by drive frequency, split and Q."""
+
+    answer: complex
+    by_drive: complex
+    by_split: complex
+    by_q: complex
+
+
+def _mode(drive_hz: float, split_hz: float, q: float) -> _Mode:
+    drive, own = _TURN * drive_hz, _TURN * (drive_hz - split_hz)
+    answer = 1.0 / complex(own**2 - drive**2, own * drive / q)
+    falls = -(answer**2)
+    return _Mode(
+        answer,
+        falls * _TURN * complex(2.0 * (own - drive), (own + drive) / q),
+        falls * -_TURN * complex(2.0 * own, drive / q),
+        falls * complex(0.0, -own * drive / q**2),
+    )
+
+
+def _modes(of: Gyroscope) -> tuple[_Mode, _Mode]:
+    """Return the anti-phase and the in-phase mode."""
+    in_phase = _mode(of.drive_hz, of.in_phase_split_hz, of.q_in_phase)
+    return _mode(of.drive_hz, of.split_hz, of.q_anti_phase), in_phase
+
+
+@dataclass(frozen=True, slots=True)
+class _Structure:
+    """What stays when frequencies and losses change: weight of the in-phase mode for a rate, and the feed-through."""
+
+    weight: float
+    """Force times pick-off of the in-phase mode over those of the anti-phase mode."""
+    through: float
+    """In the unit of 1/(P + jR) of the anti-phase mode."""
+
+
+def _stiffness(anti_phase: _Mode, in_phase: _Mode) -> float:
+    """Return the stiffness of the in-phase mode at the drive frequency over that of the other."""
+    return (1.0 / in_phase.answer).real / (1.0 / anti_phase.answer).real
+
+
+def _structure(of: Gyroscope, weight: float | None = None) -> _Structure:
+    """Return it; `weight` where it is known otherwise than by the share of the in-phase mode."""
+    anti_phase, in_phase = _modes(of)
+    mismatch = 1.0 + of.comb_mismatch
+    if weight is None:
+        weight = of.in_phase_share / (1.0 - of.in_phase_share) * _stiffness(anti_phase, in_phase) / mismatch
+    answered = abs(anti_phase.answer + weight * mismatch * in_phase.answer)
+    return _Structure(weight, of.v_vc_feedthrough * answered)
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What the demodulator sees of V_Vc and of a rate, in one unit, and the turns by which it sees them."""
+
+    by_v_vc: complex
+    by_rate: complex
+    v_vc_turn: complex
+    rate_turn: complex
+
+    @property
+    def ratio(self) -> float:
+        return (self.v_vc_turn * self.by_v_vc).real / (self.rate_turn * self.by_rate).real
+
+    def change(self, by_v_vc: complex, by_rate: complex) -> float:
+        """Return the relative derivative of the ratio for those of both answers."""
+        seen = (self.v_vc_turn * self.by_v_vc).real, (self.rate_turn * self.by_rate).real
+        return (self.v_vc_turn * by_v_vc).real / seen[0] - (self.rate_turn * by_rate).real / seen[1]
+
+
+def _seen(of: Gyroscope, structure: _Structure) -> _Seen:
+    anti_phase, in_phase = _modes(of)
+    by_rate = anti_phase.answer + structure.weight * in_phase.answer
+    by_v_vc = anti_phase.answer + structure.weight * (1.0 + of.comb_mismatch) * in_phase.answer + structure.through
+    carrier, demodulator = math.radians(of.carrier_phase_deg), math.radians(of.demodulator_phase_deg)
+    return _Seen(by_v_vc, by_rate, cmath.exp(1j * (carrier - demodulator)), cmath.exp(-1j * demodulator))
+
+
+def _k_vc(of: Gyroscope, structure: _Structure) -> float:
+    """Return K_Vc in a unit of combs and mass."""
+    return of.carrier_amplitude_v / (of.drive_amplitude_v * of.drive_hz) * _seen(of, structure).ratio
+
+
+def change_ppm(then: Gyroscope, now: Mapping[str, float]) -> float:
+    """Return by how much K_Vc is larger, ppm, where of `then` the quantities in `now` have changed to those values.
+
+    It is exact however large the change is. Force and pick-off of both modes stay as they were where neither
+    `in_phase_share` nor `comb_mismatch` is in `now`, and so does the feed-through, in volts a volt.
+    """
+    changed = replace(then, **now)
+    before = _structure(then)
+    after = _structure(changed, None if "in_phase_share" in now else before.weight)
+    structure = after if "v_vc_feedthrough" in now else _Structure(after.weight, before.through)
+    return 1e6 * (_k_vc(changed, structure) / _k_vc(then, before) - 1.0)
+
+
+def sensitivities(of: Gyroscope) -> dict[str, float]:
+    """Return the derivatives of K_Vc by each of `QUANTITIES`, the others held, ppm for one unit of it.
+
+    Those by Q, by the splits and by the drive frequency hold force and pick-off of both modes, as `change_ppm` does.
+    """
+    (anti_phase, in_phase), structure = _modes(of), _structure(of)
+    seen, weight, mismatch = _seen(of, structure), structure.weight, 1.0 + of.comb_mismatch
+    degree = 1j * math.pi / 180.0
+    by_share = _stiffness(anti_phase, in_phase) / (1.0 - of.in_phase_share) ** 2
+    answered = abs(anti_phase.answer + weight * mismatch * in_phase.answer)
+
+    def weighted(change: complex) -> float:
+        return seen.change(weight * mismatch * change, weight * change)
+
+    both = anti_phase.by_drive + weight * mismatch * in_phase.by_drive
+    by_drive = seen.change(both, anti_phase.by_drive + weight * in_phase.by_drive)
+    found = {
+        "drive_hz": by_drive - 1.0 / of.drive_hz,
+        "split_hz": seen.change(anti_phase.by_split, anti_phase.by_split),
+        "q_anti_phase": seen.change(anti_phase.by_q, anti_phase.by_q),
+        "in_phase_split_hz": weighted(in_phase.by_split),
+        "q_in_phase": weighted(in_phase.by_q),
+        "in_phase_share": seen.change(by_share * in_phase.answer, by_share / mismatch * in_phase.answer),
+        "carrier_phase_deg": seen.change(degree * seen.by_v_vc, 0j),
+        "demodulator_phase_deg": seen.change(-degree * seen.by_v_vc, -degree * seen.by_rate),
+        "comb_mismatch": seen.change(weight * in_phase.answer, 0j),
+        "v_vc_feedthrough": seen.change(complex(answered), 0j),
+        "drive_amplitude_v": -1.0 / of.drive_amplitude_v,
+        "carrier_amplitude_v": 1.0 / of.carrier_amplitude_v,
+    }
+    return {name: 1e6 * value for name, value in found.items()}

@@ -1,0 +1,273 @@
+"""What K_Vc of a device depends on and by how much, and what has become of it since its certificate.
+
+The closed form is that of :mod:`vcfbench.analysis.k_vc_model`. What a certificate does not know of the device is
+assumed as wide as the class of silicon tuning forks has it, and named; what is not known makes no uncertainty smaller.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
+from vcfbench.record.devices import Characteristics, Measured
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+__all__ = [
+    "ASSUMED",
+    "UNITS",
+    "KvcChange",
+    "KvcPart",
+    "Sensitivity",
+    "k_vc_change",
+    "k_vc_sensitivities",
+    "temperature_coefficient",
+]
+
+
+def _within(value: float, limit: float) -> Measured:
+    """Return a value that is as likely anywhere within a limit either way."""
+    return Measured(value=value, u=limit / math.sqrt(3.0))
+
+
+ASSUMED: Mapping[str, Measured] = {
+    "drive_hz": _within(3500.0, 0.0),
+    "split_hz": _within(25.0, 15.0),
+    "q_anti_phase": _within(1200.0, 600.0),
+    "in_phase_split_hz": _within(150.0, 75.0),
+    "q_in_phase": _within(1200.0, 600.0),
+    "in_phase_share": _within(0.1, 0.1),
+    "carrier_phase_deg": _within(0.0, 3.0),
+    "demodulator_phase_deg": _within(0.0, 3.0),
+    "comb_mismatch": _within(0.0, 0.02),
+    "v_vc_feedthrough": _within(0.0, 1e-3),
+    "drive_amplitude_v": _within(1.0, 0.0),
+    "carrier_amplitude_v": _within(1.0, 0.0),
+}
+"""What counts where nobody measured it. Frequencies and Q are those of the paper's class; both amplitudes count as a
+ratio alone, so that their size is free; the limits of phases, combs and feed-through are assumed."""
+
+ASSUMED_PPM_K = Measured(value=30.0, u=15.0 / math.sqrt(3.0))
+"""Of K_Vc where nobody measured it: K_Vc is as 1/drive frequency, and silicon's frequencies fall by 20 to 40 ppm/K."""
+ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
+"""Of K_Vc by the rails, where nobody measured it: as much as a drive may follow them whose carrier does not."""
+
+UNITS: Mapping[str, str] = {
+    "drive_hz": "Hz",
+    "split_hz": "Hz",
+    "q_anti_phase": "",
+    "in_phase_split_hz": "Hz",
+    "q_in_phase": "",
+    "in_phase_share": "",
+    "carrier_phase_deg": "deg",
+    "demodulator_phase_deg": "deg",
+    "comb_mismatch": "",
+    "v_vc_feedthrough": "",
+    "drive_amplitude_v": "V",
+    "carrier_amplitude_v": "V",
+    "temperature_c": "K",
+    "rails_v": "V",
+}
+"""Of what K_Vc depends on, and of the changes of temperature and rails."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """By how much K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
+
+    quantity: str
+    unit: str
+    ppm_per_unit: float
+    u_ppm_per_unit: float
+    assumed: bool
+    """Whether the quantity itself was not measured: then it is that of `ASSUMED`."""
+
+
+@dataclass(frozen=True, slots=True)
+class KvcPart:
+    """What the change of one quantity did to K_Vc, the others as they were."""
+
+    quantity: str
+    unit: str
+    then: float
+    now: float
+    ppm: float
+    u_ppm: float
+
+
+@dataclass(frozen=True, slots=True)
+class KvcChange:
+    """By how much K_Vc is larger than it was, ppm; `parts` are those of each quantity alone, the largest first.
+
+    `together_ppm` is what they do beyond their sum. What was not measured both times is in no part.
+    """
+
+    ppm: float
+    u_ppm: float
+    parts: tuple[KvcPart, ...]
+    together_ppm: float
+
+
+_AMPLITUDES = ("drive_amplitude_v", "carrier_amplitude_v")
+_Inputs = dict[str, Measured]
+
+
+def _inputs(known: Characteristics) -> _Inputs:
+    """Return what the closed form needs; amplitudes that were not both measured count as equal."""
+    found: _Inputs = {name: getattr(known, name) or ASSUMED[name] for name in QUANTITIES}
+    return found
+
+
+def _gyroscope(values: Mapping[str, float]) -> Gyroscope:
+    return Gyroscope(**{name: values[name] for name in QUANTITIES})
+
+
+def k_vc_sensitivities(known: Characteristics) -> tuple[Sensitivity, ...]:
+    """Return the sensitivities of K_Vc to all that it depends on, those of temperature and rails too.
+
+    Their uncertainties are what those of all the quantities leave.
+    """
+    inputs = _inputs(known)
+    values = {name: each.value for name, each in inputs.items()}
+    found = sensitivities(_gyroscope(values))
+    variances = dict.fromkeys(QUANTITIES, 0.0)
+    for name, each in inputs.items():
+        if each.u:
+            up, down = (sensitivities(_gyroscope(_moved(values, name, sign * each.u))) for sign in (1.0, -1.0))
+            for other in QUANTITIES:
+                variances[other] += (0.5 * (up[other] - down[other])) ** 2
+    per_k, measured_k = temperature_coefficient(known)
+    per_v = known.k_vc_ppm_v or ASSUMED_PPM_V
+    return (
+        *(
+            Sensitivity(name, UNITS[name], found[name], math.sqrt(variances[name]), getattr(known, name) is None)
+            for name in QUANTITIES
+        ),
+        Sensitivity("temperature_c", "K", per_k.value, per_k.u, not measured_k),
+        Sensitivity("rails_v", "V", per_v.value, per_v.u, known.k_vc_ppm_v is None),
+    )
+
+
+_BOUNDS = {"in_phase_share": (0.0, 0.95), "split_hz": (0.01, math.inf), "q_anti_phase": (1.0, math.inf)}
+"""Beyond which no value means anything; uncertainties that reach further are cut there."""
+
+
+def _moved(values: Mapping[str, float], name: str, by: float) -> dict[str, float]:
+    low, high = _BOUNDS.get(name, (-math.inf, math.inf))
+    return {**values, name: min(max(values[name] + by, low), high)}
+
+
+def temperature_coefficient(known: Characteristics) -> tuple[Measured, bool]:
+    """Return by how much K_Vc changes with temperature, ppm/K, and whether it rests on what was measured.
+
+    As measured on a table, or else by the closed form from the coefficients of drive frequency and split.
+    """
+    if known.k_vc_ppm_k is not None:
+        return known.k_vc_ppm_k, True
+    if known.drive_ppm_k is None:
+        return ASSUMED_PPM_K, False
+    inputs = _inputs(known)
+    by_split = sensitivities(_gyroscope({name: each.value for name, each in inputs.items()}))["split_hz"]
+    split = known.split_hz_k or Measured(value=0.0, u=0.01)
+    value = -known.drive_ppm_k.value + by_split * split.value
+    return Measured(value=value, u=math.hypot(known.drive_ppm_k.u, by_split * split.u, 0.2)), True
+
+
+def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
+    """Return what became of K_Vc from what was measured both times, however large the changes are.
+
+    Temperature counts where the drive frequency was not measured both times, which shows it; the rails where the
+    amplitudes of drive and carrier were not. What both measurements share (`Share.of`) cancels.
+    """
+    first = _inputs(then)
+    seen = {name: found for name in QUANTITIES if getattr(then, name) and (found := getattr(now, name))}
+    if any(name not in seen for name in _AMPLITUDES):  # one of them alone says nothing of their ratio
+        seen = {name: each for name, each in seen.items() if name not in _AMPLITUDES}
+    steps = list(_coefficients(then, now, seen))
+
+    def total(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+        return change_ppm(_gyroscope(before), after)
+
+    before = {name: each.value for name, each in first.items()}
+    after = {name: each.value for name, each in seen.items()}
+    parts = [
+        KvcPart(
+            name,
+            UNITS[name],
+            before[name],
+            value,
+            total(before, {name: value}),
+            _u_of(total, {name: first[name]}, {name: seen[name]}, before),
+        )
+        for name, value in after.items()
+    ] + steps
+    by_model = total(before, after)
+    by_steps = math.fsum(each.ppm for each in steps)
+    u = math.hypot(_u_of(total, first, seen, before), *(each.u_ppm for each in steps))
+    whole = by_model + by_steps
+    return KvcChange(
+        whole,
+        u,
+        tuple(sorted(parts, key=lambda part: -abs(part.ppm))),
+        whole - math.fsum(part.ppm for part in parts),
+    )
+
+
+def _coefficients(then: Characteristics, now: Characteristics, seen: _Inputs) -> Iterator[KvcPart]:
+    """Yield what temperature and rails did, where what they act by was not measured."""
+    if "drive_hz" not in seen and then.temperature_c and now.temperature_c:
+        per_k, _ = temperature_coefficient(then)
+        yield _step("temperature_c", per_k, then.temperature_c, now.temperature_c)
+    if "drive_amplitude_v" not in seen and then.positive_rail_v and now.positive_rail_v:
+        yield _step("rails_v", then.k_vc_ppm_v or ASSUMED_PPM_V, then.positive_rail_v, now.positive_rail_v)
+
+
+def _step(name: str, per_unit: Measured, then: Measured, now: Measured) -> KvcPart:
+    moved, u_moved = now.value - then.value, math.hypot(then.u, now.u)
+    u = math.hypot(per_unit.u * moved, per_unit.value * u_moved, per_unit.u * u_moved)
+    return KvcPart(name, UNITS[name], then.value, now.value, per_unit.value * moved, u)
+
+
+def _u_of(
+    total: Callable[[Mapping[str, float], Mapping[str, float]], float],
+    first: _Inputs,
+    second: _Inputs,
+    before: Mapping[str, float],
+) -> float:
+    """Return what the uncertainties leave of a change, by half the difference at both ends of each.
+
+    `first` and `second` are the inputs that are moved; the others stay as in `before`.
+    """
+    after = {name: each.value for name, each in second.items()}
+
+    def half(name: str, u_then: float, u_now: float) -> float:
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = _moved(after, name, sign * u_now) if name in after else after
+            ends.append(total(_moved(before, name, sign * u_then), moved))
+        return 0.5 * (ends[0] - ends[1])
+
+    found = []
+    for name, each in first.items():
+        other = second.get(name)
+        common = {} if other is None else _common(each, other)
+        own = _left(each, [u for u, _ in common.values()])
+        found.append(half(name, own, 0.0))
+        if other is not None:
+            found.append(half(name, 0.0, _left(other, [u for _, u in common.values()])))
+        found += [half(name, u_then, u_now) for u_then, u_now in common.values()]
+    return math.hypot(*found)
+
+
+def _common(then: Measured, now: Measured) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return what both share, by whose and what it is."""
+    earlier = {(share.of, share.source): share.u for share in then.shares if share.of}
+    keys = [(share.of, share.source, share.u) for share in now.shares if share.of]
+    return {(of, source): (earlier[of, source], u) for of, source, u in keys if (of, source) in earlier}
+
+
+def _left(found: Measured, common: list[float]) -> float:
+    return math.sqrt(max(0.0, found.u**2 - math.fsum(u * u for u in common)))
