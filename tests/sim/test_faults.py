@@ -63,6 +63,13 @@ class Echo:
         self.said += b"triggered"
 
 
+class Prompt(Echo):
+    """Says at once what it hears, and is due until somebody has read it."""
+
+    def wake_at(self) -> float | None:
+        return 0.0 if self.said else None
+
+
 def faulty(*faults: Fault, device: Device | None = None) -> tuple[FaultyDevice, VirtualClock]:
     clock = VirtualClock()
     wrapped = FaultyDevice(device or Echo(), clock, Random(1))  # noqa: S311
@@ -274,6 +281,17 @@ def test_a_bench_knows_its_instruments() -> None:
 def test_as_many_answers_are_spoilt_as_are_said() -> None:
     device, _ = faulty(Fault("x", "silent", count=2))
     assert [exchange(device) for _ in range(3)] == [b"", b"", b"+1.234E+00\n"]
+    assert device.wake_at() is None
+
+
+def test_what_comes_after_late_answers_waits_for_them() -> None:
+    """A device whose answer stood ready behind late ones woke its reader at an instant that was past, for ever."""
+    device, clock = faulty(Fault("x", "late", delay_s=2.0, count=1), device=Prompt())
+    assert exchange(device, b"first\n") == b""
+    assert exchange(device, b"second\n") == b""
+    assert device.wake_at() == 2.0
+    clock.sleep_until(2.0)
+    assert [device.read(100), device.read(100)] == [(b"first\n", True), (b"second\n", True)]
     assert device.wake_at() is None
 
 

@@ -477,12 +477,15 @@ class FaultyDevice:
     # --- faults ---------------------------------------------------------------------------------------------------
 
     def _advance(self) -> None:
-        """Begin and end what is due, and spoil what the device has said."""
+        """Begin and end what is due, and spoil what the device has said.
+
+        What it says while earlier words are under way comes after them, whether or not the fault is over.
+        """
         now = self._clock.now()
         while self._planned and self._planned[0].at_s <= now:
             self._begin(self._planned.pop(0))
         self._end([each for each in self._active if each.ends_s is not None and each.ends_s <= now])
-        if self._spoiling():
+        if self._underway or self._spoiling():
             self._spoil_what_is_said()
 
     def _begin(self, fault: Fault) -> None:
