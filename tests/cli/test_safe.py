@@ -59,6 +59,15 @@ def call(path: Path, *options: str) -> tuple[int, str, str]:
             return done.exit_code, done.stdout, done.stderr
 
 
+def test_a_bench_that_nobody_named_is_not_said_to_be_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("VCFBENCH_BENCH", raising=False)
+    done = CliRunner().invoke(app, ["safe"])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "vcfbench safe --bench FILE" in done.stderr
+    monkeypatch.setenv("VCFBENCH_BENCH", "paper")
+    assert CliRunner().invoke(app, ["safe"]).exit_code == 0
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
 @pytest.mark.parametrize("deaf", [None, "power"])
 def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path: Path, deaf: str | None) -> None:

@@ -24,7 +24,7 @@ SHORT = ("--set", "rates_deg_s=10,0,-10", "--set", "samples=2", "--set", "settle
 COMMANDS = {
     "bench check": (("bench", "check"), {"power", "rate_source", "multimeter", "oscilloscope", "rate_table"}),
     "discover": (("bench", "discover", "--library", "@vcfbench"), {"GPIB0::5::INSTR"}),
-    "safe": (("safe",), {"power", "rate_source", "rate_table"}),
+    "safe": (("safe", "--bench", "paper"), {"power", "rate_source", "rate_table"}),
     "talk": (("talk", "multimeter", "-c", "*IDN?"), {"multimeter"}),
     "run": (("run", "turntable", *SHORT), {"power", "rate_source", "multimeter", "oscilloscope", "rate_table"}),
 }

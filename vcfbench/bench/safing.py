@@ -74,7 +74,7 @@ class MadeSafe:
         return error
 
 
-def safe_bench(bench: BenchDescription | Path | str | None = None, *, force: bool = False) -> MadeSafe:
+def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False) -> MadeSafe:
     """Make everything on the bench that drives something safe, whatever it is doing, and say what it was found doing.
 
     With `force` also when another process has the bench, which may switch things on again. Locks that cannot be used

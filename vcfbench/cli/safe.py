@@ -10,6 +10,7 @@ import typer
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.ending import say
 from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
     from vcfbench.bench.safing import MadeSafe
@@ -20,7 +21,7 @@ __all__ = ["safe"]
 def safe(
     bench: Annotated[
         Path | None,
-        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
+        typer.Option("--bench", metavar="FILE", envvar="VCFBENCH_BENCH", help="Bench file of the station."),
     ] = None,
     trace: Trace_ = None,
     *,
@@ -33,6 +34,11 @@ def safe(
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
 
+    if bench is None:  # a simulated bench that is safe would be said to be yours
+        raise ConfigError(
+            "which bench is to be made safe was not said, and nothing was done",
+            hint="vcfbench safe --bench FILE, the bench file of the station; or name it in VCFBENCH_BENCH",
+        )
     description = load_bench(bench)
     with tracing(trace):
         done = safe_bench(description, force=force)
