@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,25 +14,35 @@ from typer.testing import CliRunner
 import vcfbench
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.bench.description import Limits
-from vcfbench.bench.settings import Expected, PlacedInstrument, Station
+from vcfbench.bench.parts import OscilloscopeWiring
+from vcfbench.bench.settings import DriveWindow, Expected, PlacedInstrument, Station
+from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.plans.executor import Executor
-from vcfbench.plans.steps import AwaitRate, SetRate, SetVvc
+from vcfbench.plans.measured import Measured
+from vcfbench.plans.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.polarity import DRIVEN, POLARITY, TURNED, PolaritySettings, results
+from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, PolaritySettings, results
 from vcfbench.record.schema import Point
+from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.testing import open_simulated, simulated
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from vcfbench.sim.parameters import BenchParameters
 
 TABLE = Limits(max_rate_deg_s=300.0)
 MULTIMETER = "the multimeter's leads on the output are reversed"
 GENERATOR = "the generator's leads to V_Vc are reversed"
 METER = "the leads of the meter on V_Vc are reversed"
-COMBS = "the carrier is turned by half a cycle, or V_Vc drives the opposite combs"
-DEMODULATOR = "the demodulator's reference or the sense pick-off is turned by half a cycle"
+CARRIER = "the carrier is turned by half a cycle"
+COMBS = "V_Vc drives the opposite combs"
+DEMODULATOR = "the demodulator's reference is turned by half a cycle"
+PICK_OFF = "the sense pick-off is turned by half a cycle"
 UPSIDE_DOWN = "the table's positive sense is the other one, or the gyroscope is mounted upside down"
+PHASES = {DEMODULATOR, PICK_OFF}
 QUICK: dict[str, Any] = {"samples": 2}
 
 
@@ -41,7 +53,7 @@ def settings(*, table: bool = True, meter: bool = False, bias: bool = False, **e
     return PolaritySettings(station=Station(instruments=placed, limits=TABLE if table else Limits(), expected=known))
 
 
-def points(*, table: float = 1.0, v_vc: float = 1.0, output: float = 1.0, meter: float | None = None) -> list[Point]:
+def points(*, table: float = 1.0, v_vc: float = 1.0, output: float = 1.0, meter: float | None = None) -> Measured:
     """Return the points of a gyroscope with signs turned: of what acts on it, of its output, of what measures V_Vc."""
 
     def point(step: int, rate: float, level: float) -> Point:
@@ -49,12 +61,16 @@ def points(*, table: float = 1.0, v_vc: float = 1.0, output: float = 1.0, meter:
         seen = None if meter is None or step != DRIVEN else meter * level
         return Point(step, rate, level, volts, 2e-5, 10, v_vc_measured_v=seen, v_vc_std_v=1e-6)
 
+    return taken(point)
+
+
+def taken(point: Callable[[int, float, float], Point]) -> Measured:
+    """Return the points of the plan."""
     abba = (1.0, -1.0, -1.0, 1.0)
-    return [
-        point(1, 0.0, 0.0),
-        *(point(TURNED, 10.0 * sign, 0.0) for sign in abba),
-        *(point(DRIVEN, 0.0, 0.1 * sign) for sign in abba),
-    ]
+    turned, driven = ([(step, size * sign) for sign in abba] for step, size in ((TURNED, 10.0), (DRIVEN, 0.1)))
+    return Measured(
+        [point(1, 0.0, 0.0), *(point(n, x, 0.0) for n, x in turned), *(point(n, 0.0, x) for n, x in driven)]
+    )
 
 
 def test_right_signs_pass() -> None:
@@ -68,26 +84,95 @@ def test_right_signs_pass() -> None:
 @pytest.mark.parametrize(
     ("turned", "causes"),
     [
-        ({"output": -1.0, "meter": 1.0}, {MULTIMETER}),
+        ({"output": -1.0, "meter": 1.0}, {MULTIMETER, *PHASES}),
         ({"v_vc": -1.0, "meter": -1.0}, {GENERATOR}),
-        ({"v_vc": -1.0, "meter": 1.0}, {COMBS}),
+        ({"v_vc": -1.0, "meter": 1.0}, {CARRIER, COMBS}),
         ({"meter": -1.0}, {METER}),
         ({"table": -1.0, "meter": 1.0}, {UPSIDE_DOWN}),
-        ({"table": -1.0, "v_vc": -1.0, "meter": 1.0}, {DEMODULATOR}),
+        ({"table": -1.0, "v_vc": -1.0, "meter": 1.0}, PHASES),
         (
             {"output": -1.0, "v_vc": -1.0, "meter": -1.0},
-            {f"{MULTIMETER}, and {GENERATOR}"},
+            {f"{each}, and {GENERATOR}" for each in (MULTIMETER,)} | {f"{GENERATOR}, and {each}" for each in PHASES},
         ),
     ],
 )
-def test_with_all_signs_the_cause_is_one(turned: dict[str, float], causes: set[str]) -> None:
+def test_the_fewest_faults_are_named(turned: dict[str, float], causes: set[str]) -> None:
     assert set(results(settings(meter=True, bias=True), points(**turned)).causes) == causes
 
 
 def test_with_fewer_signs_all_that_can_be_are_named() -> None:
-    assert set(results(settings(), points(output=-1.0)).causes) == {MULTIMETER, DEMODULATOR}
-    assert set(results(settings(table=False), points(v_vc=-1.0)).causes) == {MULTIMETER, GENERATOR, COMBS, DEMODULATOR}
-    assert set(results(settings(table=False, bias=True), points(output=-1.0)).causes) == {MULTIMETER}
+    assert set(results(settings(), points(output=-1.0)).causes) == {MULTIMETER, *PHASES}
+    every = {MULTIMETER, GENERATOR, CARRIER, COMBS, *PHASES}
+    assert set(results(settings(table=False), points(v_vc=-1.0)).causes) == every
+    assert set(results(settings(table=False, bias=True), points(output=-1.0)).causes) == {MULTIMETER, *PHASES}
+
+
+PAPER = physical_parameters(vcfbench.load_bench("paper"))
+
+
+def moved(faults: tuple[str, ...], offset_v: float) -> BenchParameters:
+    """Return the paper's gyroscope with these faults of its own."""
+    virtual, path, sign = PAPER.virtual_path, PAPER.sense_path, -1.0 if COMBS in faults else 1.0
+    return structs.replace(
+        PAPER,
+        output_stage=structs.replace(PAPER.output_stage, offset_v=offset_v),
+        virtual_path=structs.replace(
+            virtual,
+            left_comb_n_per_v2=sign * virtual.left_comb_n_per_v2,
+            right_comb_n_per_v2=sign * virtual.right_comb_n_per_v2,
+            carrier_phase_rad=virtual.carrier_phase_rad + math.pi * (CARRIER in faults),
+        ),
+        sense_path=structs.replace(
+            path,
+            demodulator_phase_rad=path.demodulator_phase_rad + math.pi * (DEMODULATOR in faults),
+            preamplifier_gain=path.preamplifier_gain * (-1.0 if PICK_OFF in faults else 1.0),
+        ),
+    )
+
+
+class Looked(Measured):
+    """Points, and a carrier at 90 or -90 deg against the drive."""
+
+    def __init__(self, points: Measured, phase_deg: float) -> None:
+        super().__init__(points)
+        self.phase_deg = phase_deg
+
+    def found(self, kind: Any) -> Any:
+        return (
+            ((ConfigureScope(1e-4, 1), DriveReading(3488.9, 1.0, self.phase_deg, 0.0)),) if kind is DriveReading else ()
+        )
+
+
+@pytest.mark.parametrize("offset_v", [PAPER.output_stage.offset_v, 0.0])
+@pytest.mark.parametrize("seen_by", [None, OscilloscopeWiring()])
+def test_every_fault_and_every_two_are_named_or_said_to_look_alike(
+    offset_v: float, seen_by: OscilloscopeWiring | None
+) -> None:
+    """By the closed form of the gyroscope: 8 single and 28 double reversals, whatever the bias is made of."""
+    rest_v = warm_output(moved((), offset_v))(0.0, None)
+    window_v = tuple(sorted((0.5 * rest_v, 1.5 * rest_v)))
+    chosen = settings(meter=True, bias=True)
+    expected = structs.replace(chosen.station.expected, bias_v=window_v)
+    station = structs.replace(chosen.station, expected=expected, oscilloscope=seen_by)
+    chosen = structs.replace(chosen, station=station, drive=DriveWindow(phase_deg=(80.0, 100.0)))
+    most = 0
+    for faults in (*((each,) for each in CAUSES), *combinations(CAUSES, 2)):
+        output = warm_output(moved(faults, offset_v))
+        upside_down, leads, generator, meter = (
+            -1.0 if each in faults else 1.0 for each in (UPSIDE_DOWN, MULTIMETER, GENERATOR, METER)
+        )
+
+        def point(step: int, rate: float, level: float) -> Point:
+            volts = leads * output(upside_down * rate, generator * level if step == DRIVEN else None)  # noqa: B023
+            seen = meter * generator * level if step == DRIVEN else None  # noqa: B023
+            return Point(step, rate, level, volts, 2e-5, 10, v_vc_measured_v=seen, v_vc_std_v=1e-6)
+
+        found = results(chosen, Looked(taken(point), -90.0 if CARRIER in faults else 90.0))
+        words = ", and ".join(faults)
+        assert words in (*found.causes, *found.look_alikes), faults
+        assert bool(found.causes) == bool(found.wrong_signs)
+        most = max(most, len(found.causes) + len(found.look_alikes))
+    assert most <= 8  # not simply everything, of 36
 
 
 def test_what_does_not_answer_has_no_sign() -> None:
@@ -116,11 +201,12 @@ def backwards(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_a_wrong_sign_fails_the_run(backwards: Any) -> None:
     assert backwards.error is None
     assert backwards.verdict.word == "fail"
-    assert backwards.results.causes == (COMBS,)
+    assert backwards.results.causes == (COMBS,)  # the oscilloscope sees that the carrier is right
+    assert f"{GENERATOR}, and {METER}" in backwards.results.look_alikes
     assert vcfbench.load_run(backwards.directory).results == backwards.results
     where = ["--runs", str(backwards.directory.parent)]
     shown = CliRunner().invoke(app, ["runs", "show", "last", *where])
-    assert "1 of 3 signs are wrong" in shown.stdout
+    assert "1 of 4 signs are wrong" in shown.stdout
     assert COMBS in shown.stdout
     [listed] = json.loads(CliRunner().invoke(app, ["runs", "list", "--json", *where]).stdout)["runs"]
     assert listed["verdict"] == "fail"
@@ -137,7 +223,7 @@ def test_the_command_says_pass_and_its_exit_code_is_the_verdict(tmp_path: Path) 
     assert wrong.exit_code == 1, wrong.output
     answer = json.loads(wrong.stdout)
     assert answer["acceptance"]["verdict"] == "fail"
-    assert answer["results"]["causes"] == [MULTIMETER, DEMODULATOR]
+    assert answer["results"]["causes"] == [MULTIMETER, DEMODULATOR, PICK_OFF]
 
 
 def _paper_with_expected() -> str:
@@ -153,8 +239,21 @@ def test_leads_that_are_really_reversed_are_found() -> None:
     with open_simulated(simulated("lab"), seed=2) as lab:
         lab.world.leads["multimeter"].turn("input", reversed_=True)
         executed = Executor(lab.bench, MemoryJournal()).execute(POLARITY.plan(chosen))
-    found = results(chosen, executed.points)
-    assert found.causes == (MULTIMETER,)
+    found = results(chosen, Looked(Measured(executed.points), 90.0))
+    assert found.causes == (MULTIMETER, DEMODULATOR, PICK_OFF)
+
+
+def test_a_turned_carrier_is_named_and_one_that_is_lost_ends_the_run(tmp_path: Path) -> None:
+    """The drive check ended the run without a word about the sign."""
+    turned = simulated("lab", overrides={"virtual_path": {"carrier_phase_rad": 2.0 * math.pi + 0.005}})
+    run = vcfbench.run("polarity", turned, settings=QUICK, runs=tmp_path)
+    assert run.results.causes == (CARRIER,)
+    [seen] = [each for each in run.results.signs if each.what == "carrier"]
+    assert (seen.found, seen.response) == (-1, pytest.approx(-89.7, abs=1.0))
+    assert "carrier, by its phase against the drive" in vcfbench.text_of(run.report())
+    lost = simulated("lab", overrides={"virtual_path": {"carrier_phase_rad": 0.5 * math.pi}})
+    with pytest.raises(vcfbench.MeasurementError, match="drive signal not as it should be"):
+        vcfbench.run("polarity", lost, settings=QUICK, runs=tmp_path)
 
 
 def test_both_ways_are_taken_against_drift_and_without_a_table_nothing_turns() -> None:

@@ -1,7 +1,8 @@
 """Polarity: which way the output goes for a positive table rate and a positive V_Vc, and which wire is the wrong way.
 
 After IEEE 1431, 12.7, the sign is never assumed. Each lead that is reversed, and each phase that is turned by half a
-cycle, turns signs of its own: the least that explains all signs that are wrong is what is named.
+cycle, turns signs of its own. The least that explains all signs that are wrong is what is named, and beside it every
+pair of faults that shows the same signs.
 """
 
 from __future__ import annotations
@@ -12,16 +13,18 @@ from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import Limit, ProcedureSettings, rate_words
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.drive_check import check_drive
 from vcfbench.plans.step import answer
 from vcfbench.plans.steps import (
     AcquireWithVvc,
     ConfigureVvcMeter,
     DisableVvc,
+    DriveReading,
     Note,
     Outcome,
     Plan,
@@ -46,6 +49,7 @@ from vcfbench.report.document import Column, Report, Table, Text
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
@@ -61,7 +65,7 @@ _LEAST = 0.2
 _ANY_V = 1e3
 """Of what a meter on V_Vc reads here nothing is asked: its sign is what is looked for."""
 
-What = Literal["table", "V_Vc", "bias", "meter on V_Vc"]
+What = Literal["table", "V_Vc", "bias", "meter on V_Vc", "carrier"]
 
 CAUSES: Mapping[str, frozenset[What]] = MappingProxyType(
     {
@@ -69,11 +73,15 @@ CAUSES: Mapping[str, frozenset[What]] = MappingProxyType(
         "the generator's leads to V_Vc are reversed": frozenset({"V_Vc", "meter on V_Vc"}),
         "the table's positive sense is the other one, or the gyroscope is mounted upside down": frozenset({"table"}),
         "the leads of the meter on V_Vc are reversed": frozenset({"meter on V_Vc"}),
-        "the carrier is turned by half a cycle, or V_Vc drives the opposite combs": frozenset({"V_Vc"}),
-        "the demodulator's reference or the sense pick-off is turned by half a cycle": frozenset({"table", "V_Vc"}),
+        "the carrier is turned by half a cycle": frozenset({"V_Vc", "carrier"}),
+        "V_Vc drives the opposite combs": frozenset({"V_Vc"}),
+        "the demodulator's reference is turned by half a cycle": frozenset({"table", "V_Vc"}),
+        "the sense pick-off is turned by half a cycle": frozenset({"table", "V_Vc"}),
     }
 )
 """What can be the wrong way round, and which signs it turns."""
+DEMODULATED: frozenset[str] = frozenset(name for name, turned in CAUSES.items() if turned == {"table", "V_Vc"})
+"""These turn the bias too where it is quadrature rather than the output stage's offset, which nobody knows here."""
 
 
 class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
@@ -107,14 +115,14 @@ class Sign:
     """One sign: what was put in, the response per unit of it, and whether it is as expected.
 
     `found` is 0 where there is no response. `u_response` is what the scatter of the readings leaves; whether a sign is
-    sure is all that it is for.
+    sure is all that it is for. Of the carrier the response is its phase against the drive, read once.
     """
 
     what: What
     expected: Literal[-1, 1]
     found: Literal[-1, 0, 1]
     response: float
-    u_response: float
+    u_response: float | None
     unit: str
 
     @property
@@ -125,11 +133,16 @@ class Sign:
 
 @dataclass(frozen=True, slots=True)
 class PolarityResult:
-    """The signs, how many are wrong or not there, and what explains them: each of `causes` alone does."""
+    """The signs, how many are wrong or not there, and what explains them.
+
+    Each of `causes` alone does: the fewest faults. Each of `look_alikes`, two faults at once, shows the same signs;
+    where no sign is wrong, these undo each other.
+    """
 
     signs: tuple[Sign, ...]
     wrong_signs: int
     causes: tuple[str, ...]
+    look_alikes: tuple[str, ...]
     expected_from: str
 
     def acceptance_values(self) -> Mapping[str, float | None]:
@@ -143,7 +156,7 @@ def polarity(settings: PolaritySettings) -> Plan:
 
 
 def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
-    yield from look_at_drive(settings)
+    yield from _look_at_drive(settings)
     yield Note("At rest, generator off")
     yield Settle(settings.settle_s, "gyro settles")
     yield from take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
@@ -152,6 +165,30 @@ def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
         yield Settle(settings.settle_s, "gyro settles")
     yield from _driven(settings)
     return Outcome("both ways")
+
+
+def _look_at_drive(settings: PolaritySettings) -> Routine[None]:
+    """Check the drive signal; a carrier that is turned by half a cycle is a finding here, and no reason to end."""
+    if not _carrier_has_a_sign(settings):
+        yield from look_at_drive(settings)
+        return
+    either_way = structs.replace(settings, drive=structs.replace(settings.drive, phase_deg=(-180.0, 180.0)))
+    seen = yield from check_drive(either_way)
+    if not _carrier_sign(settings, seen.phase_deg):
+        yield from check_drive(settings)  # which ends the run, and says why
+
+
+def _carrier_has_a_sign(settings: PolaritySettings) -> bool:
+    """Tell whether the carrier is seen, and expected in so narrow a window that half a cycle more is outside."""
+    low_deg, high_deg = settings.drive.phase_deg
+    return settings.station.oscilloscope is not None and high_deg - low_deg < 180.0
+
+
+def _carrier_sign(settings: PolaritySettings, phase_deg: float) -> Literal[-1, 0, 1]:
+    """Return whether the carrier's phase is as expected, half a cycle from it, or neither."""
+    low_deg, high_deg = settings.drive.phase_deg
+    within = [(phase_deg + turned_deg - low_deg) % 360.0 <= high_deg - low_deg for turned_deg in (0.0, 180.0)]
+    return 1 if within[0] else -1 if within[1] else 0
 
 
 def _turned(settings: PolaritySettings) -> Routine[None]:
@@ -184,7 +221,7 @@ def _driven(settings: PolaritySettings) -> Routine[None]:
     yield DisableVvc()
 
 
-def results(settings: PolaritySettings, points: Sequence[Point]) -> PolarityResult:
+def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     """Return the signs, and what explains those that are wrong."""
     gyro = settings.expected_gyro()
     driven = [point for point in points if point.step == DRIVEN]
@@ -198,15 +235,20 @@ def results(settings: PolaritySettings, points: Sequence[Point]) -> PolarityResu
     if seen:
         signs.append(_sign("meter on V_Vc", seen, 1.0, "V/V"))
     signs += _bias(settings, points)
+    if _carrier_has_a_sign(settings):
+        *_, (_, drive) = points.found(DriveReading)
+        found = _carrier_sign(settings, drive.phase_deg)
+        signs.append(Sign("carrier", 1, found, drive.phase_deg, None, "deg"))
     wrong = {each.what for each in signs if not each.right}
     silent = [each.what for each in signs if not each.found]
-    causes = _silence(silent) if silent else _causes(wrong, {each.what for each in signs})
+    causes, look_alikes = (_silence(silent), ()) if silent else _explained(wrong, {each.what for each in signs})
     windows = settings.expected.scale_factor_v_per_deg_s, settings.expected.k_vc_deg_s_per_v
     named = [name for name, window in zip(("scale factor", "K_Vc"), windows, strict=True) if window is not None]
     source = f"[expected] of the bench file: {', '.join(named)}" if named else ""
     missing = [name for name, window in zip(("scale factor", "K_Vc"), windows, strict=True) if window is None]
     default = f"the paper's gyroscope: {', '.join(missing)}" if missing else ""
-    return PolarityResult(tuple(signs), len(wrong), causes, "; ".join(each for each in (source, default) if each))
+    expected_from = "; ".join(each for each in (source, default) if each)
+    return PolarityResult(tuple(signs), len(wrong), causes, look_alikes, expected_from)
 
 
 def _u(point: Point) -> float:
@@ -250,28 +292,36 @@ def _silence(silent: Sequence[What]) -> tuple[str, ...]:
         "V_Vc": "the output does not feel V_Vc: a lead of the generator is off",
         "meter on V_Vc": "the meter on V_Vc reads nothing: a lead of it is off",
         "bias": "the output at rest is not what is expected of it, nearly 0 V",
+        "carrier": "the carrier is neither as expected nor half a cycle from it",
     }
     return tuple(loose[each] for each in silent)
 
 
-def _causes(wrong: set[What], seen: set[What]) -> tuple[str, ...]:
+def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return what turns just the signs that are wrong, of those that were seen: the fewest causes, each choice a line.
 
-    Two that turn the same sign leave it as it was.
+    Besides, what does it with two faults where one would do, or none. Two that turn the same sign leave it as it was.
     """
-    if not wrong:
-        return ()
+    by_count: list[tuple[str, ...]] = [() if wrong else ("",)]  # no fault at all
     for count in range(1, len(CAUSES) + 1):
-        found = []
-        for chosen in combinations(CAUSES, count):
-            turned: frozenset[What] = frozenset()
-            for each in chosen:
-                turned ^= CAUSES[each] & seen
-            if turned == wrong and all(CAUSES[each] & seen for each in chosen):
-                found.append(", and ".join(chosen))
-        if found:
-            return tuple(found)
-    return ("none of the causes that are known turns just these signs",)
+        choices = [chosen for chosen in combinations(CAUSES, count) if _shows(chosen, wrong, seen)]
+        by_count.append(tuple(", and ".join(chosen) for chosen in choices))
+        if count > 1 and any(by_count):
+            break
+    fewest = next((count for count, choices in enumerate(by_count) if choices), None)
+    if fewest is None:
+        return ("none of the causes that are known turns just these signs",), ()
+    return by_count[fewest] if fewest else (), by_count[2] if fewest < 2 else ()
+
+
+def _shows(chosen: Sequence[str], wrong: set[What], seen: set[What]) -> bool:
+    """Tell whether these faults together turn just the signs that are wrong, each of them one that was seen."""
+    turns = [CAUSES[each] & seen for each in chosen]
+    alone: frozenset[What] = frozenset()
+    for each in turns:
+        alone ^= each
+    bias = frozenset({"bias"}) & seen if sum(each in DEMODULATED for each in chosen) % 2 else frozenset()
+    return all(turns) and wrong in (alone, alone ^ bias)
 
 
 def report(settings: PolaritySettings, _points: Sequence[Point], found: PolarityResult) -> Report:
@@ -298,17 +348,24 @@ _LONG: Mapping[What, str] = MappingProxyType(
         "V_Vc": "a positive V_Vc",
         "bias": "rest",
         "meter on V_Vc": "a positive V_Vc, of its own meter",
+        "carrier": "carrier, by its phase against the drive",
     }
 )
 
 
 def _verdict(settings: PolaritySettings, found: PolarityResult) -> str:
     basis = f"expected by {found.expected_from}"
-    if not found.wrong_signs:
-        return f"all signs are right ({basis})"
-    head = "what explains it" if len(found.causes) == 1 else "what explains it, one of these"
-    lines = [f"{found.wrong_signs} of {len(found.signs)} signs are wrong ({basis}); {head}:"]
-    lines += [f"  {each}" for each in found.causes]
+    lines = [f"all signs are right ({basis})"]
+    if found.wrong_signs:
+        head = "what explains it" if len(found.causes) == 1 else "what explains it, one of these"
+        lines = [f"{found.wrong_signs} of {len(found.signs)} signs are wrong ({basis}); {head}:"]
+        lines += [f"  {each}" for each in found.causes]
+    if found.look_alikes:
+        lines.append(
+            "two faults at once that look the same" if found.wrong_signs else "two faults that would undo each other"
+        )
+        lines[-1] += ", not to be told from it here:"
+        lines += [f"  {each}" for each in found.look_alikes]
     if len(found.causes) > 1 and not settings.has_table:
         lines.append("a table, or a gyroscope turned by hand, would tell more")
     if len(found.causes) > 1 and settings.expected.bias_v is None:
