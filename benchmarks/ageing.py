@@ -441,8 +441,8 @@ def in_the_field(life: Life, cause: Cause) -> tuple[Station, float]:
     others, numbers = specimens_of(seed, 1)
     old = merged(named, lab.gyroscope)
     gyroscope = deepcopy(lab.gyroscope)
-    for at, age in enumerate(cause.ages):
-        changed = age(rng_of(seed, 20, at), merged(old, gyroscope))
+    for age in cause.ages:
+        changed = age(rng_of(seed, 20, *age.__name__.encode()), merged(old, gyroscope))
         gyroscope = merged(gyroscope, json.loads(json.dumps(changed)))
     rng = rng_of(seed, 21)
     if cause.warmer_k:
