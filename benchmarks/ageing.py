@@ -27,7 +27,7 @@ import sys
 import tempfile
 import tomllib
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     Overrides = dict[str, dict[str, Any]]
     Parameters = Mapping[str, Mapping[str, Any]]
     Ageing = Callable[[np.random.Generator, Parameters], Overrides]
+    Unseen = Callable[[float, Parameters], Overrides]
 
 MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
 STREAM = 0x41474549  # of these draws: no other benchmark has it
@@ -161,11 +162,10 @@ class Cause:
 
     ages: tuple[Ageing, ...] = ()
     other: tuple[str, ...] = ()
-    warmer_k: float = 0.0
-    """Largest difference of the room's temperatures either way."""
-    most_days: float = 0.0
-    """Longest time since the certificate."""
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    apart_k: tuple[float, float] = (0.0, 0.0)
+    """Least and largest difference of the room's temperatures, either way."""
+    unseen: tuple[Unseen, ...] = ()
+    """What drifts since the certificate, by up to what the bench file says it may."""
 
 
 def _times(names: Iterable[tuple[str, str]], factor: float, old: Parameters) -> Overrides:
@@ -239,15 +239,15 @@ def drive_alone(rng: np.random.Generator, old: Parameters) -> Overrides:
     return _times([("drive_loop", "amplitude_m")], 1.0 + _within(rng, 0.005), old)
 
 
-def combs(rng: np.random.Generator, old: Parameters, limit: float = 0.005) -> Overrides:
-    """Both feedback combs change alike."""
+def combs(relative: float, old: Parameters) -> Overrides:
+    """Return both feedback combs, stronger by a part of them."""
     names = [("virtual_path", "left_comb_n_per_v2"), ("virtual_path", "right_comb_n_per_v2")]
-    return _times(names, 1.0 + _within(rng, limit), old)
+    return _times(names, 1.0 + relative, old)
 
 
-def mass(rng: np.random.Generator, old: Parameters, limit: float = 0.003) -> Overrides:
-    """The sense mass changes."""
-    return _times([("virtual_path", "mass_kg")], 1.0 + _within(rng, limit), old)
+def mass(relative: float, old: Parameters) -> Overrides:
+    """Return the sense mass, larger by a part of it."""
+    return _times([("virtual_path", "mass_kg")], 1.0 + relative, old)
 
 
 SEEN = (leak, split, in_phase, carrier_phase, demodulator_phase, feedthrough, modulator)
@@ -258,7 +258,7 @@ CAUSES: dict[str, Cause] = {
     "leak": Cause((leak,)),
     "split": Cause((split,)),
     "in_phase": Cause((in_phase,)),
-    "temperature": Cause(warmer_k=15.0),
+    "temperature": Cause(apart_k=(0.0, 15.0)),
     "carrier_phase": Cause((carrier_phase,)),
     "demodulator_phase": Cause((demodulator_phase,)),
     "feedthrough": Cause((feedthrough,)),
@@ -267,11 +267,13 @@ CAUSES: dict[str, Cause] = {
     "other_generator": Cause(other=("rate_source",)),
     "other_supply": Cause(other=("power",)),
     "other_bench": Cause(other=EVERYTHING),
-    "all_seen": Cause((*SEEN, harmless), warmer_k=15.0),
-    "all_seen_elsewhere": Cause((*SEEN, harmless), other=EVERYTHING, warmer_k=15.0),
+    "all_seen": Cause((*SEEN, harmless), apart_k=(0.0, 15.0)),
+    "all_seen_elsewhere": Cause((*SEEN, harmless), other=EVERYTHING, apart_k=(0.0, 15.0)),
     "drive_alone": Cause((drive_alone,)),
-    "combs": Cause((combs,)),
-    "mass": Cause((mass,)),
+    "too_warm": Cause(apart_k=(25.0, 35.0)),
+    "combs": Cause(unseen=(combs,)),
+    "mass": Cause(unseen=(mass,)),
+    "all_elsewhere_later": Cause((*SEEN, harmless), other=EVERYTHING, apart_k=(0.0, 15.0), unseen=(combs,)),
 }
 
 
@@ -435,6 +437,13 @@ def laboratory(seed: int, how: How, named: Overrides) -> Station:
     return Station(laboratory_file(), specimens, numbers, table, gyroscope)
 
 
+def unseen_drift(seed: int) -> tuple[float, float, float]:
+    """Return how fast K_Vc may drift unseen, ppm a year, days since the certificate, and what it drifted, relative."""
+    rng = rng_of(seed, 22)
+    ppm_per_year, days = 10.0 ** rng.uniform(1.5, 3.5), rng.uniform(0.0, 360.0)
+    return ppm_per_year, days, _within(rng, 1e-6 * ppm_per_year * days / 365.25)
+
+
 def in_the_field(life: Life, cause: Cause) -> tuple[Station, float]:
     """Return the bench in the field with the aged gyroscope, and the days since the certificate."""
     seed, how, lab, named = life.seed, life.how, life.lab, life.named
@@ -445,17 +454,22 @@ def in_the_field(life: Life, cause: Cause) -> tuple[Station, float]:
         changed = age(rng_of(seed, 20, *age.__name__.encode()), merged(old, gyroscope))
         gyroscope = merged(gyroscope, json.loads(json.dumps(changed)))
     rng = rng_of(seed, 21)
-    if cause.warmer_k:
-        room_c = old["thermal"]["ambient_c"] + _within(rng, cause.warmer_k)
+    if any(cause.apart_k):
+        room_c = old["thermal"]["ambient_c"] + float(rng.uniform(*cause.apart_k) * rng.choice([-1.0, 1.0]))
         gyroscope = merged(gyroscope, {"thermal": {"ambient_c": room_c}})
+    file, days = field_file(with_oscilloscope=how.with_oscilloscope), 0.0
+    if cause.unseen:
+        file["uncertainty"]["k_vc_drift_ppm_per_year"], days, drifted = unseen_drift(seed)
+        for drift in cause.unseen:
+            gyroscope = merged(gyroscope, drift(drifted, merged(old, gyroscope)))
     station = Station(
-        field_file(with_oscilloscope=how.with_oscilloscope),
+        file,
         {role: others[role] if role in cause.other else each for role, each in lab.specimens.items()},
         {role: numbers[role] if role in cause.other else each for role, each in lab.numbers.items()},
         {},
         gyroscope,
     )
-    return station, float(rng.uniform(0.0, cause.most_days))
+    return station, days
 
 
 def truth_of(station: Station, named: Overrides) -> Gyroscope:
@@ -507,7 +521,7 @@ def self_calibrated(life: Life, name: str) -> Line:
         _earlier(store, days)
         file.write_text(station.text(), encoding="utf-8")
         settings: Line = {"dut": "G", "devices": str(store), "warm_up_s": WARM_UP_S}
-        settings |= {"temperature_c": stated_c(station, named), **cause.settings, **life.how.sets}
+        settings |= {"temperature_c": stated_c(station, named), **life.how.sets}
         try:
             found = vcfbench.run(
                 "self-calibration", file, seed=seed * 100 + 2 + number, settings=settings, runs=own
