@@ -24,10 +24,13 @@ __all__ = [
     "KEYSIGHT_34465A",
     "KEYSIGHT_E3631A",
     "KEYSIGHT_E36312A",
+    "WORST_OF_CLASS",
     "Accuracy",
+    "Assumed",
     "LevelSpecification",
     "SupplySpecification",
     "VoltmeterSpecification",
+    "accuracy_at",
 ]
 
 
@@ -111,6 +114,20 @@ class VoltmeterSpecification(Struct, frozen=True):
         """Return the largest noise that is promised of an integration of `nplc` cycles, V; 0 where none is added."""
         part, volts = self.added_noise.get(nplc, (0.0, 0.0))
         return part * range_v + volts
+
+
+def accuracy_at(sheet: VoltmeterSpecification, range_v: float, age_days: float) -> tuple[Accuracy, float | None]:
+    """Return the largest error on a range so long after a calibration, and how many sigmas it is, whatever is known.
+
+    Beyond the ages of the data sheet its last limits are taken to grow on with time. On a range that it has nothing of,
+    they are those of a 34401A, the worst of these meters, and any error within is as likely.
+    """
+    of = sheet if range_v in sheet.accuracy else HP_34401A
+    promised, oldest = of.known_accuracy(range_v, age_days), max(of.accuracy[range_v])
+    if promised is None:
+        last, grown = of.accuracy[range_v][oldest], age_days / oldest
+        promised = Accuracy(last.reading * grown, last.range * grown)
+    return promised, of.limit_sigmas if of is sheet else None
 
 
 class LevelSpecification(Struct, frozen=True):
@@ -289,3 +306,29 @@ KEYSIGHT_E36312A: Final = SupplySpecification(
     source="from memory of the data sheet 5992-2124EN and rounded up, unverified",
     limit_sigmas=4.0,  # inferred: the same maker's word for the limits of the 34401A, User's Guide p. 227
 )
+
+
+class Assumed(Struct, frozen=True):
+    """What is taken where nobody says better: the worst of a class, and which class that is."""
+
+    value: float
+    unit: str
+    source: str
+
+
+WORST_OF_CLASS: Final = MappingProxyType(
+    {
+        "table_rate_error": Assumed(1e-3, "", "a stepping stage, or a direct drive over 1 degree"),
+        "bias_instability_deg_h": Assumed(
+            100.0, "deg/h", "rate-grade MEMS, whose bias wanders by 10 to 1000 deg/h; unverified"
+        ),
+        "scale_factor_ppm_k": Assumed(
+            500.0, "ppm/K", "370 without compensation (Cao 2019, PMC6523767), 320 of consumer parts, rounded up"
+        ),
+        "bias_deg_h_k": Assumed(600.0, "deg/h/K", "consumer parts: 20 deg/s from -40 to 85 degC (MPU-6050)"),
+        "warm_up_k": Assumed(5.0, "K", "a board of a watt in still air; unverified"),
+        "warm_up_time_s": Assumed(900.0, "s", "a board in a closed housing; unverified"),
+        "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
+    }
+)
+"""What a bench file need not say, by its key of ``[uncertainty]``."""

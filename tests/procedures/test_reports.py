@@ -65,10 +65,12 @@ def test_turntable_ends_with_one_column_and_its_fit() -> None:
     assert lines[0] == "Omega_z / (deg/s)   output / V     s / V"
     assert lines[2].split()[:2] == ["200", "-2.54200"]
     assert lines[20].startswith("turntable: V = ")
-    stated = lines.index("Values with their combined uncertainty (95 %)")
+    stated = next(
+        n for n, line in enumerate(lines) if line.startswith("Values with their combined uncertainty (95 %); INC")
+    )
     names = [line.split()[0] for line in lines[stated + 3 :] if line and not line.startswith(" ")]
     assert names[:3] == ["scale_factor", "bias", "bias_deg_s"]
-    assert lines[lines.index("not in these uncertainties:") + 1].startswith("  the multimeter's accuracy")
+    assert lines[lines.index("not in these uncertainties:") + 1].startswith("  MISSING the multimeter's accuracy")
 
 
 def test_turntable_has_the_output_against_the_rate_and_what_its_line_leaves_over() -> None:

@@ -196,7 +196,10 @@ class Laboratory(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Knowledge(BenchFileTable, frozen=True, kw_only=True):
-    """What is known of instruments and gyroscope for the uncertainties; what is not given is not in them, and said so.
+    """What is known of instruments and gyroscope for the uncertainties.
+
+    What is not given is taken at the worst of its class (:data:`vcfbench.specifications.WORST_OF_CLASS`), or the values
+    are incomplete without it; results say which.
 
     `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc
     was; where they are not given it is that from the day in the meter's table (`calibrated`) to the run, else a year.
@@ -227,7 +230,7 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     scale_factor_ppm_k: ScaleFactorCoefficient | None = None
     bias_deg_h_k: BiasCoefficient | None = None
     warm_up_k: Kelvins | None = None
-    warm_up_time_s: WarmUpTime = 300.0
+    warm_up_time_s: WarmUpTime | None = None
     misalignment_deg: Misalignment | None = None
     carrier_phase_deg: PhaseLimit | None = None
     demodulator_phase_deg: PhaseLimit | None = None

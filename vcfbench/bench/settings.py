@@ -39,6 +39,7 @@ __all__ = [
     "V_VC_RANGE_V",
     "DriveWindow",
     "Expected",
+    "Gap",
     "Limit",
     "Match",
     "PlacedInstrument",
@@ -103,8 +104,54 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return f"{self.model} {self.where}"
 
 
+class Gap(Struct, frozen=True):
+    """What nothing is known of, and no figure of its class could stand for: values of `kinds` are incomplete."""
+
+    name: str
+    words: str
+    kinds: tuple[str, ...]
+
+
+_BIASES, _SLOPES = ("bias", "bias_deg_s", "bias_v"), ("scale_factor", "line")
+_GAPS = {
+    "meter_gain": Gap("multimeter", "the multimeter's accuracy", (*_SLOPES, *_BIASES)),
+    "table_rate": Gap("table rate", "the table's accuracy (uncertainty.table_rate_error)", (*_SLOPES, "k_vc")),
+    "warm_up_k": Gap("warm-up", "warm-up (uncertainty.warm_up_k)", (*_SLOPES, *_BIASES)),
+    "temperature_k": Gap(
+        "temperature",
+        "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)",
+        (*_SLOPES, *_BIASES, "k_vc"),
+    ),
+    "misalignment_deg": Gap(
+        "misalignment",
+        "the angle between the gyroscope's axis and the table's (uncertainty.misalignment_deg)",
+        (*_SLOPES, *_BIASES, "k_vc"),
+    ),
+    "carrier_phase_deg": Gap(
+        "carrier phase",
+        "a change of the carrier's phase: K_Vc is that at the phase of the run (uncertainty.carrier_phase_deg)",
+        ("k_vc",),
+    ),
+    "demodulator_phase_deg": Gap(
+        "demodulator phase",
+        "a change of the demodulator's phase, by which scale factor and, with quadrature, bias change "
+        "(uncertainty.demodulator_phase_deg)",
+        (*_SLOPES, *_BIASES, "k_vc"),
+    ),
+    "bias_deg_s_demodulator_deg": Gap(
+        "quadrature",
+        "quadrature that the demodulator's phase lets into the bias (uncertainty.bias_deg_s_demodulator_deg; `phase` "
+        "measures it)",
+        _BIASES,
+    ),
+}
+
+
 class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What instruments and gyroscope contribute to uncertainties, at the settings of the run; None: nothing is known.
+
+    What a bench file leaves open is taken at the worst of its class (`assumed`, by its key, in words) where that is a
+    figure; the others are :meth:`gaps`.
 
     `meter_gain` (relative) and `meter_offset_v` are the limits of the multimeter's errors, of which `meter_sigmas`
     standard deviations lie within (None: any error within is as likely). `generator_gain`, `generator_offset_v` are
@@ -138,7 +185,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     scale_factor_ppm_k: float | None = None
     bias_deg_h_k: float | None = None
     warm_up_k: float | None = None
-    warm_up_time_s: float = 300.0
+    warm_up_time_s: float = 900.0
     misalignment_deg: float | None = None
     carrier_phase_deg: float | None = None
     demodulator_phase_deg: float | None = None
@@ -146,6 +193,18 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     k_vc_ppm_demodulator_deg: float = 0.0
     scale_factor_ppm_demodulator_deg: float = 1000.0
     bias_deg_s_demodulator_deg: float | None = None
+    assumed: dict[str, str] = field(default_factory=dict)
+
+    def gaps(self) -> Iterator[Gap]:
+        """Yield what nothing is known of."""
+        for key, gap in _GAPS.items():
+            idle = key == "bias_deg_s_demodulator_deg" and not self.demodulator_phase_deg
+            if getattr(self, key) is None and not idle:
+                yield gap
+
+    def missing(self, kind: str) -> tuple[str, ...]:
+        """Return the names of what a value of `kind` (``k_vc``, ``scale_factor``, ``bias``) is incomplete without."""
+        return tuple(gap.name for gap in self.gaps() if kind in gap.kinds)
 
 
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -69,10 +69,10 @@ def _window(draft: Draft, path: str, answer: str) -> None:
 
 def _uncertainty(draft: Draft, interview: Interview) -> None:
     """Ask for what everybody can say; the rest is in the file, switched off."""
-    say("What the uncertainties rest on. Enter: not known, and the report says that it is left out.")
+    say("What the uncertainties rest on. Enter: not known: the worst of its class counts, or values are incomplete.")
     roles = draft.roles()
     known = [
-        ("temperature_k", "How far the gyroscope's temperature may be from the one stated, K"),
+        ("temperature_k", "How far the gyroscope's temperature may be from the one stated, K (0: that of the run)"),
         ("bias_instability_deg_h", "Bias instability of the gyroscope, deg/h"),
     ]
     if "rate_table" in roles:

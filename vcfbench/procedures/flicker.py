@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from datetime import datetime
     from typing import Self
 
+    from vcfbench.bench.settings import Sources
     from vcfbench.record.devices import DeviceStore
 
-__all__ = ["KnownFlickerSettings", "flicker_sources"]
+__all__ = ["KnownFlickerSettings", "flicker_sources", "with_flicker"]
 
 
 class KnownFlickerSettings(ProcedureSettings, frozen=True, kw_only=True):
@@ -55,8 +56,16 @@ class KnownFlickerSettings(ProcedureSettings, frozen=True, kw_only=True):
         from vcfbench.record.devices import DeviceStore  # noqa: PLC0415  # few runs name a device
 
         found = flicker_sources(DeviceStore(Path(self.devices)), self.dut, utc_now(), outdated=self.outdated)
-        sources = structs.replace(self.station.sources, **found)
+        sources = with_flicker(self.station.sources, found)
         return structs.replace(self, station=structs.replace(self.station, sources=sources))
+
+
+def with_flicker(sources: Sources, found: Mapping[str, Any]) -> Sources:
+    """Return `sources` with the flicker that was `found`, if any was; it is assumed no more."""
+    if not found:
+        return sources
+    left = {key: words for key, words in sources.assumed.items() if key not in found}
+    return structs.replace(sources, **found, assumed=left)
 
 
 def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated: bool) -> Mapping[str, Any]:

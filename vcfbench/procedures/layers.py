@@ -25,6 +25,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.models import ROLES, find_model, resolve
+from vcfbench.specifications import AGILENT_33220A, WORST_OF_CLASS, accuracy_at
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
-    from vcfbench.specifications import LevelSpecification, VoltmeterSpecification
+    from vcfbench.specifications import Assumed, LevelSpecification, VoltmeterSpecification
 
 S = TypeVar("S", bound=ProcedureSettings)
 
@@ -213,48 +214,54 @@ def _sheet_of(part: Any) -> Any:
 
 def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
     """Return what uncertainties come from; ConfigError when the age told of a meter is beyond its data sheet."""
-    known = description.uncertainty
-    return structs.replace(
-        _generator_sources(description),
+    known = structs.asdict(description.uncertainty)
+    left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None}
+    known |= {key: each.value for key, each in left_open.items()}
+    instruments = {
+        **_generator_sources(description),
         **_meter_sources(description, "multimeter", "meter", float(chosen.meter_range_v)),
-        **_meter_sources(description, "v_vc_meter", "v_vc", V_VC_RANGE_V),
-        table_rate=known.table_rate_error,
-        bias_instability_deg_h=known.bias_instability_deg_h,
-        horizon_h=known.horizon_h,
-        temperature_k=known.temperature_k,
-        scale_factor_ppm_k=known.scale_factor_ppm_k,
-        bias_deg_h_k=known.bias_deg_h_k,
-        warm_up_k=known.warm_up_k,
-        warm_up_time_s=known.warm_up_time_s,
-        misalignment_deg=known.misalignment_deg,
-        carrier_phase_deg=known.carrier_phase_deg,
-        demodulator_phase_deg=known.demodulator_phase_deg,
-        k_vc_ppm_carrier_deg=known.k_vc_ppm_carrier_deg,
-        k_vc_ppm_demodulator_deg=known.k_vc_ppm_demodulator_deg,
-        scale_factor_ppm_demodulator_deg=known.scale_factor_ppm_demodulator_deg,
-        bias_deg_s_demodulator_deg=known.bias_deg_s_demodulator_deg,
-    )
+        **_meter_sources(description, "v_vc_meter", "v_vc", float(getattr(chosen, "v_vc_range_v", V_VC_RANGE_V))),
+    }
+    same = {key: value for key, value in known.items() if key in _OF_SOURCES and key not in instruments}
+    assumed = {key: f"uncertainty.{key}: {_assumed_words(each)}" for key, each in left_open.items()}
+    found = Sources(**instruments, **same, table_rate=known["table_rate_error"], assumed=assumed)
+    if "bias_instability_deg_h" not in assumed:
+        return found
+    return structs.replace(found, bias_instability_from=assumed["bias_instability_deg_h"])
+
+
+_OF_SOURCES = frozenset(Sources.__struct_fields__)
+
+
+def _assumed_words(taken: Assumed) -> str:
+    return f"{taken.value:g}{' ' * bool(taken.unit)}{taken.unit}, assumed ({taken.source})"
 
 
 def _meter_sources(description: BenchDescription, role: str, short: str, range_v: float) -> dict[str, Any]:
     """Return what the meter of `role` contributes, by the keys of :class:`Sources`, which begin with `short`."""
     key = _AGE_KEYS[role]
     age_days, age_from = _age_days(description, role, key)
-    sources: dict[str, Any] = {key: age_days, key.replace("_days", "_from"): age_from}
+    sources: dict[str, Any] = {key: age_days, _from(key): age_from}
     part = getattr(description, role)
     sheet: VoltmeterSpecification | None = None if part is None else _sheet_of(part)
-    if sheet is None or range_v not in sheet.accuracy:
+    if sheet is None:
         return sources
-    promised = sheet.known_accuracy(range_v, age_days)
-    if promised is None:
+    if range_v in sheet.accuracy and sheet.known_accuracy(range_v, age_days) is None:
         if getattr(description.uncertainty, key) is not None:
             raise ConfigError(f"uncertainty.{key}: {sheet.beyond(range_v)}")
-        return sources
+        sources[_from(key)] += f"; {sheet.beyond(range_v)}, so its limits are assumed to grow on with time"
+    if range_v not in sheet.accuracy:
+        sources[_from(key)] += f"; no data sheet of a {sheet.model} on {range_v:g} V is at hand: a 34401A's is assumed"
+    promised, sigmas = accuracy_at(sheet, range_v, age_days)
     return sources | {
         f"{short}_gain": promised.reading,
         f"{short}_offset_v": promised.range * range_v,
-        f"{short}_sigmas": sheet.limit_sigmas,
+        f"{short}_sigmas": sigmas,
     }
+
+
+def _from(key: str) -> str:
+    return key.replace("_days", "_from")
 
 
 _AGE_KEYS = {"multimeter": "meter_age_days", "v_vc_meter": "v_vc_meter_age_days"}
@@ -279,14 +286,15 @@ def _age_days(description: BenchDescription, role: str, key: str) -> tuple[float
     return float(max(days, 0)), f"calibrated {calibrated}"
 
 
-def _generator_sources(description: BenchDescription) -> Sources:
-    sheet: LevelSpecification | None = None if description.rate_source is None else _sheet_of(description.rate_source)
-    if sheet is None:
-        return Sources()
+def _generator_sources(description: BenchDescription) -> dict[str, Any]:
+    """Return what the generator contributes; without a data sheet as a 33220A, the worst that is known."""
+    if description.rate_source is None:
+        return {}
+    sheet: LevelSpecification = _sheet_of(description.rate_source) or AGILENT_33220A
     known = description.uncertainty
-    return Sources(
-        generator_gain=sheet.setting if known.generator_error is None else known.generator_error,
-        generator_offset_v=sheet.offset_v if known.generator_offset_v is None else known.generator_offset_v,
-        generator_ranges_v=sheet.ranges_v,
-        generator_bits=sheet.bits,
-    )
+    return {
+        "generator_gain": sheet.setting if known.generator_error is None else known.generator_error,
+        "generator_offset_v": sheet.offset_v if known.generator_offset_v is None else known.generator_offset_v,
+        "generator_ranges_v": sheet.ranges_v,
+        "generator_bits": sheet.bits,
+    }

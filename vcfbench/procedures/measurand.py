@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from vcfbench.analysis.budget import Source, evaluate
 from vcfbench.record.devices import Measured, Share
-from vcfbench.report.digits import digits_of_u, digits_of_value, stated_cells
+from vcfbench.report.digits import digits_of_u, digits_of_value, incomplete, stated_cells
 from vcfbench.report.document import Column, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from vcfbench.report.document import Cell
 
@@ -50,6 +50,9 @@ class Measurand:
     """Half width of the interval that holds the true value with 95 %."""
     parts: tuple[UncertaintyPart, ...]
     """The largest first."""
+    complete: bool = True
+    missing: tuple[str, ...] = ()
+    """What `u` is without because nobody tells it; none where it is complete."""
 
     def printed(self) -> tuple[Cell, Cell, Cell]:
         """Return value, u and U95 as they are printed: two digits of either, the value to the last one of u."""
@@ -58,11 +61,14 @@ class Measurand:
     def kept(self) -> Measured:
         """Return it as it is kept of a device."""
         shares = tuple(Share(source=part.source, u=part.u, of=part.of, dof=part.dof) for part in self.parts)
-        return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares)
+        return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares, missing=self.missing)
 
 
-def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart]) -> Measurand:
-    """Return `value` with the combined uncertainty of independent `parts`, after the GUM (Welch and Satterthwaite)."""
+def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing: Iterable[str] = ()) -> Measurand:
+    """Return `value` with the combined uncertainty of independent `parts`, after the GUM (Welch and Satterthwaite).
+
+    It is incomplete without what is `missing`.
+    """
     sources = [
         Source(f"{number}: {part.source}", 0.0, abs(part.u), unit, math.inf if part.dof is None else part.dof)
         for number, part in enumerate(parts)
@@ -71,7 +77,9 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart]) -> Meas
     result = budget.result("value")
     dof = result.dof if math.isfinite(result.dof) else None
     by_size = tuple(sorted(parts, key=lambda part: -abs(part.u)))
-    return Measurand(value, result.u, unit, dof, result.coverage_factor, result.expanded_u, by_size)
+    without = tuple(dict.fromkeys(missing))
+    factor, expanded_u = result.coverage_factor, result.expanded_u
+    return Measurand(value, result.u, unit, dof, factor, expanded_u, by_size, not without, without)
 
 
 def said_of(name: str, found: Measurand) -> str:
@@ -84,7 +92,7 @@ def said_of(name: str, found: Measurand) -> str:
     factor = f"k = {found.coverage_factor:.2f}"
     value = format(found.value, digits_of_value(found.value, found.u))
     u, u95 = (format(each, digits_of_u(each)) for each in (found.u, found.expanded_u))
-    return f"{name}: {value} {found.unit}, u {u}{relative}, U95 {u95} ({factor})"
+    return f"{name}: {value} {found.unit}, u {u}{relative}, U95 {u95} ({factor}){incomplete(found.missing)}"
 
 
 def budget_table(name: str, found: Measurand) -> Table:
@@ -100,7 +108,8 @@ def budget_table(name: str, found: Measurand) -> Table:
         )
         for part in found.parts
     ]
-    return Table(columns, rows, f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}")
+    title = f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}"
+    return Table(columns, rows, title + incomplete(found.missing))
 
 
 def _shown(part: UncertaintyPart, found: Measurand) -> float:

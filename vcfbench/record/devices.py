@@ -85,6 +85,8 @@ class Measured(_Value, frozen=True, kw_only=True):
     """Effective degrees of freedom of `u`; None is as many as one likes."""
     shares: tuple[Share, ...] = ()
     """What `u` is made of, where that is known: their squares add up to its square."""
+    missing: tuple[Text, ...] = ()
+    """What `u` is incomplete without, because nobody told it."""
 
 
 class CurveShare(_Value, frozen=True, kw_only=True):
@@ -123,6 +125,8 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
     """What the covariance is made of, where that is known."""
     lack_of_fit_deg_s: float | None = None
     """What the curve leaves over beyond the uncertainties, root mean square; it is in no uncertainty."""
+    missing: tuple[Text, ...] = ()
+    """What the covariance is incomplete without, because nobody told it."""
 
     def __post_init__(self) -> None:
         """See that the parts fit together; ValueError when they do not."""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from vcfbench.report.document import Cell
 
-__all__ = ["digits_of_u", "digits_of_value", "stated_cells"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["digits_of_u", "digits_of_value", "incomplete", "stated_cells"]
 
 _SMALLEST_FIXED = 1e-4
 """Below that numbers are printed with an exponent."""
@@ -15,6 +19,11 @@ _SMALLEST_FIXED = 1e-4
 def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
     """Return value, u and U95 as they are printed: two digits of either uncertainty, the value to the last one of u."""
     return Cell(value, digits_of_value(value, u)), Cell(u, digits_of_u(u)), Cell(u95, digits_of_u(u95))
+
+
+def incomplete(missing: Sequence[str]) -> str:
+    """Say behind a value or a title what its uncertainty is without; nothing where nothing is missing."""
+    return f"; INCOMPLETE without {', '.join(missing)}" if missing else ""
 
 
 def digits_of_u(u: float) -> str:

@@ -14,11 +14,11 @@ from msgspec import Struct
 from vcfbench.analysis.budget import Source
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from vcfbench.bench.settings import Sources
 
-__all__ = ["CARRIER_PHASE", "DEMODULATOR_PHASE", "PhaseErrors", "phases_not_known"]
+__all__ = ["CARRIER_PHASE", "DEMODULATOR_PHASE", "PhaseErrors"]
 
 CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
 
@@ -37,7 +37,7 @@ class PhaseErrors(Struct, frozen=True):
     def of(cls, known: Sources) -> PhaseErrors:
         """Return what is known of them: no source where no limit is."""
         limits = {CARRIER_PHASE: known.carrier_phase_deg, DEMODULATOR_PHASE: known.demodulator_phase_deg}
-        sources = [Source.within(name, 0.0, limit, "deg") for name, limit in limits.items() if limit is not None]
+        sources = [Source.within(name, 0.0, limit, "deg") for name, limit in limits.items() if limit]
         return cls(
             tuple(sources),
             _per_deg(known.k_vc_ppm_carrier_deg, known.carrier_phase_deg),
@@ -84,15 +84,3 @@ def _per_deg(ppm_deg: float, limit_deg: float | None) -> float:
     """Return what a degree does, relative, such that the limit does what it may at most: the cosine's own curve too."""
     curved = (1.0 - math.cos(math.radians(limit_deg))) / limit_deg if limit_deg else 0.0
     return math.copysign(1e-6 * abs(ppm_deg) + curved, ppm_deg)
-
-
-def phases_not_known(known: Sources) -> Iterator[str]:
-    """Say what is not in uncertainties for want of a limit."""
-    if known.carrier_phase_deg is None:
-        yield "a change of the carrier's phase: K_Vc is that at the phase of the run (uncertainty.carrier_phase_deg)"
-    if known.demodulator_phase_deg is None:
-        what = "a change of the demodulator's phase, by which scale factor and, with quadrature, bias change"
-        yield f"{what} (uncertainty.demodulator_phase_deg)"
-    elif known.bias_deg_s_demodulator_deg is None:
-        what = "quadrature that the demodulator's phase lets into the bias"
-        yield f"{what} (uncertainty.bias_deg_s_demodulator_deg; `phase` measures it)"

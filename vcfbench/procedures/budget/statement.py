@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
-from vcfbench.procedures.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors, phases_not_known
+from vcfbench.procedures.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
 from vcfbench.procedures.sweep.schedule import earth_left_deg_s
 
 if TYPE_CHECKING:
@@ -60,6 +60,9 @@ class StatedValue(Struct, frozen=True):
     """Half width of the interval that holds the true value with 95 %."""
     of: str
     contributions: tuple[StatedContribution, ...]
+    complete: bool = True
+    missing: tuple[str, ...] = ()
+    """What `u` is without because the bench file does not tell it; none where it is complete."""
 
 
 class Statement(Struct, frozen=True):
@@ -73,6 +76,9 @@ class Statement(Struct, frozen=True):
     not_in_u: tuple[str, ...]
     known_from: tuple[str, ...] = ()
     """Where what the budget takes for known is from."""
+    complete: bool = True
+    missing: tuple[str, ...] = ()
+    """What `u` of some of them is without."""
 
     def value(self, name: str) -> StatedValue:
         """Return one value; KeyError when it has no uncertainty."""
@@ -108,13 +114,18 @@ def statement(
     around = Circumstances.of(settings)
     budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
     unit_and_meaning = {name: (unit, _meaning(settings, words)) for name, (unit, words) in meanings.items()}
-    values = tuple(stated_value(result, budget, *unit_and_meaning[result.name]) for result in budget.results)
+    known = settings.station.sources
+    values = tuple(
+        stated_value(result, budget, *unit_and_meaning[result.name], known.missing(result.name.rpartition(".")[2]))
+        for result in budget.results
+    )
+    missing = tuple(dict.fromkeys(name for each in values for name in each.missing))
     ratio = None
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    not_in_u, known_from = _not_in_u(settings, levels_by, flicker), _known_from(settings, levels_by, flicker)
-    return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from))
+    not_in_u, known_from = _not_in_u(settings), _known_from(settings, levels_by, flicker)
+    return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
 
 
 def _meaning(settings: ProcedureSettings, words: str) -> str:
@@ -135,12 +146,12 @@ class Circumstances(Struct, frozen=True):
         """Return what is known; the warm-up as far as it is to go when the first window begins."""
         known, sources = settings.station.sources, []
         if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:
-            if known.temperature_k is not None:
+            if known.temperature_k:
                 sources.append(Source.within(_TEMPERATURE, 0.0, known.temperature_k, "K"))
-            if known.warm_up_k is not None:
+            if known.warm_up_k:
                 left_k = known.warm_up_k * math.exp(-settings.start_up_s / known.warm_up_time_s)
                 sources.append(Source.within(_WARM_UP, 0.0, left_k, "K"))
-        if known.misalignment_deg is not None:
+        if known.misalignment_deg:
             tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
             sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
         phases = PhaseErrors.of(known)
@@ -198,8 +209,8 @@ def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
     return convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
 
 
-def stated_value(result: Result, budget: Budget, unit: str, of: str) -> StatedValue:
-    """Return a result of a budget as it is stated."""
+def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
+    """Return a result of a budget as it is stated, `missing` being what that is without."""
     sources = {source.name: source for source in budget.sources}
     factor = _coverage_factor(result, sources)
     lines = tuple(
@@ -217,7 +228,17 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str) -> StatedVa
         if line.u
     )
     return StatedValue(
-        result.name, result.value, unit, result.u, _finite(result.dof), factor, factor * result.u, of, lines
+        result.name,
+        result.value,
+        unit,
+        result.u,
+        _finite(result.dof),
+        factor,
+        factor * result.u,
+        of,
+        lines,
+        not missing,
+        missing,
     )
 
 
@@ -225,32 +246,21 @@ def _finite(dof: float) -> float | None:
     return dof if math.isfinite(dof) else None
 
 
-def _not_in_u(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
+_OUTSIDE = (
+    "lack of fit: how far the outputs are from a line is in the non-linearity",
+    "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)",
+    "turn-on to turn-on and remounting: one power-on, one mounting",
+    "acceleration (g), vibration, magnetic fields: those of the run",
+    "any change of the gyroscope after the run",
+)
+
+
+def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
     """Say what the uncertainties do not hold."""
-    known = settings.station.sources
-    if known.meter_gain is None:
-        yield f"the multimeter's accuracy: its data sheet has none for this range {_after(known.meter_age_days)}"
-    if levels_by == "V_Vc meter" and known.v_vc_gain is None:
-        after = _after(known.v_vc_meter_age_days)
-        yield f"the accuracy of the meter on V_Vc: its data sheet has none for this range {after}"
-    if known.table_rate is None:
-        yield "the table's accuracy: the bench file does not say it (uncertainty.table_rate_error)"
-    if flicker is None and known.bias_instability_deg_h is None:
-        yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
-    yield "lack of fit: how far the outputs are from a line is in the non-linearity"
-    if known.scale_factor_ppm_k is None or known.bias_deg_h_k is None:
-        yield "temperature and warm-up: the values are those of the gyroscope as it was in the run"
-    else:
-        if known.temperature_k is None:
-            yield "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)"
-        if known.warm_up_k is None:
-            yield "warm-up: the bench file does not say it (uncertainty.warm_up_k)"
-    if known.misalignment_deg is None:
-        yield "the angle between the gyroscope's axis and the table's: the values are those about the table's axis"
+    yield from (f"MISSING {gap.words}" for gap in settings.station.sources.gaps())
+    yield from _OUTSIDE
     if earth_left_deg_s(settings) is None:
         yield "Earth's rate: it is in the bias"
-    yield from phases_not_known(known)
-    yield "any change of the gyroscope after the run"
 
 
 def _after(age_days: float) -> str:
@@ -265,3 +275,4 @@ def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | 
         yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
     if flicker is not None:
         yield f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"
+    yield from (words for key, words in known.assumed.items() if key != "bias_instability_deg_h")

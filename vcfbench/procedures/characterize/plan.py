@@ -33,6 +33,7 @@ from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, 
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.specifications import accuracy_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -196,9 +197,10 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         row = find_model(meter.model)
         sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
         range_v, age_days = float(own.meter_range_v), station.sources.meter_age_days
-        sources = station.sources
-        if range_v in sheet.accuracy and (promised := sheet.known_accuracy(range_v, age_days)) is not None:
-            sources = structs.replace(sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v)
+        promised, sigmas = accuracy_at(sheet, range_v, age_days)
+        sources = structs.replace(
+            station.sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v, meter_sigmas=sigmas
+        )
         resolution_v = sheet.resolution_v(range_v, float(own.nplc))
         return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.report.digits import stated_cells
+from vcfbench.report.digits import incomplete, stated_cells
 from vcfbench.report.document import Axis, Column, Figure, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def statement_tables(statement: Statement | None) -> list[Table | Text]:
     rows = []
     for v in statement.values:
         value, u, u95 = stated_cells(v.value, v.u, v.u95)
-        rows.append((v.name, value, u95, u, v.coverage_factor, v.unit, v.of))
+        rows.append((v.name, value, u95, u, v.coverage_factor, v.unit, v.of + incomplete(v.missing)))
     shares = (
         *(Column("value", align="left"), Column("contribution", align="left"), Column("u", "", ".2g")),
         *(Column("unit", align="left"), Column("share", "%", ".1f")),
@@ -78,7 +78,7 @@ def statement_tables(statement: Statement | None) -> list[Table | Text]:
     ]
     ratio = [] if statement.e_n is None else [f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)"]
     return [
-        Table(columns, rows, "Values with their combined uncertainty (95 %)"),
+        Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
         Table(shares, lines, "Largest contributions"),
         Text("\n".join([*ratio, *_listed("what they are taken from:", statement.known_from)])),
         Text("\n".join(_listed("not in these uncertainties:", statement.not_in_u))),

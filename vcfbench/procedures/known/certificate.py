@@ -10,6 +10,7 @@ import numpy as np
 
 from vcfbench.analysis.conformity import conformity, e_n
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.report.digits import incomplete
 from vcfbench.report.document import Text
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def drift_of(scale_factor: Measurand, reference: Reference, limit_ppm: float | N
     change = 1e6 * (scale_factor.value / earlier.value - 1.0)
     now, then = _relative(scale_factor), _relative_kept(reference)
     parts, cancelled = _difference(now, then)
-    found = measurand(change, "ppm", parts)
+    found = measurand(change, "ppm", parts, (*earlier.missing, *scale_factor.missing))
     if limit_ppm is None:
         verdict = "pass" if abs(change) <= found.expanded_u else "fail"
     else:
@@ -119,7 +120,7 @@ def drift_parts(drift: Drift | None) -> list[Any]:
         return [Text("drift: nothing earlier is known of the device")]
     found = drift.change_ppm
     limit = "by E_n" if drift.limit_ppm is None else f"limit {drift.limit_ppm:g} ppm, guard band U95"
-    change = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}"
+    change = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
     words = [
         f"drift since {drift.since}: {change}; E_n {drift.e_n:.2f}: {drift.verdict.upper()} ({limit})",
         *(f"  cancels: {each}" for each in drift.cancelled),

@@ -25,9 +25,11 @@ from vcfbench.record.devices import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from datetime import datetime
     from typing import Self
 
+    from vcfbench.bench.settings import Gap
     from vcfbench.record.devices import Entry
 
 __all__ = ["DeviceStation", "KnownDevice", "KnownDeviceSettings", "Reference", "level_for"]
@@ -104,6 +106,16 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
     def magnitudes_deg_s(self) -> tuple[float, ...]:
         """The virtual rates that are asked for, without sign, each once, rising."""
         raise NotImplementedError
+
+    def own_gaps(self) -> Iterator[Gap]:
+        """Yield what nothing is known of that is no matter of a table."""
+        yield from (gap for gap in self.station.sources.gaps() if gap.name not in {"table rate", "misalignment"})
+
+    @property
+    def missing_without_table(self) -> tuple[str, ...]:
+        """What a scale factor by V_Vc is incomplete without: what the K_Vc of the device is, and here."""
+        here = (gap.name for gap in self.own_gaps() if {"scale_factor", "k_vc"} & {*gap.kinds})
+        return tuple(dict.fromkeys([*self.known.k_vc.missing, *here]))
 
     @property
     def known(self) -> KnownDevice:

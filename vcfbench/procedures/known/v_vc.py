@@ -17,13 +17,11 @@ from msgspec import Meta
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
-from vcfbench.models import find_model, resolve
 from vcfbench.plans.measured import Measured
 from vcfbench.plans.steps import MeasureVvc, VvcMeasured, move_leads
-from vcfbench.procedures.known.levels import generator_sheet, ready_v_vc_meter, take_driven, v_vc_tolerance_v
+from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.routines import take
 from vcfbench.record.devices import Conditions, DeviceStore
-from vcfbench.specifications import VoltmeterSpecification
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -43,13 +41,15 @@ __all__ = [
     "InstrumentAccuracy",
     "KnownVvcSettings",
     "VvcKnown",
-    "age_words",
+    "alignment_error",
     "conditions",
+    "known_words",
     "levels_by_hand",
     "measured_level",
     "measured_levels",
     "meter_error",
     "ready_meters",
+    "table_rate_error",
     "take_level",
     "temperature_errors",
     "v_vc_error",
@@ -135,16 +135,6 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
             expected = f"a range for {abs(v_vc_v):.4g} V, the V_Vc of {rate_deg_s:g} deg/s"
             yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
 
-    def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
-        yield from super().contradictions()
-        for key, role in (("meter_range_v", "multimeter"), ("v_vc_range_v", self.v_vc_role)):
-            try:
-                if role in self.station.instruments:
-                    meter_error(self, role)
-            except ConfigError as error:
-                yield InvalidValue(key, error.what, getattr(self, key))
-
 
 @dataclass(frozen=True, slots=True)
 class InstrumentAccuracy:
@@ -169,34 +159,40 @@ def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
 
 
 def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentAccuracy:
-    """Return how far the meter of `role` may be off, on its range and so long after its calibration.
-
-    Raises:
-        ConfigError: its data sheet says nothing of that.
-    """
-    placed = settings.station.instruments[role]
-    row = find_model(placed.model)
-    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
-    if not isinstance(sheet, VoltmeterSpecification):
-        raise ConfigError(f"a data sheet of the {placed.model}, there is none")
-    own = role == "v_vc_meter"
-    range_v = float(settings.v_vc_range_v if own else settings.meter_range_v)
-    try:
-        known = settings.station.sources
-        age_days = known.v_vc_meter_age_days if own else known.meter_age_days
-        u = sheet.standard_deviation(range_v, age_days)
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
-    return InstrumentAccuracy(placed.name, u.reading, u.range * range_v)
+    """Return how far the meter of `role` may be off, on its range and so long after its calibration."""
+    known, name = settings.station.sources, settings.station.instruments[role].name
+    if role == "v_vc_meter":
+        return _accuracy(name, known.v_vc_gain, known.v_vc_offset_v, known.v_vc_sigmas)
+    return _accuracy(name, known.meter_gain, known.meter_offset_v, known.meter_sigmas)
 
 
-def age_words(settings: KnownVvcSettings) -> list[str]:
-    """Say how long ago the meters that count were calibrated, and where that is from."""
+def _accuracy(name: str, gain: float | None, offset_v: float | None, sigmas: float | None) -> InstrumentAccuracy:
+    """Return limits as standard uncertainties: of so many sigmas, else rectangular."""
+    of_limit = math.sqrt(3.0) if sigmas is None else sigmas
+    return InstrumentAccuracy(name, (gain or 0.0) / of_limit, (offset_v or 0.0) / of_limit)
+
+
+def known_words(settings: KnownVvcSettings, *keys: str) -> list[str]:
+    """Say how long ago the meters that count were calibrated, where that is from, and what of `keys` was assumed."""
     known = settings.station.sources
     ages = [("multimeter", known.meter_age_days, known.meter_age_from)]
     if settings.v_vc_role == "v_vc_meter":
         ages.append(("meter on V_Vc", known.v_vc_meter_age_days, known.v_vc_meter_age_from))
-    return [f"{meter}: {days:g} days after calibration ({where})" for meter, days, where in ages]
+    said = [f"{meter}: {days:g} days after calibration ({where})" for meter, days, where in ages]
+    return said + [known.assumed[key] for key in (*keys, *_OF_WARM_UP) if key in known.assumed]
+
+
+_OF_WARM_UP = ("warm_up_k", "warm_up_time_s", "scale_factor_ppm_k")
+
+
+def alignment_error(settings: KnownVvcSettings) -> float:
+    """Return what the angle between the gyroscope's axis and the table's leaves, a relative standard uncertainty."""
+    return (1.0 - math.cos(math.radians(settings.station.sources.misalignment_deg or 0.0))) / math.sqrt(3.0)
+
+
+def table_rate_error(settings: KnownVvcSettings) -> float:
+    """Return the relative standard uncertainty of the table's rate."""
+    return (settings.station.sources.table_rate or 0.0) / math.sqrt(3.0)
 
 
 def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:
@@ -221,9 +217,9 @@ def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
     """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
     if settings.v_vc_role is not None:
         return meter_error(settings, settings.v_vc_role)
-    placed = settings.station.instruments["rate_source"]
-    sheet = generator_sheet(settings)
-    return InstrumentAccuracy(placed.name, sheet.setting / math.sqrt(3.0), sheet.offset_v / math.sqrt(3.0))
+    known = settings.station.sources
+    name = settings.station.instruments["rate_source"].name
+    return _accuracy(name, known.generator_gain, known.generator_offset_v, None)
 
 
 def ready_meters(settings: KnownVvcSettings) -> Routine[None]:

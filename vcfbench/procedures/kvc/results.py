@@ -12,7 +12,7 @@ import numpy as np
 from vcfbench.analysis.chopped import Block, BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
+from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.device import UNSEEN
 from vcfbench.procedures.known.levels import K_VC_UNIT
 from vcfbench.procedures.known.v_vc import (
@@ -20,11 +20,13 @@ from vcfbench.procedures.known.v_vc import (
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
-    age_words,
+    alignment_error,
     conditions,
+    known_words,
     levels_by_hand,
     measured_level,
     meter_error,
+    table_rate_error,
     temperature_errors,
     v_vc_error,
 )
@@ -118,13 +120,14 @@ class KVcResult:
 _HOLDS_NOT = (
     "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
     "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
-    "misalignment of the gyroscope on the table: K_Vc refers to the rate about the table's axis",
+    "remounting, turn-on to turn-on, acceleration (g), vibration, magnetic fields, the rails: those of the run",
     "what temperature changes: the curve holds at the temperature of that day",
     "lack of fit of the curve: reported apart, and no uncertainty",
 )
 
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
 RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
+MISALIGNMENT = "misalignment of the gyroscope on the table"
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +158,8 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     of_rate = {
         READ_TABLE: in_rate,
         READ_DRIVEN: in_rate,
-        RATE: covariance_of(levels.rate, 0.0, settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
+        RATE: covariance_of(levels.rate, 0.0, table_rate_error(settings)),
+        MISALIGNMENT: covariance_of(levels.rate, 0.0, alignment_error(settings)),
         EARTH: covariance_of(levels.rate, 0.0, 0.0, _u_earth(settings)),
         **{name: covariance_of(levels.rate, 0.0, u) for name, u in phases.u_k_vc.items()},
     }
@@ -174,6 +178,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
             curve.k_vc,
             K_VC_UNIT,
             [_part(name, part, levels, error.name) for name, part in parts.items()],
+            settings.station.sources.missing("k_vc"),
         ),
         curve=curve,
         curve_parts={name: tuple(map(tuple, part.tolist())) for name, part in parts.items()},
@@ -185,7 +190,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
         ),
         noise=levels.noise,
         v_vc_by=_known_by(settings, error.name),
-        holds_not=(*_HOLDS_NOT, *phases_not_known(settings.station.sources)),
+        holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
     )
 
 
@@ -223,14 +228,15 @@ def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows
     parts = [
         UncertaintyPart(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
         UncertaintyPart(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
-        UncertaintyPart(RATE, abs(slope) * settings.table_accuracy_ppm * 1e-6 / math.sqrt(3.0)),
+        UncertaintyPart(RATE, abs(slope) * table_rate_error(settings)),
+        UncertaintyPart(MISALIGNMENT, abs(slope) * alignment_error(settings)),
         *(UncertaintyPart(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
         *(
             UncertaintyPart(name, abs(slope) * u)
             for name, u in PhaseErrors.of(settings.station.sources).u_scale_factor.items()
         ),
     ]
-    return measurand(slope, "V/(deg/s)", parts)
+    return measurand(slope, "V/(deg/s)", parts, settings.station.sources.missing("scale_factor"))
 
 
 def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
@@ -287,6 +293,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
             v_vc_max_v=curve.v_vc_high_v,
             shares=tuple(shares),
             lack_of_fit_deg_s=curve.lack_of_fit_deg_s,
+            missing=results.k_vc.missing,
         ),
         conditions=conditions(settings, made),
         scale_factor_v_per_deg_s=results.scale_factor.kept(),
@@ -316,7 +323,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
         said_of("scale factor on the table, small signals", results.scale_factor),
         said_of("bias, generator off", results.bias),
         f"V_Vc is known by {results.v_vc_by}",
-        *age_words(settings),
+        *known_words(settings, "table_rate_error", "misalignment_deg"),
     ]
     rate = Axis("rate", "deg/s")
     left = Series("rate - curve", [p.rate_deg_s for p in results.pairs], [p.residual_deg_s for p in results.pairs])

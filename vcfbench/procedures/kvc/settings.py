@@ -27,9 +27,6 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
     match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that a search takes")] = 5
     curve_order: Annotated[int, Meta(ge=3, le=7, description="order of the curve")] = 3
-    table_accuracy_ppm: Annotated[
-        float, Meta(ge=0.0, le=1e5, description="of the table's mean rate, limits, ppm of it")
-    ] = 10.0
     validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the certificate, days")] = 365.0
     axis_tilt_deg: Annotated[float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit")] = 0.5
 

@@ -78,7 +78,7 @@ def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: Bl
         UncertaintyPart(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
         UncertaintyPart(METER_OFFSET, meter.u_offset_v, None, meter.name),
     ]
-    return measurand(mean_v, "V", parts)
+    return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"))
 
 
 def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.procedures.known.certificate import drift_parts
 from vcfbench.procedures.known.v_vc import (
-    age_words,
+    known_words,
 )
 from vcfbench.procedures.measurand import budget_table, said_of
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -35,7 +35,7 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
         f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
-        *age_words(settings),
+        *known_words(settings),
     ]
     parts = [
         Text("\n".join(words)),

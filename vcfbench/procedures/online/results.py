@@ -19,7 +19,7 @@ from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
-from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
+from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.certificate import Drift, drift_of, shares_of
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
@@ -334,7 +334,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     gain = _gain(settings, run)
     k_vc = settings.known.k_vc.coefficients[1]
     own, common = _parts(settings, gain, k_vc)
-    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common])
+    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], settings.missing_without_table)
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc
     started_s, window_s = run.begin_s[0], settings.window_readings * settings.aperture_s
@@ -373,7 +373,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         k_vc_from=settings.known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=settings.known.unseen,
-        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *phases_not_known(settings.station.sources)),
+        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
         drift=None if reference is None else drift_of(scale_factor, reference, None),
     )
 
@@ -455,8 +455,8 @@ def _flicker(
     """
     allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
     b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
-    stated_deg_h = settings.station.sources.bias_instability_deg_h
-    if stated_deg_h is not None:
+    stated_deg_h, assumed = settings.station.sources.bias_instability_deg_h, settings.station.sources.assumed
+    if stated_deg_h is not None and "bias_instability_deg_h" not in assumed:  # what was found here goes before a guess
         b_squared = max(b_squared, (stated_deg_h / 3600.0) ** 2)
     rest, count = len(run.rest_v), means_v.size
     share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)

@@ -10,7 +10,7 @@ from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
 from vcfbench.clock import utc_now
-from vcfbench.procedures.flicker import flicker_sources
+from vcfbench.procedures.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.known.device import KnownDeviceSettings, level_for
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         if self.dut is None:
             return recalled
         found = flicker_sources(self.store, self.dut, utc_now(), outdated=self.outdated)
-        sources = structs.replace(recalled.station.sources, **found)
+        sources = with_flicker(recalled.station.sources, found)
         return structs.replace(recalled, station=structs.replace(recalled.station, sources=sources))
 
     def contradictions(self) -> Iterator[InvalidValue]:

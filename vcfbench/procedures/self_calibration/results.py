@@ -15,7 +15,7 @@ import numpy as np
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.budget.phases import PhaseErrors, phases_not_known
+from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
@@ -23,8 +23,8 @@ from vcfbench.procedures.known.v_vc import (
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
-    age_words,
     conditions,
+    known_words,
     levels_by_hand,
     measured_level,
     meter_error,
@@ -153,9 +153,9 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
     coefficients = np.array(known.k_vc.coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     parts = _parts(settings, seen, coefficients)
-    units = ("V/(deg/s)", "V/(deg/s)", "ppm")
+    units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": settings.missing_without_table, "ppm": ()}
     scale_factor, line, nonlinearity = (
-        measurand(float(value), unit, [_signed(part, of, place) for part, of in parts])
+        measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
         for place, (value, unit) in enumerate(zip(values, units, strict=True))
     )
     rates = seen.rates(coefficients, seen.v_vc_v)
@@ -171,7 +171,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=known.unseen,
-        holds_not=(*known.holds_not, *_HOLDS_NOT, *phases_not_known(settings.station.sources)),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
         drift=None if known.reference is None else drift_of(scale_factor, known.reference, settings.max_drift_ppm),
     )
 
@@ -314,7 +314,7 @@ def self_calibration_report(
         said_of("bias, generator off", results.bias),
         said_of("non-linearity (max_span)", results.nonlinearity),
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
-        *age_words(settings),
+        *known_words(settings),
     ]
     slope = results.line.value
     rates = [level.rate_deg_s for level in results.levels]

@@ -170,6 +170,6 @@ def _not_in_hysteresis(settings: SweepSettings, noise: WindowNoise) -> Iterator[
         yield "drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"
     elif settings.zeros is Zeros.ENDS:
         yield "drift that is not linear in time between the zeros reads as hysteresis"
-    if settings.station.sources.bias_instability_deg_h is None and noise.flicker is None:
+    if noise.flicker is None:
         yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
     yield "hysteresis that is over before the averaging begins (settle_s)"

@@ -89,7 +89,9 @@ class WindowNoise(Struct, frozen=True):
         stated_dof = math.inf if known.bias_instability_dof is None else known.bias_instability_dof
         flicker = None if stated is None else Flicker(stated, stated_dof, known.bias_instability_from)
         if successive.size:
-            flicker = unit.own_flicker(successive, np.array([point.output_v for point in points]), flicker)
+            stated_by_device = None if "bias_instability_deg_h" in known.assumed else flicker
+            own = unit.own_flicker(successive, np.array([point.output_v for point in points]), stated_by_device)
+            flicker = flicker if own is None else own
         if flicker is None or not flicker.deg_h:
             return white
         return replace(unit, lagged=flicker.deg_h**2 * lagged, flicker=flicker)

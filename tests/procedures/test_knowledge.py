@@ -1,0 +1,98 @@
+"""Less knowledge never gives a smaller uncertainty: what a bench file leaves out is assumed, or missing and said so."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import vcfbench
+from tests.cells import few
+from vcfbench.bench.file import checked_bench, embedded_text
+from vcfbench.plans.measured import Measured
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
+from vcfbench.record.plain import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[2]
+COVERAGE = 1e-6
+"""What a coverage factor by convolution is computed to: a sum of one more source is never narrower."""
+OF_INSTRUMENTS = ("power", "rate_source", "multimeter", "v_vc_meter", "oscilloscope", "rate_table")
+
+
+def shipped() -> dict[str, str]:
+    """Return the text of each bench file that the program, its examples or its documentation have."""
+    how_to = (ROOT / "docs/howto/acceptance.md").read_text("utf-8")
+    written = re.search(r"```toml title=\"station.toml\"\n(.*?)```", how_to, re.DOTALL)
+    assert written is not None
+    files = {each.stem: each.read_text("utf-8") for each in sorted((ROOT / "examples").glob("*.toml"))}
+    return {**files, "how-to": written[1], **{name: embedded_text(name) for name in ("paper", "lab", "ideal")}}
+
+
+def less(values: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield what is left of a bench file without one key of its knowledge or of its equipment."""
+    for table in ("uncertainty", *OF_INSTRUMENTS):
+        for key in values.get(table, {}):
+            if key in {"model", "resource", "dialect"}:  # what it is: without, there is no instrument
+                continue
+            yield f"{table}.{key}", {**values, table: {k: v for k, v in values[table].items() if k != key}}
+    if "uncertainty" in values:
+        yield "uncertainty", {key: value for key, value in values.items() if key != "uncertainty"}
+
+
+@cache
+def run_of(name: str) -> vcfbench.Run:
+    quick = {"samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5, "rates_deg_s": (100.0, 10.0, 0.0, -10.0, -100.0)}
+    benches = {"turntable": "paper", "virtual-coriolis": "paper", "virtual-coriolis, measured": "lab"}
+    return vcfbench.run(name.partition(",")[0], bench=benches[name], settings=quick, runs=None, seed=1)
+
+
+def stated(values: dict[str, Any], run: vcfbench.Run) -> Any:
+    """Return the statement that the points of `run` come to on another bench."""
+    procedure = PROCEDURES[run.procedure]
+    description = checked_bench(values, "less.toml")
+    return procedure.results(settings_of(procedure, description), Measured(run.points)).uncertainty
+
+
+NAMES = ("how-to", "ideal", "lab", "paper", "field-bench", "ideal-bench", "paper-bench")
+
+
+def test_all_that_are_shipped_are_here() -> None:
+    assert {*shipped()} == {*NAMES}
+
+
+@pytest.mark.parametrize("kind", few(["turntable", "virtual-coriolis", "virtual-coriolis, measured"], "turntable"))
+@pytest.mark.parametrize("name", few(NAMES, "lab", "how-to"))
+def test_no_uncertainty_shrinks_where_a_key_is_taken_away(name: str, kind: str) -> None:
+    values, run = tomllib.loads(shipped()[name]), run_of(kind)
+    full = {each.name: each for each in stated(values, run).values}
+    for key, fewer in less(values):
+        found = stated(fewer, run)
+        for each in found.values:
+            before = full.get(each.name)
+            assert before is None or each.u95 >= before.u95 * (1.0 - COVERAGE), (key, each.name)
+            assert before is None or {*before.missing} <= {*each.missing}, (key, each.name)
+
+
+@pytest.mark.parametrize("name", ["paper", "lab", "ideal"])
+def test_what_is_embedded_is_complete(name: str) -> None:
+    found = stated(tomllib.loads(embedded_text(name)), run_of("turntable"))
+    assert (found.complete, found.missing) == (True, ())
+
+
+def test_a_file_that_says_nothing_is_marked_and_its_assumptions_are_said() -> None:
+    run = run_of("turntable")
+    told, silent = (stated(tomllib.loads(shipped()[name]), run) for name in ("paper", "how-to"))
+    for before, after in zip(told.values[:3], silent.values[:3], strict=True):
+        assert after.u95 > 5.0 * before.u95
+    assert silent.missing == ("temperature", "demodulator phase")
+    assert [each.complete for each in silent.values] == [False, False, False, True]
+    assert sum("assumed" in each for each in silent.known_from) == 8, silent.known_from
+    assert plain(silent)["missing"] == ["temperature", "demodulator phase"]
