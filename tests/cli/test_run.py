@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 from contextlib import contextmanager
@@ -198,6 +199,19 @@ def test_a_bench_that_opened_into_something_unsafe_has_a_record_of_that(station:
     header, footer = (json.loads(line) for line in journal.read_text().splitlines())
     assert (header["identities"], footer["error"]["kind"], footer["status"]) == ({}, "NotSafe", "aborted")
     assert footer["safe"] == [structs.asdict(unsafe)]
+
+
+def test_what_breaks_while_a_run_is_closed_does_not_hide_what_is_not_safe(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With no file descriptor left a run on a bench that stayed live ended with code 3 and no word of it."""
+
+    def no_more_files(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    station.refuses = NotSafe("NOT SAFE: rate_table at COM1: it turns at 12 deg/s")
+    monkeypatch.setattr("vcfbench.runs.conduct._Record.close", no_more_files)
+    assert call("run", "turntable").exception is station.refuses
 
 
 def test_a_record_that_cannot_be_kept_is_found_before_an_instrument_is_opened(station: Station, tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,8 +17,10 @@ pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
 httpx = pytest.importorskip("httpx", reason="pip install 'vcfbench[dev]'")
 
 from vcfbench.page import app as page_app  # noqa: E402
+from vcfbench.page import connections  # noqa: E402
 from vcfbench.page.app import EventStream, PageContent, application  # noqa: E402
 from vcfbench.page.parts import end_of, parts_of  # noqa: E402
+from vcfbench.page.server import LivePage  # noqa: E402
 from vcfbench.page.station import StationDirectories  # noqa: E402
 from vcfbench.record.directory import create_run  # noqa: E402
 from vcfbench.record.journal import Journal  # noqa: E402
@@ -238,6 +242,20 @@ def test_too_many_browsers_are_refused(client: Client, shown: PageContent) -> No
     Going(shown)
     shown.browsers = 32
     assert client.get("/run/live/events").status_code == 503
+
+
+def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Idle connections took every file descriptor of the run, which then could not make its bench safe."""
+    monkeypatch.setattr(connections, "_MOST", 3)
+    monkeypatch.setattr(connections, "_ASKING_S", 0.2)
+    with LivePage(tmp_path, tmp_path, 0, lambda: None) as page, ExitStack() as stack:
+        port = int(page.address.split(":")[2].split("/")[0])
+        opened = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 5.0)) for _ in range(6)]
+        for each in opened:
+            each.settimeout(5.0)
+            with suppress(ConnectionResetError):
+                assert each.recv(1) == b""
+        assert httpx.get(page.address.split("#")[0], timeout=5.0).status_code == 200
 
 
 def test_a_report_is_told_in_plain_values() -> None:

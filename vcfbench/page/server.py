@@ -62,9 +62,11 @@ def _bound(port: int) -> socket.socket:
 def _server(shown: PageContent) -> Any:
     uvicorn = need("uvicorn", "page", _WHAT)
     from vcfbench.page.app import application  # noqa: PLC0415  # starlette comes with it
+    from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # as above
 
     config = uvicorn.Config(
         application(shown),
+        http=BoundedConnection,
         log_config=None,
         log_level="critical",
         access_log=False,

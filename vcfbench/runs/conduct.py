@@ -13,10 +13,15 @@ from msgspec import Struct, field, to_builtins
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
+from vcfbench.record.export import points_csv, write_result, write_text
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
+from vcfbench.record.schema import Status
+from vcfbench.report.kept import plain_report
 from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
+from vcfbench.runs.results import evaluate, nothing
+from vcfbench.runs.run import Run, breaks
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
@@ -35,7 +40,6 @@ if TYPE_CHECKING:
     from vcfbench.report.shielded import Shielded
     from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.results import Evaluation
-    from vcfbench.runs.run import Run
 
     Preparing = Callable[[Asked, Checked], Prepared]
 
@@ -124,6 +128,10 @@ def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) 
         _perform(course, signals)
     except BenchError as error:
         course.take_error(_as_bench_error(error))
+    except BaseException as error:
+        if isinstance(course.error, NotSafe):  # nothing comes before it: not a disk, not a mistake of ours
+            raise course.error from error
+        raise
     done = course.as_run()
     if course.error is not None:
         course.error.run = done
@@ -160,10 +168,6 @@ class _Course(Struct):
 
     def as_run(self) -> Run:
         """Return what is known by now; complete when every step was performed and the results could be computed."""
-        from vcfbench.record.schema import Status  # noqa: PLC0415
-        from vcfbench.runs.results import nothing  # noqa: PLC0415
-        from vcfbench.runs.run import Run, breaks  # noqa: PLC0415
-
         description, execution = self.checked.description, self.execution
         status = Status.ABORTED if self.evaluation is None else Status.COMPLETE
         points = () if execution is None else execution.points
@@ -277,6 +281,18 @@ def _as_bench_error(error: BaseException) -> BenchError:
     return BenchError(f"the program has a mistake: {type(error).__name__}: {error}")
 
 
+def _without_result(error: Exception) -> BenchError:
+    """Return why there is no result; what results are made with is loaded late: no file may be left, or no package."""
+    if isinstance(error, BenchError):
+        failed = MeasurementError(f"the points give no result: {error.what}")
+        failed.__cause__ = error.__cause__
+        return failed
+    return BenchError(
+        f"the results could not be worked out: {type(error).__name__}: {error}",
+        hint="the record is whole: vcfbench report makes them of it",
+    )
+
+
 class _Record(Struct):
     """The record of one run: journal while it goes, results and points when it is over."""
 
@@ -363,8 +379,6 @@ class _Record(Struct):
 
     def close(self, display_lost: str | None) -> None:
         """Compute the results, end the journal, and write what is derived from it."""
-        from vcfbench.record.schema import Status  # noqa: PLC0415
-
         course = self.course
         if course.execution is not None and course.execution.status is Status.COMPLETE:
             self._compute()
@@ -431,17 +445,14 @@ class _Record(Struct):
 
     def _compute(self) -> None:
         from vcfbench.plans.measured import Measured  # noqa: PLC0415
-        from vcfbench.runs.results import evaluate  # noqa: PLC0415
 
         course, settings = self.course, self.prepared.settings
         assert self.journal is not None  # noqa: S101  # the plan was performed
         measured = Measured(course.as_run().points, self.journal.lines)
         try:
             course.evaluation = evaluate(self.prepared.procedure, settings, settings.acceptance, measured)
-        except BenchError as error:
-            failed = MeasurementError(f"the points give no result: {error.what}")
-            failed.__cause__ = error.__cause__
-            course.take_error(failed)
+        except (BenchError, ImportError, OSError) as error:
+            course.take_error(_without_result(error))
 
     def _footer(self, display_lost: str | None) -> dict[str, Any]:
         done, lost = self.course.as_run(), self.course.observers_lost()
@@ -458,8 +469,6 @@ class _Record(Struct):
         }
 
     def _derive(self) -> None:
-        from vcfbench.record.export import points_csv, write_result, write_text  # noqa: PLC0415
-
         done = self.course.as_run()
         if done.directory is None or done.physical_minimum_s is None:
             return
@@ -474,7 +483,6 @@ class _Record(Struct):
     def _report_kept(self) -> dict[str, Any]:
         """Return the report of a procedure that does not come along: its code may not be there when it is asked for."""
         from vcfbench.procedures.catalogue import BUILT_IN  # noqa: PLC0415
-        from vcfbench.report.kept import plain_report  # noqa: PLC0415
 
         if self.course.evaluation is None or self.prepared.procedure.name in BUILT_IN:
             return {}
