@@ -70,6 +70,19 @@ def test_rate_zero_is_stop_and_goes_out_even_if_the_acceleration_is_refused() ->
         table(more='[refusals]\npattern = "NO"\n').demand_rate(on, 0.0, 120.0, soon(on))
 
 
+def test_a_table_that_does_not_stop_is_not_switched_on() -> None:
+    enable = LEAST.replace("stop =", 'enable = [{ send = "E" ACK }]\nstop =').replace("LINK", "")
+    dialect = ConfigurableDialect(parse_profile(enable.replace(" ACK", ', expect = "ok"'), "lab.toml"))
+    on = line(("S", "NO"))
+    with pytest.raises(DeadlineExceeded, match="no answer, command 'S'"):
+        dialect.close_servo(on, soon(on))
+    on = line(("S", "OK"), ("R", "90.0,15.0"))
+    with pytest.raises(InterlockError, match="told to stop, it reads 90 deg/s; the servo was not closed"):
+        dialect.close_servo(on, soon(on))
+    on = line(("S", "OK"), ("R", "90.0,0.0"), ("E", "OK"))
+    dialect.close_servo(on, soon(on))
+
+
 def test_what_comes_late_is_not_the_answer() -> None:
     on = line(("R", "BEEP\r\n1.5,2.0"), ("R", "OK\r\n1.5,2.0"))
     assert table().angle_deg(on, soon(on)) == 1.5

@@ -55,6 +55,8 @@ def test_the_least_profile() -> None:
         ("rate_max = 100", "rate_max = 'x'", "lab.toml: units.rate_max: expected a number, came 'x'"),
         (", rate_max = 100", "", "lab.toml: units.rate_max: expected a value, came nothing"),
         ('title = "a table"', 'tittle = "a"', "lab.toml: tittle: expected a known key, came an unknown key"),
+        ('send = "S"', 'send = "S\u00e9"', "commands.stop[0].send: expected a template ('ascii' codec can't encode"),
+        ("[fields]", "[link]\nrx_end = '\u00e9'\n[fields]", "link.rx_end: expected ASCII characters alone, came"),
         ('send = "S"', 'sned = "S"', "lab.toml: commands.stop[0].sned: expected a known key, came an unknown key"),
         (
             'send = "S"',

@@ -19,7 +19,7 @@ from vcfbench.drivers.rate_table.motion_values import MotionValues, limit_error
 from vcfbench.drivers.rate_table.profile import STREAM
 from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received
 from vcfbench.drivers.rate_table.profile_values import ProfileValues
-from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, on_grid, require_rest
+from vcfbench.drivers.rate_table.steady import REST_DEG_S, SteadyRate, drain, located, on_grid, require_rest
 from vcfbench.errors import (
     ConfigError,
     DeadlineExceeded,
@@ -168,10 +168,22 @@ class ConfigurableDialect:
         """Do nothing: limits are checked before anything is sent."""
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
-        """Power on, stop whatever was demanded, close the servo."""
-        self._steady.demand(0.0)
-        generous = self._generous(line, deadline, "power_on", "enable")
+        """Power on, stop whatever was demanded and see that it stands, close the servo.
+
+        A table that refuses its stop, or whose rate is read from elsewhere, is found before it can turn.
+
+        Raises:
+            InterlockError: it does not read as at rest.
+        """
+        generous = self._generous(line, deadline, "power_on", *self.profile.safety.stop, "enable")
         self.perform(line, "power_on", generous)
+        self._stop(line, generous)
+        rate_deg_s = self.rate_deg_s(line, generous)
+        if not abs(rate_deg_s) < REST_DEG_S:
+            what = f"told to stop, it reads {rate_deg_s:g} deg/s; the servo was not closed"
+            raise InterlockError(
+                what, hint="does it turn, or is fields.rate of its profile another number?", **located(line)
+            )
         self.perform(line, "enable", generous)
         self._servo = True
 

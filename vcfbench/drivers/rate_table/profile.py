@@ -17,7 +17,7 @@ from msgspec import Meta, Struct, field
 from vcfbench.drivers.rate_table import templates
 from vcfbench.drivers.rate_table.checksums import CHECKSUMS
 from vcfbench.drivers.rate_table.fields import BinaryType, TextType, Wrap  # noqa: TC001 - msgspec reads them
-from vcfbench.drivers.rate_table.frames import ByteValue, Frame, Place, frame_bytes
+from vcfbench.drivers.rate_table.frames import ByteValue, Frame, Place, frame_bytes, frame_text
 from vcfbench.drivers.rate_table.line import Link, Pause
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
@@ -351,6 +351,7 @@ _InvalidValue = tuple[str, str, object]
 
 
 def _invalid_values(profile: Profile) -> Iterator[_InvalidValue]:
+    yield from _invalid_texts(profile)
     yield from _invalid_frames("frame", profile.frame)
     if profile.reply_frame is not None:
         yield from _invalid_frames("reply_frame", profile.reply_frame)
@@ -363,6 +364,21 @@ def _invalid_values(profile: Profile) -> Iterator[_InvalidValue]:
     yield from _invalid_flags(profile)
     yield from _invalid_circles(profile)
     yield from _invalid_safetys(profile)
+
+
+def _invalid_texts(profile: Profile) -> Iterator[_InvalidValue]:
+    """Find what no line can carry: it would be found when the table is to be stopped."""
+    texts = {
+        "frame.start": profile.frame.start,
+        "frame.checksum_mark": profile.frame.checksum_mark,
+        "link.tx_end": profile.link.tx_end,
+        "link.rx_end": profile.link.rx_end,
+        "link.prompt": profile.link.prompt or "",
+        "refusals.query": profile.refusals.query or "",
+    }
+    for path, text in texts.items():
+        if not text.isascii():
+            yield path, "ASCII characters alone", text
 
 
 def _invalid_frames(path: str, frame: Frame) -> Iterator[_InvalidValue]:
@@ -443,7 +459,7 @@ def _try_template(template: str, profile: Profile, values: Mapping[str, template
     if profile.binary:
         frame_bytes(profile.frame, templates.fill_bytes(template, values, profile.frame.order))
     else:
-        templates.fill_text(template, values)
+        frame_text(profile.frame, templates.fill_text(template, values), profile.link.tx_end)
 
 
 def _sources(profile: Profile) -> set[str]:
