@@ -57,7 +57,7 @@ def call(*arguments: str) -> Result:
 
 def test_devices_are_listed(store: DeviceStore) -> None:
     assert call("--devices", str(store.root)).stdout == "G-1\n"
-    assert json.loads(call("--devices", str(store.root), "--json").stdout) == {"devices": ["G-1"]}
+    assert json.loads(call("--devices", str(store.root), "--json").stdout) == {"devices": ["G-1"], "failed_since": {}}
     assert "no devices in" in call("--devices", str(store.root / "none")).stdout
 
 

@@ -120,7 +120,7 @@ def test_the_one_meter_is_moved_by_hand_and_the_sign_is_that_expected(tmp_path: 
 
 def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_path: Path) -> None:
     own, meter = 30e-6 * K_VC, 10e-6 * K_VC
-    name = "34401A at GPIB0::23::INSTR"
+    name = "34401A at GPIB0::23::INSTR of lab"
     curve = KvcCurve(
         coefficients=(0.0, K_VC),
         covariance=((0.0, 0.0), (0.0, own**2 + meter**2)),

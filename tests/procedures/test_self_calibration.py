@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from datetime import date
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,9 +16,11 @@ from typer.testing import CliRunner
 import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
 from vcfbench.bench.parts import AcceptanceLimits
+from vcfbench.bench.settings import PlacedInstrument
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
+from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.known.device import level_for
 from vcfbench.record.devices import DeviceStore, SelfCalibration
 
@@ -138,14 +141,16 @@ def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels
     scale_factor, _ = truth(warm(physical_parameters(LAB)))
     assert abs(first.scale_factor.value - scale_factor) <= 4.0 * first.scale_factor.u
     assert first.scale_factor.u < 100e-6 * abs(scale_factor)
-    assert second.drift.since.startswith("self-calibration 0002")
-    assert second.drift.change_ppm.value == 0.0
-    only = {part.source for part in second.drift.change_ppm.parts if abs(part.u) > 1e-9}
+    assert second.drift.since.startswith("certificate 0001")
+    assert second.drift.change_ppm.value == first.drift.change_ppm.value
+    assert second.drift.last.since.startswith("self-calibration 0002")
+    assert second.drift.last.change_ppm.value == 0.0
+    only = {part.source for part in second.drift.last.change_ppm.parts if abs(part.u) > 1e-9}
     assert only == {f"{when}{each}" for when in ("", "then: ") for each in ("readings", "V_Vc's scatter", "warm-up")}
     assert first.drift.change_ppm.u < first.scale_factor.u / abs(scale_factor) * 1e6
     kept = DeviceStore(tmp_path / "devices").history("G-1")[-1].record
     assert isinstance(kept, SelfCalibration)
-    assert (kept.certificate, kept.e_n, kept.verdict) == ("0001", 0.0, "pass")
+    assert (kept.certificate, kept.since_last_ppm.value, kept.verdict) == ("0001", 0.0, "pass")  # type: ignore[union-attr]
 
 
 def test_the_field_needs_no_table_and_no_oscilloscope(tmp_path: Path) -> None:
@@ -158,6 +163,44 @@ def test_the_field_needs_no_table_and_no_oscilloscope(tmp_path: Path) -> None:
     assert by_hand.v_vc_by == "34401A at GPIB0::22::INSTR"
     gain = next(part for part in by_hand.scale_factor.parts if part.source == "gain of what V_Vc is known by")
     assert gain.u / abs(by_hand.scale_factor.value) == pytest.approx(35e-6 / 4.0, rel=0.01)
+
+
+def numbered(bench: BenchDescription, **more: Any) -> BenchDescription:
+    """Return `bench` with a multimeter whose inventory number is known."""
+    return structs.replace(bench, multimeter=structs.replace(bench.multimeter, inventory_number="K-7", **more))  # type: ignore[type-var]
+
+
+def test_the_same_meter_is_the_one_with_the_same_number_and_calibration(tmp_path: Path) -> None:
+    """At the same address of another bench is another; its gain then counts twice."""
+    settings = calibrated(tmp_path, numbered(LAB))
+    cancelled, u_ppm = {}, {}
+    for name, bench in {
+        "same": numbered(FIELD),
+        "other": FIELD,
+        "calibrated since": numbered(FIELD, calibrated=date(2026, 1, 5)),
+    }.items():
+        drift = run(tmp_path, bench, settings).drift
+        cancelled[name] = {each for each in drift.cancelled if "multimeter" in each}
+        u_ppm[name] = drift.change_ppm.u
+    assert cancelled == {
+        "same": {"the multimeter's gain (34401A inventory no. K-7)"},
+        "other": set(),
+        "calibrated since": set(),
+    }
+    assert u_ppm["other"] == u_ppm["calibrated since"] > 1.02 * u_ppm["same"]
+    on_one_bench = run(tmp_path, LAB, calibrated(tmp_path / "one", LAB)).drift
+    assert "the multimeter's gain (34401A at GPIB0::22::INSTR of lab)" in on_one_bench.cancelled
+
+
+def test_a_real_instrument_tells_its_number_where_the_bench_file_does_not() -> None:
+    unknown = PlacedInstrument(
+        model="34461A", where="at TCPIP::meter", station="lab", calibrated="calibrated 2026-01-05"
+    )
+    assert unknown.owner == "34461A at TCPIP::meter of lab, calibrated 2026-01-05"
+    assert unknown.answering("MY5320").owner == "34461A no. MY5320, calibrated 2026-01-05"
+    assert unknown.answering("0") == unknown.answering("") == unknown
+    stated = PlacedInstrument(model="34401A", where="inventory no. K-7")
+    assert stated.answering("MY5320") == stated
 
 
 def test_a_number_will_do(tmp_path: Path) -> None:
@@ -204,26 +247,70 @@ def test_a_certificate_that_is_out_of_date_is_refused(tmp_path: Path) -> None:
 
 def test_a_limit_of_the_drift_has_a_guard_band(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
-    found = run(where, still(LAB), {**settings, "max_drift_ppm": 500.0})
-    assert (found.drift.limit_ppm, found.drift.verdict) == (500.0, "pass")
+    settings = {**settings, "devices": str(fresh_store(where, "limited").root)}
+    found = run(where, still(LAB), {**settings, "max_drift_ppm": 500.0}).drift
+    assert [each.key for each in found.limits] == ["drift_ppm", "failed_before"]
+    assert found.verdict == "pass"
     assert run(where, still(LAB), {**settings, "max_drift_ppm": 1.0}).drift.verdict == "marginal"
 
 
-def test_a_drift_fails_the_run_where_acceptance_says_so(quiet: tuple[Path, dict[str, Any]]) -> None:
-    """Without it nothing is judged, and the exit code is 0 however far the scale factor is from the last entry."""
+def fresh_store(where: Path, name: str) -> DeviceStore:
+    """Return a store with the certificate alone."""
+    store = DeviceStore(where / name)
+    store.add(DeviceStore(where / "devices").certificate("G-1").record)
+    return store
+
+
+def test_a_drift_fails_the_run_by_the_limits_of_the_bench_file_too(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     limits = AcceptanceLimits(guard_band="U95", drift_ppm=(-200.0, 200.0), e_n=(0.0, 1.0))
     fresh = structs.replace(still(LAB), acceptance=limits)
     old = aged(fresh, output_stage={"gain": 1.002 * physical_parameters(fresh).output_stage.gain})
-    store = DeviceStore(where / "judged")
-    store.add(DeviceStore(where / "devices").certificate("G-1").record)
-    settings = {**settings, "devices": str(store.root)}
+    settings = {**settings, "devices": str(fresh_store(where, "judged").root)}
     passed, failed = (vcfbench.run("self-calibration", bench, settings=settings, runs=where) for bench in (fresh, old))
     assert passed.verdict.as_json()["verdict"] == "pass"
-    assert {each.key: each.word for each in failed.verdict.limits} == {"drift_ppm": "fail", "e_n": "fail"}
+    judged = {each.key: each.word for each in failed.verdict.limits}
+    assert judged == {"drift_ppm": "fail", "e_n": "fail", "failed_before": "pass"}
     assert not failed.verdict.passed
-    unjudged = vcfbench.run("self-calibration", still(LAB), settings=settings, runs=where)
-    assert (unjudged.verdict, unjudged.results.drift.verdict) == (None, "fail")  # back again, by 2000 ppm
+
+
+def test_a_drift_that_failed_stays_until_a_new_certificate(quiet: tuple[Path, dict[str, Any]]) -> None:
+    """It is counted from the certificate, so that the same run again does not pass; nor does one that is back there."""
+    where, settings = quiet
+    store = fresh_store(where, "failed")
+    old = aged(still(LAB), output_stage={"gain": 0.999 * physical_parameters(still(LAB)).output_stage.gain})
+    told = {**settings, "devices": str(store.root)}
+    runs = where / "failed-runs"
+
+    def done(bench: BenchDescription) -> Any:
+        return vcfbench.run("self-calibration", bench, settings=told, runs=runs)
+
+    first, again, back = done(old), done(old), done(still(LAB))
+    for each in (first, again):
+        assert each.results.drift.since.startswith("certificate 0001")
+        assert each.results.drift.change_ppm.value == pytest.approx(-1000.0, abs=5.0)
+        assert each.verdict.word == "fail"
+    assert abs(again.results.drift.last.change_ppm.value) < 1.0
+    assert {each.key for each in back.verdict.limits if each.word == "fail"} == {
+        "e_n_since_last",
+        "cusum",
+        "failed_before",
+    }
+    assert back.results.drift.e_n < 1.0
+    assert back.results.drift.failed_before == ("0002", "0003")
+    assert "until a rate table gives it a new certificate" in vcfbench.text_of(back.report())
+    assert store.device("G-1").failed_since.name == "0002"  # type: ignore[union-attr]
+    assert [each.verdict for each in vcfbench.run_summaries(runs)] == ["fail"] * 3
+    listed = StationDirectories(runs, store.root).listed()
+    assert [each["verdict"] for each in listed["runs"]] == ["fail"] * 3
+    assert listed["devices"] == [{"serial": "G-1", "entries": 4, "failed_since": "0002"}]
+    shown = CliRunner().invoke(app, ["device", "--devices", str(store.root)], color=True).stdout
+    assert shown.startswith("G-1  \x1b[31m\x1b[1mFAILED\x1b[0m since entry 0002")
+    shown = CliRunner().invoke(app, ["runs", "list", "--runs", str(runs)], color=True).stdout
+    assert shown.count("\x1b[31m\x1b[1mFAIL\x1b[0m") == 3
+    store.add(DeviceStore(where / "devices").certificate("G-1").record)
+    assert done(still(LAB)).verdict.word == "pass"
+    assert store.device("G-1").failed_since is None
 
 
 def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, Any]]) -> None:
@@ -249,7 +336,7 @@ def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
     )
     assert dry.exit_code == 0, dry.output
     answer = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
-    assert answer["results"]["drift"]["since"].startswith("self-calibration 0002")
+    assert answer["results"]["drift"]["last"]["since"].startswith("self-calibration 0002")
     assert answer["device_entry"].endswith("0003.json")
     assert set(answer["results"]["scale_factor"]) >= {"value", "u", "dof", "coverage_factor", "expanded_u", "parts"}
     assert dataclasses.is_dataclass(vcfbench.load_run(tmp_path / "runs" / answer["run"]).results)

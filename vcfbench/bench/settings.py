@@ -93,15 +93,36 @@ class Limit(Struct, frozen=True):
 
 
 class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """An instrument of the bench file: the model whose data sheet counts, and where it answers or its serial number."""
+    """An instrument of the bench file: the model whose data sheet counts, and its number or where it answers.
+
+    `where` is its serial or inventory number in words, else its address, which says nothing outside of `station`.
+    `calibrated` is how it was calibrated last, as far as the bench file says so.
+    """
 
     model: str
     where: str
+    station: str | None = None
+    calibrated: str | None = None
 
     @property
     def name(self) -> str:
-        """What tells it from others: ``34401A at GPIB0::22::INSTR``."""
+        """What tells it from others of its bench: ``34401A at GPIB0::22::INSTR``."""
         return f"{self.model} {self.where}"
+
+    @property
+    def owner(self) -> str:
+        """What two results must share for its error to be the same in both: the specimen, and its calibration.
+
+        An address is that of another instrument on another bench; an instrument may be adjusted when it is calibrated.
+        """
+        station = "" if self.station is None else f" of {self.station}"
+        return f"{self.name}{station}" + ("" if self.calibrated is None else f", {self.calibrated}")
+
+    def answering(self, serial_number: str) -> Self:
+        """Return it as one that has told its own serial number, where the bench file tells none; 0 is none."""
+        if self.station is None or serial_number in {"", "0"}:
+            return self
+        return structs.replace(self, where=f"no. {serial_number}", station=None)
 
 
 class Gap(Struct, frozen=True):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, Final
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Report
 
-__all__ = ["answer", "given", "print_json", "print_report"]
+__all__ = ["answer", "given", "print_json", "print_report", "print_verdicts"]
 
 _NARROWEST: Final = 40
 """A terminal that says it is narrower, or nothing of its size, gets lines of so many characters."""
@@ -35,6 +37,15 @@ def print_report(report: Report) -> None:
 
     width = min(WIDTH, get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
     typer.echo(text_of(report, max(width, _NARROWEST)))
+
+
+def print_verdicts(lines: str) -> None:
+    """Print lines on stdout, ``fail`` as a word of its own in red where a terminal reads them (not with NO_COLOR)."""
+    if "NO_COLOR" not in os.environ:
+        lines = re.sub(
+            r"(?<!\S)(?:FAIL|FAILED|fail)(?!\S)", lambda word: typer.style(word[0], fg="red", bold=True), lines
+        )
+    typer.echo(lines)
 
 
 def answer(show: Callable[[], None], outcome: BenchError | None) -> None:

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vcfbench.cli.answer import print_json
+from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.completion import device_names
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vcfbench.record.devices import Entry
+    from vcfbench.record.devices import Device, DeviceStore, Entry
 
 __all__ = ["device"]
 
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
-    *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "verdict", "bias_instability_deg_h", "u_bias_instability"),
+    *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "cusum", "verdict"),
+    *("bias_instability_deg_h", "u_bias_instability"),
 )
 
 
@@ -61,18 +62,19 @@ def device(
         raise ConfigError("--json and --csv: expected one of the two, came both")
     store = DeviceStore(devices)
     if serial is None:
-        _list(store.serials(), devices, json=json)
+        _list(store, json=json)
         return
-    entries = store.device(serial).entries
+    known = store.device(serial)
+    entries = known.entries
     if plot is not None:
         _plot(serial, entries, plot)
     rows = [_row(entry) for entry in entries]
     if json:
-        _print_entries(serial, entries)
+        _print_entries(known)
     elif csv:
         typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
     else:
-        _print_table(serial, rows)
+        _print_table(known, rows)
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
@@ -98,11 +100,26 @@ def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
     save_figure(Figure(f"Scale factor of {serial}", since, Axis("change", "ppm"), series), path)
 
 
-def _list(serials: tuple[str, ...], devices: Path, *, json: bool) -> None:
+def _list(store: DeviceStore, *, json: bool) -> None:
+    lines, failed = [], {}
+    for serial in store.serials():
+        try:
+            since = store.device(serial).failed_since
+        except ConfigError as error:  # the others are listed all the same
+            lines.append(f"{serial}  cannot be read: {error}")
+            continue
+        lines.append(serial if since is None else f"{serial}  {_failed(since)}")
+        if since is not None:
+            failed[serial] = since.name
     if json:
-        print_json({"devices": list(serials)})
+        print_json({"devices": list(store.serials()), "failed_since": failed})
     else:
-        typer.echo("\n".join(serials) or f"no devices in {devices}")
+        print_verdicts("\n".join(lines) or f"no devices in {store.root}")
+
+
+def _failed(since: Entry) -> str:
+    """Say that a device has failed, and what ends that."""
+    return f"FAILED since entry {since.name}: its drift, until a rate table gives it a new certificate"
 
 
 def _row(entry: Entry) -> dict[str, Any]:
@@ -131,26 +148,28 @@ def _row(entry: Entry) -> dict[str, Any]:
         row["nonlinearity_ppm"] = record.nonlinearity_ppm.value
     if record.drift_ppm is not None:
         row |= {"drift_ppm": record.drift_ppm.value, "u_drift_ppm": record.drift_ppm.u}
-    return {**row, "e_n": record.e_n, "verdict": record.verdict}
+    return {**row, "e_n": record.e_n, "cusum": record.cusum, "verdict": record.verdict}
 
 
 def _plain(value: object) -> str:
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
-def _print_entries(serial: str, entries: tuple[Entry, ...]) -> None:
+def _print_entries(known: Device) -> None:
     import msgspec  # noqa: PLC0415
 
+    since = known.failed_since
     print_json(
         {
-            "serial": serial,
-            "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in entries],
+            "serial": known.serial,
+            "failed_since": None if since is None else since.name,
+            "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in known.entries],
         }
     )
 
 
-def _print_table(serial: str, rows: list[dict[str, Any]]) -> None:
-    """Print the table, and below it the scale factor drawn entry by entry."""
+def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
+    """Print the table, whether the device has failed, and the scale factor drawn entry by entry."""
     from vcfbench.report.document import Column, Table  # noqa: PLC0415
     from vcfbench.report.text import table_text  # noqa: PLC0415
 
@@ -158,10 +177,13 @@ def _print_table(serial: str, rows: list[dict[str, Any]]) -> None:
         *(Column("entry"), Column("kind", align="left"), Column("done")),
         *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
         *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
-        *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f"), Column("verdict")),
+        *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f")),
+        *(Column("CUSUM", "", ".1f"), Column("verdict")),
         *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
     )
-    typer.echo(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {serial}")))
+    print_verdicts(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {known.serial}")))
+    if known.failed_since is not None:
+        print_verdicts(f"\n{_failed(known.failed_since)}")
     drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
     if len(drawn) > 1:
         typer.echo("\n" + "\n".join(_drawn(drawn)))

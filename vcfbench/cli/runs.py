@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vcfbench.cli.answer import print_json, print_report
+from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -215,11 +215,11 @@ def _print_list(known: Sequence[RunSummary]) -> None:
     rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))
     if _fits(table):
-        typer.echo(table)
+        print_verdicts(table)
         return
     for run, *others in rows:
-        lines = "".join(f"  {name}: {printable(each)}\n" for name, each in zip(_HEAD[1:], others, strict=True))
-        typer.echo(f"{printable(run)}\n{lines}", nl=False)
+        lines = [f"  {name}: {printable(each)}" for name, each in zip(_HEAD[1:], others, strict=True)]
+        print_verdicts("\n".join([printable(run), *lines]))
 
 
 def _cells(run: RunSummary) -> tuple[object, ...]:

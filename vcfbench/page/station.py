@@ -78,8 +78,10 @@ class StationDirectories:
         with suppress(BenchError):
             for serial in store.serials():
                 with suppress(BenchError):
-                    entries = store.entries(serial)
-                    rows.append({"serial": serial, "entries": len(entries)})
+                    known = store.device(serial)
+                    since = known.failed_since
+                    failed = None if since is None else since.name
+                    rows.append({"serial": serial, "entries": len(known.entries), "failed_since": failed})
         return rows
 
 
@@ -112,7 +114,7 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
 
 def _entry(entry: Entry) -> dict[str, Any]:
     """Return what the history of a device shows of an entry."""
-    record = entry.record
+    record, verdict = entry.record, None
     if isinstance(record, Certificate):
         kind, done, result = "certificate", record.issued, f"K_Vc {record.k_vc.coefficients[1]:.6g} (deg/s)/V"
     elif isinstance(record, StaticNoise):
@@ -123,6 +125,6 @@ def _entry(entry: Entry) -> dict[str, Any]:
     else:
         kind, done, factor = "self-calibration", record.done, record.scale_factor_v_per_deg_s
         drift = "" if record.drift_ppm is None else f", drift {record.drift_ppm.value:+.0f} ppm"
-        result = f"{1e3 * factor.value:.5f} mV/(deg/s), u {1e3 * factor.u:.2g}{drift} {record.verdict or ''}"
-    run = record.conditions.run
-    return {"entry": entry.name, "kind": kind, "finished": done.isoformat(), "run": run, "result": result}
+        verdict, result = record.verdict, f"{1e3 * factor.value:.5f} mV/(deg/s), u {1e3 * factor.u:.2g}{drift}"
+    finished, run = done.isoformat(), record.conditions.run
+    return {"entry": entry.name, "kind": kind, "finished": finished, "run": run, "result": result, "verdict": verdict}

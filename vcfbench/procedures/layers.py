@@ -178,15 +178,20 @@ def _station(description: BenchDescription) -> Station:
 def _placed(description: BenchDescription) -> dict[str, PlacedInstrument]:
     """Return the instruments of the bench file by role."""
     parts = {role: getattr(description, role) for role in ROLES}
-    return {
-        role: PlacedInstrument(model=part.like or part.model, where=_where(part))
-        for role, part in parts.items()
-        if part is not None
-    }
+    return {role: _placed_part(part, description.name) for role, part in parts.items() if part is not None}
 
 
-def _where(part: Any) -> str:
-    return f"at {part.resource}" if part.serial_number is None else f"no. {part.serial_number}"
+def _placed_part(part: Any, station: str) -> PlacedInstrument:
+    numbers = ((part.serial_number, "no."), (part.inventory_number, "inventory no."))
+    where = next((f"{said} {number}" for number, said in numbers if number is not None), None)
+    dated = ((part.calibrated, "calibrated"), (part.certificate, "certificate"))
+    calibrated = " ".join(f"{said} {what}" for what, said in dated if what is not None)
+    return PlacedInstrument(
+        model=part.like or part.model,
+        where=where or f"at {part.resource}",
+        station=station if where is None else None,
+        calibrated=calibrated or None,
+    )
 
 
 def _meter_resolution_v(description: BenchDescription, chosen: ProcedureSettings) -> float | None:

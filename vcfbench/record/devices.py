@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import msgspec
 from msgspec import Meta, Struct, structs
@@ -22,6 +22,9 @@ from msgspec import Meta, Struct, structs
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_SETTINGS, read_text, shown
 from vcfbench.typed import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = [
     "FORMAT",
@@ -40,9 +43,12 @@ __all__ = [
     "SelfCalibration",
     "Share",
     "StaticNoise",
+    "failed_drifts",
+    "last_certificate",
     "load_device",
     "read_entry",
     "require_serial",
+    "since_certificate",
 ]
 
 FORMAT = 1
@@ -286,11 +292,17 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
     conditions: Conditions
     """Under what it was measured."""
     drift_ppm: Measured | None = None
-    """Change of the scale factor since the certificate, or else the entry before, ppm of it."""
+    """Change of the scale factor since the certificate, ppm of it."""
     e_n: float | None = None
     """Normalised error of that change."""
+    since_last_ppm: Measured | None = None
+    """Its change since the self-calibration before by the same certificate; None where that is the first."""
+    cusum: float | None = None
+    """Creep over the entries by the certificate: their cumulative sum, in standard uncertainties."""
+    drift_verdict: Literal["pass", "marginal", "fail"] | None = None
+    """What was made of the drift; after ``fail`` the device has failed until it has another certificate."""
     verdict: Literal["pass", "marginal", "fail"] | None = None
-    """What the acceptance limits made of it."""
+    """What all acceptance limits made of it."""
     characteristics: Characteristics | None = None
     """What the device was like, as far as it was looked at."""
     remarks: tuple[Text, ...] = ()
@@ -373,7 +385,13 @@ class Device:
     @property
     def certificate(self) -> Certificate | None:
         """The last certificate, None where there is none."""
-        return next((e.record for e in reversed(self.entries) if isinstance(e.record, Certificate)), None)
+        found = last_certificate(self.entries)
+        return None if found is None else cast("Certificate", found.record)
+
+    @property
+    def failed_since(self) -> Entry | None:
+        """The entry by which the drift failed first since the last certificate, None where none did."""
+        return next(iter(failed_drifts(self.entries)), None)
 
     @property
     def self_calibrations(self) -> tuple[SelfCalibration, ...]:
@@ -416,13 +434,13 @@ class DeviceStore:
 
     def certificate(self, serial: str) -> Entry:
         """Return the last certificate of a device; ConfigError when it has none."""
-        found = [each for each in self.entries(serial) if isinstance(each.record, Certificate)]
-        if not found:
+        found = last_certificate(self.entries(serial))
+        if found is None:
             raise ConfigError(
                 f"{shown(self.root)}: device {serial!r} has no certificate",
                 hint=f"known devices: {', '.join(self.serials()) or 'none'}; vcfbench run kvc --dut {serial} makes one",
             )
-        return found[-1]
+        return found
 
     def static_noise(self, serial: str) -> Entry | None:
         """Return the last static record of a device; None where it has none."""
@@ -484,6 +502,29 @@ class DeviceStore:
             return []
         except OSError as error:
             raise ConfigError(f"{shown(self.root)}: expected a directory of devices: {error.strerror}") from error
+
+
+def last_certificate(entries: Sequence[Entry]) -> Entry | None:
+    """Return the last certificate among the entries of a device, None where there is none."""
+    return next((each for each in reversed(entries) if isinstance(each.record, Certificate)), None)
+
+
+def since_certificate(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Return the self-calibrations by the last certificate; without one, those by a K_Vc from elsewhere."""
+    certificate = last_certificate(entries)
+    name = None if certificate is None else certificate.name
+    return tuple(
+        each for each in entries if isinstance(each.record, SelfCalibration) and each.record.certificate == name
+    )
+
+
+def failed_drifts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Return those of them whose drift failed: the device has failed until it has a new certificate."""
+    return tuple(
+        each
+        for each in since_certificate(entries)
+        if isinstance(each.record, SelfCalibration) and each.record.drift_verdict == "fail"
+    )
 
 
 def load_device(serial: str, devices: Path | str = "devices") -> Device:

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 
-from msgspec import Struct, field, to_builtins
+from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
@@ -321,7 +321,8 @@ class _Record(Struct):
         """Open the journal, perform the plan on `bench`, and keep what came of it."""
         from vcfbench.plans.executor import Executor  # noqa: PLC0415
 
-        course, prepared = self.course, self.prepared
+        self.prepared = prepared = _identified(self.prepared, bench.identities)
+        course = self.course
         course.checked.seed = bench.seed
         self.safe_reports = bench.safe_reports  # filled when the bench is left
         self.identities = dict(bench.identities)
@@ -489,6 +490,22 @@ class _Record(Struct):
         with suppress(ConfigError):  # a number in it is not finite: the results are kept all the same
             return {"report": plain_report(self.course.evaluation.report)}
         return {}
+
+
+def _identified(prepared: Prepared, identities: Mapping[str, Identity]) -> Prepared:
+    """Return what was prepared with the serial numbers that the instruments answered: they tell which is which.
+
+    Simulated ones answer one and the same, whichever specimen was drawn.
+    """
+    if prepared.description.simulated:
+        return prepared
+    settings = prepared.settings
+    placed = {
+        role: each.answering(identities[role].serial) if role in identities else each
+        for role, each in settings.station.instruments.items()
+    }
+    station = structs.replace(settings.station, instruments=placed)
+    return structs.replace(prepared, settings=structs.replace(settings, station=station))
 
 
 def _words_of(identity: Identity) -> str:

@@ -6,7 +6,7 @@ let listed = { runs: [], devices: [] };
 function pill(text) { const cell = made("td"); if (text) cell.append(made("span", text, `pill ${text}`)); return cell; }
 
 function row(each) {
-  const line = made("tr"), began = made("td", null, "nowrap"), link = made("a", when(each.began_utc) || each.run);
+  const line = made("tr", null, each.verdict), began = made("td", null, "nowrap"), link = made("a", when(each.began_utc) || each.run);
   link.href = `/run/${encodeURIComponent(each.run)}`;
   link.title = each.run;
   began.append(link);
@@ -43,7 +43,9 @@ function drawDevices() {
   byId("devices").replaceChildren(...listed.devices.map((device) => {
     const details = made("details"), body = made("div", null, "scroll");
     details.dataset.serial = device.serial;
-    details.append(made("summary", `${device.serial}: ${device.entries} ${device.entries === 1 ? "entry" : "entries"}`), body);
+    const summary = made("summary", `${device.serial}: ${device.entries} ${device.entries === 1 ? "entry" : "entries"} `);
+    if (device.failed_since) summary.append(made("span", `failed since entry ${device.failed_since}, until a new certificate`, "pill fail"));
+    details.append(summary, body);
     details.addEventListener("toggle", () => { if (details.open && !body.childElementCount) history(device.serial, body); });
     if (opened.has(device.serial)) details.open = true;
     return details;
@@ -54,12 +56,12 @@ async function history(serial, body) {
   const answer = await fetch(`/device/${encodeURIComponent(serial)}`);
   if (!answer.ok) { body.textContent = await answer.text(); return; }
   const table = made("table"), head = made("tr");
-  for (const name of ["entry", "kind", "finished", "run", "result"]) head.append(made("th", name));
+  for (const name of ["entry", "kind", "finished", "run", "result", "verdict"]) head.append(made("th", name));
   table.append(head);
   for (const entry of await answer.json()) {
-    const line = made("tr"), run = made("td");
+    const line = made("tr", null, entry.verdict), run = made("td");
     if (entry.run) { const link = made("a", entry.run); link.href = `/run/${encodeURIComponent(entry.run)}`; run.append(link); }
-    line.append(made("td", entry.entry), made("td", entry.kind, "nowrap"), made("td", when(entry.finished), "nowrap"), run, made("td", entry.result));
+    line.append(made("td", entry.entry), made("td", entry.kind, "nowrap"), made("td", when(entry.finished), "nowrap"), run, made("td", entry.result), pill(entry.verdict));
     table.append(line);
   }
   body.replaceChildren(table);

@@ -1,14 +1,20 @@
-"""What an earlier entry of a device tells: what its curve is made of, and how far a scale factor has drifted."""
+"""What earlier entries of a device tell: what its curve is made of, and how far a scale factor has drifted.
+
+The certificate is what a drift is counted from. A step is seen against it and against the last entry, a creep that each
+run hides in its noise by the cumulative sum over all entries.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from vcfbench.analysis.conformity import conformity, e_n
+from vcfbench.analysis.conformity import e_n
+from vcfbench.analysis.control_chart import cusum, recursive_residuals
+from vcfbench.bench.acceptance import Acceptance, Verdict
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.report.digits import incomplete
 from vcfbench.report.document import Text
@@ -18,17 +24,18 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.procedures.known.device import Reference
+    from vcfbench.bench.settings import Limit
+    from vcfbench.procedures.known.device import KnownDevice, Reference
     from vcfbench.record.devices import KvcCurve, Measured, Share
 
-__all__ = ["Drift", "drift_of", "drift_parts", "shares_of"]
+__all__ = ["Change", "Drift", "drift_of", "drift_parts", "shares_of"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
-    """How far the scale factor is from that of an earlier entry."""
+class Change:
+    """How far the scale factor is from that of one earlier entry."""
 
     since: str
     """Which entry, and when."""
@@ -37,10 +44,39 @@ class Drift:
     cancelled: tuple[str, ...]
     """What both share."""
     e_n: float
-    """Change over its expanded uncertainty: above 1 the scale factor has changed."""
-    limit_ppm: float | None
-    verdict: str
-    """``pass``, ``marginal`` or ``fail``: by the limit with the expanded uncertainty as guard band, or by E_n."""
+    """Change over its expanded uncertainty: above 1 it is seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift(Change):
+    """How far the scale factor is from that of the certificate, and what the entries since then tell."""
+
+    last: Change | None
+    """Since the entry before; None where that is the certificate."""
+    cusum: float
+    """Creep over all entries by the certificate: tabular CUSUM in standard uncertainties, each of its own entry."""
+    failed_before: tuple[str, ...]
+    """Entries by this certificate whose drift failed: the device stays failed until it has a new certificate."""
+    verdict: Literal["pass", "marginal", "fail"]
+    limits: tuple[Verdict, ...]
+    """What it was judged by."""
+
+    def acceptance_values(self) -> dict[str, float | None]:
+        """Return what drift is judged by, by the keys of :func:`drift_limits`."""
+        return _values(self, self.last, self.cusum, self.failed_before)
+
+
+def _values(
+    since_certificate: Change, last: Change | None, summed: float, failed: Sequence[str]
+) -> dict[str, float | None]:
+    of_last = {} if last is None else {"e_n_since_last": last.e_n}
+    return {
+        "drift_ppm": since_certificate.change_ppm.value,
+        "e_n": since_certificate.e_n,
+        **of_last,
+        "cusum": summed,
+        "failed_before": float(len(failed)),
+    }
 
 
 def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
@@ -50,19 +86,59 @@ def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floa
     return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
 
 
-def drift_of(scale_factor: Measurand, reference: Reference, limit_ppm: float | None) -> Drift:
-    """Return how far `scale_factor` is from that of an earlier entry; parts of the same owner cancel."""
-    earlier = reference.scale_factor_v_per_deg_s
-    change = 1e6 * (scale_factor.value / earlier.value - 1.0)
-    now, then = _relative(scale_factor), _relative_kept(reference)
-    parts, cancelled = _difference(now, then)
-    found = measurand(change, "ppm", parts, (*earlier.missing, *scale_factor.missing))
-    if limit_ppm is None:
-        verdict = "pass" if abs(change) <= found.expanded_u else "fail"
-    else:
-        verdict = conformity(change, found.expanded_u, -limit_ppm, limit_ppm).value
+def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit]) -> Drift | None:
+    """Return how far `scale_factor` is from that of the certificate, and how the entries since then went.
+
+    None where nothing earlier is known. Parts of the same owner cancel. It is judged by those of `limits` that are its.
+    """
+    if known.reference is None:
+        return None
+    first = _change(scale_factor, known.reference)
+    last = _change(scale_factor, known.history[-1]) if known.history else None
+    earlier = (known.reference, *known.history)
+    base = known.reference.scale_factor_v_per_deg_s.value
+    now = [each.scale_factor_v_per_deg_s.value for each in earlier] + [scale_factor.value]
+    parts = [*(_relative_kept(each) for each in earlier), _relative(scale_factor)]
+    residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), _covariance(parts))
+    summed = float(cusum(residuals)[-1])
+    values = _values(first, last, summed, known.failed_before)
+    judged = tuple(
+        Verdict(
+            *(limit.key, values[limit.key], limit.low, limit.high),
+            u95=first.change_ppm.expanded_u if limit.guarded and limit.key == "drift_ppm" else None,
+        )
+        for limit in limits
+        if limit.key in values
+    )
+    return Drift(
+        *(first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before),
+        Acceptance(judged).word,
+        judged,
+    )
+
+
+def _change(scale_factor: Measurand, reference: Reference) -> Change:
+    """Return how far `scale_factor` is from that of an earlier entry."""
+    change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0)
+    parts, cancelled = _difference(_relative(scale_factor), _relative_kept(reference))
+    missing = (*reference.scale_factor_v_per_deg_s.missing, *scale_factor.missing)
+    found = measurand(change, "ppm", parts, missing)
     since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
-    return Drift(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u), limit_ppm, verdict)
+    return Change(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u))
+
+
+def _covariance(results: Sequence[Sequence[UncertaintyPart]]) -> Floats:
+    """Return the covariance of results by their parts: those of the same owner are one."""
+    keys: dict[str, int] = {}
+    placed = [
+        (row, keys.setdefault(_key(part) if part.of is not None else f"{row}, {number}", len(keys)), part.u)
+        for row, parts in enumerate(results)
+        for number, part in enumerate(parts)
+    ]
+    by_source = np.zeros((len(results), len(keys)))
+    for row, column, u in placed:
+        by_source[row, column] += u
+    return np.asarray(by_source @ by_source.T)
 
 
 def _relative(found: Measurand) -> list[UncertaintyPart]:
@@ -115,14 +191,38 @@ def _key(part: UncertaintyPart) -> str:
 
 
 def drift_parts(drift: Drift | None) -> list[Any]:
-    """Return what is reported of the drift since an earlier entry."""
+    """Return what is reported of the drift since the certificate, and of the entries since then."""
     if drift is None:
         return [Text("drift: nothing earlier is known of the device")]
-    found = drift.change_ppm
-    limit = "by E_n" if drift.limit_ppm is None else f"limit {drift.limit_ppm:g} ppm, guard band U95"
-    change = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
     words = [
-        f"drift since {drift.since}: {change}; E_n {drift.e_n:.2f}: {drift.verdict.upper()} ({limit})",
-        *(f"  cancels: {each}" for each in drift.cancelled),
+        *_said("drift", drift),
+        *(_said("and", drift.last) if drift.last is not None else []),
+        f"creep (CUSUM, k 0.5): {drift.cusum:.1f} standard uncertainties",
+        f"drift: {drift.verdict.upper()} ({_judged_by(drift)})",
     ]
+    if drift.verdict != "fail" and drift.e_n > 1.0:
+        words.append("  beyond its U95, which chance does once in 20: the next runs tell")
+    if drift.failed_before:
+        words.append(
+            f"  the drift failed in {', '.join(drift.failed_before)}: the device stays failed, whatever later runs "
+            "find, until a rate table gives it a new certificate (vcfbench run kvc)"
+        )
     return [Text("\n".join(words))]
+
+
+def _said(name: str, change: Change) -> list[str]:
+    found = change.change_ppm
+    value = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
+    return [
+        f"{name} since {change.since}: {value}; E_n {change.e_n:.2f}",
+        *(f"  cancels: {each}" for each in change.cancelled),
+    ]
+
+
+def _judged_by(drift: Drift) -> str:
+    return ", ".join(
+        f"{each.key} {each.low:g} to {each.high:g}"
+        + ("" if each.u95 is None else ", guard band U95")
+        + ("" if each.word == "pass" else f": {each.word}")
+        for each in drift.limits
+    )

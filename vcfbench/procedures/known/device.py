@@ -12,16 +12,18 @@ from vcfbench.bench.strict import refusal, words
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.procedures.known.drift_limits import drift_limits
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.record.devices import (
     Certificate,
-    Characterisation,
     Characteristics,
     KvcCurve,
     Measured,
     SelfCalibration,
-    StaticNoise,
+    failed_drifts,
+    last_certificate,
     read_entry,
+    since_certificate,
 )
 
 if TYPE_CHECKING:
@@ -29,8 +31,8 @@ if TYPE_CHECKING:
     from datetime import datetime
     from typing import Self
 
-    from vcfbench.bench.settings import Gap
-    from vcfbench.record.devices import Entry
+    from vcfbench.bench.settings import Gap, Limit
+    from vcfbench.record.devices import DeviceRecord, Entry
 
 __all__ = ["DeviceStation", "KnownDevice", "KnownDeviceSettings", "Reference", "level_for"]
 
@@ -77,6 +79,11 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     holds_not: tuple[str, ...] = ()
     """What is in no uncertainty because K_Vc comes from there."""
     reference: Reference | None = None
+    """Of the certificate; of its first self-calibration where it has no scale factor itself."""
+    history: tuple[Reference, ...] = ()
+    """The self-calibrations by that certificate, oldest first."""
+    failed_before: tuple[str, ...] = ()
+    """Those of them whose drift failed."""
 
 
 class DeviceStation(Station, frozen=True, kw_only=True):
@@ -99,8 +106,23 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
     outdated: Annotated[bool, Meta(description="whether a certificate may be used that is out of date")] = False
     station: DeviceStation = field(default_factory=DeviceStation)
 
+    max_drift_ppm: Annotated[
+        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
+        Meta(description="of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"),
+    ] = None
+
     rates_key: ClassVar[str] = "virtual_rates_deg_s"
     """Where the virtual rates stand that are asked for."""
+
+    @property
+    def acceptance(self) -> tuple[Limit, ...]:
+        """The limits of the bench file, and those of the drift where something earlier is known of the device."""
+        stated = super().acceptance
+        known = self.station.known
+        if known is None or known.reference is None:
+            return stated
+        of_drift = drift_limits(stated, self.max_drift_ppm)
+        return (*stated, *(each for each in of_drift if each.key != "e_n_since_last" or known.history))
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
@@ -160,9 +182,8 @@ def _require_level(settings: KnownDeviceSettings, level_v: float, rate_deg_s: fl
 def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
     """Look up what is known of the device, `now`."""
     entries = () if settings.dut is None else settings.store.entries(settings.dut)
-    reference = _reference(entries)
     if settings.k_vc is not None:
-        return _given(settings, settings.k_vc, reference, now)
+        return _given(settings, settings.k_vc, entries, now)
     if settings.dut is None:
         raise ConfigError(
             "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
@@ -172,16 +193,16 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
     record = found.record
     assert isinstance(record, Certificate)  # noqa: S101  # the store says so
     _require_valid(record, shown(found.path), settings, now)
-    return KnownDevice(
-        k_vc=record.k_vc,
-        source=f"certificate {found.name}",
-        certificate=found.name,
-        reference=reference,
-        **_of_certificate(record),
-    )
+    return _of_certificate(record, found.name, entries)
 
 
-def _of_certificate(record: Certificate) -> dict[str, Any]:
+def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...]) -> KnownDevice:
+    """Return what is known by a certificate of the device's own."""
+    known = KnownDevice(k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record))
+    return _with_history(known, entries)
+
+
+def _beside_the_curve(record: Certificate) -> dict[str, Any]:
     """Return what a certificate says beside the curve."""
     at_c, seen = record.conditions.temperature_c, record.characteristics or Characteristics()
     if seen.temperature_c is None and at_c is not None:
@@ -189,7 +210,7 @@ def _of_certificate(record: Certificate) -> dict[str, Any]:
     return {"unseen": record.unseen, "issued": record.issued.isoformat(), "characteristics": seen}
 
 
-def _given(settings: KnownDeviceSettings, given: str, reference: Reference | None, now: datetime) -> KnownDevice:
+def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
     """Return the K_Vc that was given: a number, or the file of a certificate."""
     try:
         number = float(given)
@@ -198,10 +219,15 @@ def _given(settings: KnownDeviceSettings, given: str, reference: Reference | Non
         if not isinstance(record, Certificate):
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
         _require_valid(record, shown(given), settings, now)
-        source = f"certificate of {record.serial}, {shown(given)}"
-        return KnownDevice(
-            k_vc=record.k_vc, source=source, certificate=None, reference=reference, **_of_certificate(record)
+        if (own := last_certificate(entries)) is not None and own.record == record:
+            return _of_certificate(record, own.name, entries)
+        name = f"of {record.serial}, {shown(given)}"
+        known = KnownDevice(
+            k_vc=record.k_vc, source=f"certificate {name}", certificate=None, **_beside_the_curve(record)
         )
+        known = _with_history(known, entries)
+        since = _reference(name, record)
+        return known if since is None else structs.replace(known, reference=since, history=())
     if not 0.0 < abs(number) <= 1e6:
         raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
@@ -210,7 +236,20 @@ def _given(settings: KnownDeviceSettings, given: str, reference: Reference | Non
         coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
     )
     source = f"K_Vc = {given} (deg/s)/V, as told"
-    return KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED, reference=reference)
+    return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
+
+
+def _with_history(known: KnownDevice, entries: tuple[Entry, ...]) -> KnownDevice:
+    """Return `known` with what the scale factor is compared with: the last certificate, and what came after it."""
+    certificate = last_certificate(entries)
+    compared = [*([] if certificate is None else [certificate]), *since_certificate(entries)]
+    references = [found for each in compared if (found := _reference(each.name, each.record)) is not None]
+    return structs.replace(
+        known,
+        reference=references[0] if references else None,
+        history=tuple(references[1:]),
+        failed_before=tuple(each.name for each in failed_drifts(entries)),
+    )
 
 
 def _require_valid(record: Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
@@ -223,19 +262,17 @@ def _require_valid(record: Certificate, where: str, settings: KnownDeviceSetting
     )
 
 
-def _reference(entries: tuple[Entry, ...]) -> Reference | None:
-    """Return the last entry that has a scale factor."""
-    for entry in reversed(entries):
-        record = entry.record
-        if isinstance(record, StaticNoise | Characterisation):
-            continue
-        measured = record.scale_factor_v_per_deg_s
-        if measured is None:
-            continue
-        is_calibration = isinstance(record, SelfCalibration)
-        done = record.done if isinstance(record, SelfCalibration) else record.issued
-        kind = "self-calibration" if is_calibration else "certificate"
-        return Reference(name=entry.name, kind=kind, done=done.isoformat(), scale_factor_v_per_deg_s=measured)
+def _reference(name: str, record: DeviceRecord) -> Reference | None:
+    """Return what an entry tells of the scale factor."""
+    match record:
+        case SelfCalibration(scale_factor_v_per_deg_s=found):
+            return Reference(
+                name=name, kind="self-calibration", done=record.done.isoformat(), scale_factor_v_per_deg_s=found
+            )
+        case Certificate(scale_factor_v_per_deg_s=Measured() as found):
+            return Reference(
+                name=name, kind="certificate", done=record.issued.isoformat(), scale_factor_v_per_deg_s=found
+            )
     return None
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import Self
 
+    from vcfbench.bench.settings import PlacedInstrument
     from vcfbench.plans.step import Routine
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.schema import Point
@@ -138,9 +139,13 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class InstrumentAccuracy:
-    """How far an instrument may be off, as standard uncertainties, and which instrument it is."""
+    """How far an instrument may be off, as standard uncertainties, and which instrument it is.
+
+    `owner` is what two results must share for the error to be the same in both.
+    """
 
     name: str
+    owner: str
     u_gain: float
     u_offset_v: float
 
@@ -160,16 +165,18 @@ def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
 
 def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentAccuracy:
     """Return how far the meter of `role` may be off, on its range and so long after its calibration."""
-    known, name = settings.station.sources, settings.station.instruments[role].name
+    known, placed = settings.station.sources, settings.station.instruments[role]
     if role == "v_vc_meter":
-        return _accuracy(name, known.v_vc_gain, known.v_vc_offset_v, known.v_vc_sigmas)
-    return _accuracy(name, known.meter_gain, known.meter_offset_v, known.meter_sigmas)
+        return _accuracy(placed, known.v_vc_gain, known.v_vc_offset_v, known.v_vc_sigmas)
+    return _accuracy(placed, known.meter_gain, known.meter_offset_v, known.meter_sigmas)
 
 
-def _accuracy(name: str, gain: float | None, offset_v: float | None, sigmas: float | None) -> InstrumentAccuracy:
+def _accuracy(
+    placed: PlacedInstrument, gain: float | None, offset_v: float | None, sigmas: float | None
+) -> InstrumentAccuracy:
     """Return limits as standard uncertainties: of so many sigmas, else rectangular."""
     of_limit = math.sqrt(3.0) if sigmas is None else sigmas
-    return InstrumentAccuracy(name, (gain or 0.0) / of_limit, (offset_v or 0.0) / of_limit)
+    return InstrumentAccuracy(placed.name, placed.owner, (gain or 0.0) / of_limit, (offset_v or 0.0) / of_limit)
 
 
 def known_words(settings: KnownVvcSettings, *keys: str) -> list[str]:
@@ -217,9 +224,8 @@ def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
     """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
     if settings.v_vc_role is not None:
         return meter_error(settings, settings.v_vc_role)
-    known = settings.station.sources
-    name = settings.station.instruments["rate_source"].name
-    return _accuracy(name, known.generator_gain, known.generator_offset_v, None)
+    known, placed = settings.station.sources, settings.station.instruments["rate_source"]
+    return _accuracy(placed, known.generator_gain, known.generator_offset_v, None)
 
 
 def ready_meters(settings: KnownVvcSettings) -> Routine[None]:

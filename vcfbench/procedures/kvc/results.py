@@ -177,7 +177,7 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
         k_vc=measurand(
             curve.k_vc,
             K_VC_UNIT,
-            [_part(name, part, levels, error.name) for name, part in parts.items()],
+            [_part(name, part, levels, error.owner) for name, part in parts.items()],
             settings.station.sources.missing("k_vc"),
         ),
         curve=curve,
@@ -227,7 +227,7 @@ def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows
     dof = dof_of(levels.noise)
     parts = [
         UncertaintyPart(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
-        UncertaintyPart(METER_GAIN, abs(slope) * meter.u_gain, None, meter.name),
+        UncertaintyPart(METER_GAIN, abs(slope) * meter.u_gain, None, meter.owner),
         UncertaintyPart(RATE, abs(slope) * table_rate_error(settings)),
         UncertaintyPart(MISALIGNMENT, abs(slope) * alignment_error(settings)),
         *(UncertaintyPart(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
@@ -278,7 +278,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
         return None
     curve, error = results.curve, v_vc_error(settings)
     shares = [
-        CurveShare(source=name, of=whose(name, error.name), dof=_dof(name, results.noise), covariance=part)
+        CurveShare(source=name, of=whose(name, error.owner), dof=_dof(name, results.noise), covariance=part)
         for name, part in results.curve_parts.items()
     ]
     known = Certificate(

@@ -75,8 +75,8 @@ def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: Bl
         UncertaintyPart("readings at rest", noise.white_v / math.sqrt(count), dof),
         UncertaintyPart("flicker", noise.u_zero_v, dof),
         UncertaintyPart("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
-        UncertaintyPart(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.name),
-        UncertaintyPart(METER_OFFSET, meter.u_offset_v, None, meter.name),
+        UncertaintyPart(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.owner),
+        UncertaintyPart(METER_OFFSET, meter.u_offset_v, None, meter.owner),
     ]
     return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"))
 

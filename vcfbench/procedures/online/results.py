@@ -125,11 +125,11 @@ class OnlineResult:
     unseen: tuple[str, ...]
     holds_not: tuple[str, ...]
     drift: Drift | None
-    """Since the last entry of the device; None where there is none."""
+    """Since the certificate of the device; None where nothing earlier is known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys."""
-        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.value, "e_n": self.drift.e_n}
+        drift = {} if self.drift is None else self.drift.acceptance_values()
         return {"scale_factor_v_per_deg_s": self.scale_factor.value, **drift}
 
     def acceptance_u95(self) -> Mapping[str, float]:
@@ -345,7 +345,6 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     ]
     left = (factors - factors.mean()) / u_readings
     disturbance, rectified, changes = _disturbance(settings, run, gain, scale_factor.value)
-    reference = settings.known.reference
     size = abs(scale_factor.value)
     lasted_s = run.begin_s[-1] + run.length_s - started_s
     return OnlineResult(
@@ -374,7 +373,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         v_vc_by=v_vc_error(settings).name,
         unseen=settings.known.unseen,
         holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
-        drift=None if reference is None else drift_of(scale_factor, reference, None),
+        drift=drift_of(scale_factor, settings.known, settings.acceptance),
     )
 
 
@@ -387,7 +386,7 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
         UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
     ]
     common = [
-        UncertaintyPart(METER_GAIN, size * meter.u_gain, None, meter.name),
+        UncertaintyPart(METER_GAIN, size * meter.u_gain, None, meter.owner),
         UncertaintyPart(_RESPONSE, size * _u_response(settings, gain)),
         *(
             UncertaintyPart(name, size * u)
@@ -399,13 +398,13 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     same_meter = False
     known = settings.known
     for name, of, dof, covariance in shares_of(known.k_vc):
-        if of is not None and of == error.name and settings.v_vc_role is not None:
+        if of is not None and of == error.owner and settings.v_vc_role is not None:
             same_meter = True  # its volts were those of the certificate: its errors are in the curve already
             continue
         u = size * math.sqrt(max(0.0, float(covariance[1, 1]))) / abs(k_vc)  # a share of none may round below 0
         common.append(UncertaintyPart(f"certificate: {name}", u, dof, of or f"{known.source}: {name}"))
     if not same_meter:
-        common.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.name))
+        common.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.owner))
     return own, common
 
 

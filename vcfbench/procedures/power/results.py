@@ -221,7 +221,7 @@ def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[Unc
     if sheet is None or output not in sheet.current:
         return []
     gain, offset_a = sheet.current[output]
-    of = f"{settings.station.instruments['power'].name}, {output}"
+    of = f"{settings.station.instruments['power'].owner}, {output}"
     divisor = sheet.limit_sigmas or math.sqrt(3.0)
     return [
         UncertaintyPart("ammeter's gain", gain * abs(current_a) / divisor, None, of),

@@ -87,7 +87,7 @@ SELF_CALIBRATION = Procedure(
     method=(
         "Without a rate table: V_Vc is set to levels that stand, by the certificate of the device, for known rates, "
         "and the output is read at each. A least-squares line gives scale factor, bias and linearity, which are "
-        "compared with the device's last entry."
+        "compared with the device's certificate and last entry."
     ),
     settings=SelfCalibrationSettings,
     plan=self_calibration,

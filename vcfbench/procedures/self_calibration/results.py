@@ -1,4 +1,4 @@
-"""A self-calibration from its points: scale factor, bias, non-linearity, and what has changed since the last entry.
+"""A self-calibration from its points: scale factor, bias, non-linearity, what has changed since the certificate.
 
 Each result is a function of the curve's coefficients, of V_Vc and of the outputs; its uncertainty is that of those
 through the function's derivatives. Two results of one device share much: the certificate's curve, the meters. What both
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -95,7 +95,7 @@ class SelfCalibrationResult:
     """What the method cannot see."""
     holds_not: tuple[str, ...]
     drift: Drift | None
-    """Since the last entry; None where there is none."""
+    """Since the certificate; None where nothing earlier is known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return what ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
@@ -106,7 +106,7 @@ class SelfCalibrationResult:
             "bias_deg_s": self.bias.value / scale_factor if scale_factor else None,
             "nonlinearity_ppm": self.nonlinearity.value,
         }
-        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.value, "e_n": self.drift.e_n}
+        drift = {} if self.drift is None else self.drift.acceptance_values()
         return values | drift
 
     def acceptance_u95(self) -> Mapping[str, float]:
@@ -172,7 +172,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         v_vc_by=v_vc_error(settings).name,
         unseen=known.unseen,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
-        drift=None if known.reference is None else drift_of(scale_factor, known.reference, settings.max_drift_ppm),
+        drift=drift_of(scale_factor, known, settings.acceptance),
     )
 
 
@@ -240,7 +240,7 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
     found: list[tuple[_Effect, str | None]] = [
         ((READINGS, _u_of(by_output, seen.covariance_v2), dof_of(seen.noise)), None),
         ((V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None), None),
-        ((METER_GAIN, gain, None), meter.name),
+        ((METER_GAIN, gain, None), meter.owner),
     ]
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
@@ -249,14 +249,14 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
     same_meter = False
     for share in shares_of(settings.known.k_vc):
         name, of, dof, covariance = share
-        if of is not None and of == error.name and settings.v_vc_role is not None:
+        if of is not None and of == error.owner and settings.v_vc_role is not None:
             same_meter = True  # its volts were those of the certificate: both errors are in the curve already
             continue
         whose = of or f"{settings.known.source}: {name}"
         found.append(((f"certificate: {name}", _u_of(by_k, covariance), dof), whose))
     if not same_meter:
-        found.append(((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None), error.name))
-        found.append(((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None), error.name))
+        found.append(((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None), error.owner))
+        found.append(((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None), error.owner))
     return found
 
 
@@ -284,7 +284,7 @@ def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, 
     if settings.dut is None:
         return None
     drift = results.drift
-    verdict: Any = made.verdict if drift is None or made.verdict == "fail" else drift.verdict
+    last = None if drift is None else drift.last
     record = SelfCalibration(
         serial=settings.dut,
         done=made.finished,
@@ -296,7 +296,10 @@ def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, 
         conditions=conditions(settings, made),
         drift_ppm=None if drift is None else drift.change_ppm.kept(),
         e_n=None if drift is None else drift.e_n,
-        verdict=verdict,
+        since_last_ppm=None if last is None else last.change_ppm.kept(),
+        cusum=None if drift is None else drift.cusum,
+        drift_verdict=None if drift is None else drift.verdict,
+        verdict=made.verdict,
         remarks=(f"K_Vc from {results.k_vc_from}", f"V_Vc is known by {results.v_vc_by}"),
     )
     return NewEntry(record, settings.store.root)

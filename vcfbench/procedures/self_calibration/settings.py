@@ -21,10 +21,6 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     virtual_rates_deg_s: Annotated[
         tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
-    max_drift_ppm: Annotated[
-        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
-        Meta(description="of the scale factor since the last entry, for the verdict; without it E_n decides"),
-    ] = None
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
