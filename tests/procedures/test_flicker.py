@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from msgspec import structs
 
 import vcfbench
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit
+from vcfbench.analysis.sampling import Sampling
+from vcfbench.analysis.type_a import u_of_mean_within
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.budget.at_rest import about_horizon, flicker_counted
 from vcfbench.procedures.flicker import flicker_sources
+from vcfbench.procedures.kvc.settings import KVcSettings
+from vcfbench.procedures.sweep.window_noise import Flicker
 from vcfbench.record.devices import Conditions, DeviceStore, Measured, StaticNoise
 
 if TYPE_CHECKING:
@@ -88,3 +96,28 @@ def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_pa
     assert of_bias[1].u / of_bias[0].u == pytest.approx(kept.value / 5.57)
     assert (of_bias[0].dof, of_bias[1].dof) == (None, kept.dof)
     assert vcfbench.load_run(after.directory).results == after.results
+    of_k_vc = KVcSettings(dut="G-1", devices=str(devices)).recalled().station.sources
+    assert (of_k_vc.bias_instability_deg_h, of_k_vc.bias_instability_dof) == (kept.value, kept.dof)
+
+
+def test_what_is_told_counts_unless_the_run_shows_more_than_chance_would() -> None:
+    told = Flicker(5.0, math.inf, "told")
+    assert flicker_counted(told, 0.0, 40.0, "run") == told
+    assert flicker_counted(told, 60.0, 25.0, "run") == told
+    more = flicker_counted(told, 100.0, 20.0, "run")
+    assert (more.deg_h, more.dof) == (pytest.approx(10.0, rel=1e-3), pytest.approx(50.0, rel=1e-2))
+
+
+def test_a_square_that_came_out_as_0_is_not_known_to_be_0() -> None:
+    """Half of a normal distribution: mean 0.80 of its sigma, sd 0.60 of it; 3.5 degrees of freedom."""
+    found = flicker_counted(None, 0.0, 10.0, "blocks of this run")
+    assert found.deg_h**2 == pytest.approx(10.0 * math.sqrt(2.0 / math.pi))
+    assert found.dof == pytest.approx(2.0 / (math.pi / 2.0 - 1.0))
+    assert found.said == "blocks of this run, dof 3.5"
+
+
+def test_a_mean_is_one_over_the_horizon() -> None:
+    fit = NoiseFit(Coefficients(bias_instability=1.0), {}, np.zeros((5, 5)))
+    usual = u_of_mean_within(fit, Sampling.without_gaps(1.0), 600.0, 86_400.0)
+    assert about_horizon([0.0], [600.0], 24.0) == pytest.approx(usual.u)
+    assert about_horizon([0.0], [600.0], 24.0) / about_horizon([0.0, 300.0, 590.0], [10.0, 310.0, 600.0], 0.25) > 1.5

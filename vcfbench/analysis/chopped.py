@@ -68,13 +68,10 @@ class BlockNoise:
 
     white_v: float
     flicker_v2: float
+    u_flicker_v2: float
+    """Its standard uncertainty: a few blocks do not see a flicker below the white noise, and give 0 as often as not."""
     covariance_v2: tuple[tuple[float, float], tuple[float, float]]
     dof: float
-
-    @property
-    def u_zero_v(self) -> float:
-        """Floor of what flicker lets any mean output be known to, V."""
-        return math.sqrt(2.0 * math.log(2.0) * self.flicker_v2)
 
 
 def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: float, slot_s: float) -> BlockNoise:
@@ -109,6 +106,7 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
     return BlockNoise(
         math.sqrt(white),
         coefficient,
+        math.sqrt(2.0 / seen.size) * most / unit,
         ((float(covariance[0, 0]), float(covariance[0, 1])), (float(covariance[1, 0]), float(covariance[1, 1]))),
         2.0 * float(covariance[0, 0]) ** 2 / spread if spread > 0.0 else math.inf,
     )

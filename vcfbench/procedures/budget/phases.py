@@ -75,6 +75,12 @@ class PhaseErrors(Struct, frozen=True):
         by_demodulator = self.scale_factor_per_demodulator_deg + self.k_vc_per_demodulator_deg
         return self._relative(self.k_vc_per_carrier_deg, by_demodulator)
 
+    @property
+    def u_bias_deg_s(self) -> dict[str, float]:
+        """What each puts into a bias, deg/s."""
+        by = {DEMODULATOR_PHASE: self.bias_deg_s_per_demodulator_deg}
+        return {source.name: abs(by[source.name]) * source.u for source in self.sources if by.get(source.name)}
+
     def _relative(self, by_carrier: float, by_demodulator: float) -> dict[str, float]:
         by = {CARRIER_PHASE: by_carrier, DEMODULATOR_PHASE: by_demodulator}
         return {source.name: abs(by[source.name]) * source.u for source in self.sources if by[source.name]}

@@ -103,7 +103,6 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         ),
     ] = None
     k_vc_u_deg_s_per_v: Annotated[float, Meta(ge=0.0, le=1e6, description="u of a K_Vc that is a number")] = 0.0
-    outdated: Annotated[bool, Meta(description="whether a certificate may be used that is out of date")] = False
     station: DeviceStation = field(default_factory=DeviceStation)
 
     max_drift_ppm: Annotated[
@@ -158,7 +157,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
                 the bench's limit or the range of the meter on V_Vc.
         """
         known = _known(self, utc_now())
-        station = DeviceStation(**{**structs.asdict(self.station), "known": known})
+        station = DeviceStation(**{**structs.asdict(self.with_flicker().station), "known": known})
         recalled = structs.replace(self, station=station)
         for rate_deg_s in recalled.magnitudes_deg_s:
             for sign in (1.0, -1.0):

@@ -12,13 +12,15 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.plans.measured import Measured
 from vcfbench.plans.steps import MeasureVvc, VvcMeasured, move_leads
+from vcfbench.procedures.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.routines import take
 from vcfbench.record.devices import Conditions, DeviceStore
@@ -43,6 +45,7 @@ __all__ = [
     "KnownVvcSettings",
     "VvcKnown",
     "alignment_error",
+    "away_from_warm_k",
     "conditions",
     "known_words",
     "levels_by_hand",
@@ -100,6 +103,7 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
     devices: Annotated[
         str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
     ] = "devices"
+    outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
 
     @classmethod
     def keys_of_device(cls, dut: str) -> dict[str, Any]:
@@ -117,11 +121,23 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
         return DeviceStore(Path(self.devices))
 
     def recalled(self) -> Self:
-        """See that the device, where one is named, can be one, and what is known of it can be read and added to."""
+        """Return these settings with the flicker of the device, where one is named; what is found can be kept of it."""
         if self.dut is not None:
             self.store.entries(self.dut)
             self.store.require_room(self.dut)
-        return self
+        return self.with_flicker()
+
+    def with_flicker(self) -> Self:
+        """Return these settings with the flicker of the device, where a static record has told it.
+
+        Raises:
+            ConfigError: it is out of date, or what is known of the device cannot be read.
+        """
+        if self.dut is None:
+            return self
+        found = flicker_sources(self.store, self.dut, utc_now(), outdated=self.outdated)
+        sources = with_flicker(self.station.sources, found)
+        return structs.replace(self, station=structs.replace(self.station, sources=sources))
 
     @property
     def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:
@@ -163,7 +179,7 @@ def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
     )
 
 
-def meter_error(settings: KnownVvcSettings, role: str) -> InstrumentAccuracy:
+def meter_error(settings: ProcedureSettings, role: str) -> InstrumentAccuracy:
     """Return how far the meter of `role` may be off, on its range and so long after its calibration."""
     known, placed = settings.station.sources, settings.station.instruments[role]
     if role == "v_vc_meter":
@@ -208,15 +224,24 @@ def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, fl
     Of the warm-up it is the mean over a run of so many windows; nothing where the bench file does not know it.
     """
     known = settings.station.sources
-    if known.scale_factor_ppm_k is None:
-        return {}
-    per_k, found = 1e-6 * known.scale_factor_ppm_k / math.sqrt(3.0), {}
+    lasted_s = windows * (settings.samples * settings.sample_interval_s + settings.settle_s)
+    away_k = away_from_warm_k(settings, lasted_s)
+    return {name: 1e-6 * (known.scale_factor_ppm_k or 0.0) * u_k for name, u_k in away_k.items()}
+
+
+def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, float]:
+    """Return by source how far the gyroscope is from the temperature of its values, K, standard uncertainties.
+
+    Of the warm-up it is the mean over a run of `lasted_s` that begins after the wait; nothing where the bench file does
+    not know it.
+    """
+    known, found = settings.station.sources, {}
     if known.temperature_k is not None:
-        found["temperature"] = per_k * known.temperature_k
+        found["temperature"] = known.temperature_k / math.sqrt(3.0)
     if known.warm_up_k is not None:
-        lasted = windows * (settings.samples * settings.sample_interval_s + settings.settle_s) / known.warm_up_time_s
+        lasted = lasted_s / known.warm_up_time_s
         begun = math.exp(-settings.start_up_s / known.warm_up_time_s)
-        found["warm-up"] = per_k * known.warm_up_k * begun * -math.expm1(-lasted) / lasted
+        found["warm-up"] = known.warm_up_k / math.sqrt(3.0) * begun * -math.expm1(-lasted) / lasted
     return found
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from vcfbench.analysis.chopped import Block, BlockNoise, polynomial_through_zero
+from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.phases import PhaseErrors
@@ -141,8 +141,6 @@ class _Levels:
     zero_v_vc_v: float
     u_v_vc_v: float
     noise: BlockNoise
-    blocks: tuple[Block, ...]
-    """Those of the table."""
 
 
 def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
@@ -172,6 +170,8 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     curve = fit_k_vc_curve(levels.rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
     parts = covariance_parts(curve, matched_v, of_rate, of_v_vc)
     u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
+    scale_factor = _scale_factor(settings, levels, noise, len(points))
+    at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
     return KVcResult(
         k_vc=measurand(
@@ -184,10 +184,8 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
         curve_parts={name: tuple(map(tuple, part.tolist())) for name, part in parts.items()},
         curvature=curve.curvature(),
         pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
-        scale_factor=_scale_factor(settings, levels, noise, len(points)),
-        bias=bias_at_rest(
-            settings, [z for b in levels.blocks for z in (b.outputs_v[0], b.outputs_v[-1])], levels.noise
-        ),
+        scale_factor=scale_factor,
+        bias=bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value),
         noise=levels.noise,
         v_vc_by=_known_by(settings, error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
@@ -268,7 +266,6 @@ def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
         measured_level(zeros, by_hand),
         math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
         noise_of(settings, [*of_table, *of_driven], points),
-        tuple(of_table),
     )
 
 

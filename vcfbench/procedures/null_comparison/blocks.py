@@ -9,12 +9,15 @@ import numpy as np
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.known.v_vc import (
-    METER_GAIN,
-    METER_OFFSET,
-    meter_error,
+from vcfbench.procedures.budget.at_rest import (
+    about_horizon,
+    flicker_counted,
+    flicker_part,
+    flicker_stated,
+    parts_at_rest,
 )
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.sweep.windows import window_times
 from vcfbench.record.schema import pooled_std_v
 
 if TYPE_CHECKING:
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.procedures.sweep.window_noise import Flicker
     from vcfbench.record.schema import Point
 
 __all__ = ["bias_at_rest", "block_covariance", "blocks_of", "derivative_of", "dof_of", "noise_of", "nulled_levels"]
@@ -63,22 +67,36 @@ def dof_of(noise: BlockNoise) -> float | None:
     return noise.dof if math.isfinite(noise.dof) else None
 
 
-def bias_at_rest(settings: KnownVvcSettings, zeros_v: Sequence[float], noise: BlockNoise) -> Measurand:
-    """Return the mean of `zeros_v`, outputs at rest with the generator off, V, in the order of time."""
-    count = len(zeros_v)
-    mean_v = math.fsum(zeros_v) / count
-    time = np.arange(count) - 0.5 * (count - 1)
-    drift_v = abs(float(time @ np.array(zeros_v)) / float(time @ time) * (count - 1)) if count > 2 else 0.0
-    meter = meter_error(settings, "multimeter")
-    dof = dof_of(noise)
+def bias_at_rest(
+    settings: KnownVvcSettings, points: Sequence[Point], places: Sequence[int], noise: BlockNoise, scale_factor: float
+) -> Measurand:
+    """Return the mean output of the windows at `places`, at rest with the generator off, V, as that of the horizon.
+
+    Args:
+        settings: of the run.
+        points: all of it, in the order of time.
+        places: where the windows at rest are among them.
+        noise: of the run.
+        scale_factor: of the gyroscope, V/(deg/s).
+    """
+    begin, end = (each[list(places)] for each in window_times(settings, points))
+    zeros = np.array([points[place].output_v for place in places])
+    flicker = _flicker_of(settings, noise, scale_factor)
+    per_b = abs(scale_factor) / 3600.0 * about_horizon(begin, end, settings.station.sources.horizon_h)
+    mean_v = float(zeros.mean())
     parts = [
-        UncertaintyPart("readings at rest", noise.white_v / math.sqrt(count), dof),
-        UncertaintyPart("flicker", noise.u_zero_v, dof),
-        UncertaintyPart("drift from first to last", 0.5 * drift_v / math.sqrt(3.0)),
-        UncertaintyPart(METER_GAIN, abs(mean_v) * meter.u_gain, None, meter.owner),
-        UncertaintyPart(METER_OFFSET, meter.u_offset_v, None, meter.owner),
+        UncertaintyPart("readings at rest", noise.white_v / math.sqrt(zeros.size), dof_of(noise)),
+        flicker_part(flicker, per_b),
+        *parts_at_rest(settings, mean_v, scale_factor, float(end[-1] - begin[0])),
     ]
     return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"))
+
+
+def _flicker_of(settings: KnownVvcSettings, noise: BlockNoise, scale_factor: float) -> Flicker:
+    """Return the flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)."""
+    per_v2 = math.pi * (3600.0 / scale_factor) ** 2
+    stated = flicker_stated(settings.station.sources)
+    return flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
 
 
 def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from msgspec import Meta, structs
+from msgspec import Meta
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
-from vcfbench.clock import utc_now
-from vcfbench.procedures.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.known.device import KnownDeviceSettings, level_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from typing import Self
 
 __all__ = ["OnlineSettings"]
 
@@ -92,19 +89,6 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     def amplitude_v(self) -> float:
         """Amplitude of the sine on V_Vc, V."""
         return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s, self.rates_key))
-
-    def recalled(self) -> Self:
-        """Return these settings with what is known of the device: K_Vc, and its flicker from a static record.
-
-        Raises:
-            ConfigError: no K_Vc is known, or what is known is out of date.
-        """
-        recalled = super().recalled()
-        if self.dut is None:
-            return recalled
-        found = flicker_sources(self.store, self.dut, utc_now(), outdated=self.outdated)
-        sources = with_flicker(recalled.station.sources, found)
-        return structs.replace(recalled, station=structs.replace(recalled.station, sources=sources))
 
     def contradictions(self) -> Iterator[InvalidValue]:
         """Yield what the ranges cannot say."""

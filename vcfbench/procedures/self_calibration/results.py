@@ -159,11 +159,11 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         for place, (value, unit) in enumerate(zip(values, units, strict=True))
     )
     rates = seen.rates(coefficients, seen.v_vc_v)
-    at_rest = [point.output_v for point in points if point.step == AT_REST]
+    at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
-        bias=bias_at_rest(settings, at_rest, seen.noise),
+        bias=bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value),
         nonlinearity=nonlinearity,
         virtual=_column(rates, seen),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
