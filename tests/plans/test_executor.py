@@ -55,7 +55,7 @@ def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
     bench = FakeBench()
     execution = run("virtual-coriolis", bench)
     ramps_s = (4 * 10.0 + 200.0 + 400.0 + 200.0) / 100.0
-    states, windows = 5 + 7 + 17 + 17 + 1, 8 + 9 + 17 + 17 + 1  # the last is the zero again
+    states, windows = 5 + 7 + 19 + 19, 8 + 9 + 19 + 19  # a zero before and after each sweep
     by_hand_s = SETTLE_S + states * SETTLE_S + windows * WINDOW_S + ramps_s
     assert execution.physical_minimum_s == pytest.approx(by_hand_s, abs=1e-6)
     # the fake's AGC is settled at the first look, so nothing comes on top
@@ -135,7 +135,7 @@ def test_uncertainty_has_the_meters_resolution_where_there_is_no_noise() -> None
 
 
 def _overload(bench: FakeBench) -> None:
-    bench.multimeter.overload_at = 34
+    bench.multimeter.overload_at = 44
 
 
 def _current_limit(bench: FakeBench) -> None:
@@ -151,7 +151,7 @@ def _sag_by_a_little(bench: FakeBench) -> None:
 
 
 def _fault(bench: FakeBench) -> None:
-    bench.rate_table.fault_at_s = 60.0
+    bench.rate_table.fault_at_s = 72.0
 
 
 def _slow(bench: FakeBench) -> None:
@@ -177,7 +177,7 @@ def _lost(bench: FakeBench) -> None:
 @pytest.mark.parametrize(
     ("spoil", "kind", "words", "points"),
     [
-        (_overload, MeasurementError, r"multimeter at FAKE::22: overload .* step 30 \(average 10 readings", 3),
+        (_overload, MeasurementError, r"multimeter at FAKE::22: overload .* step 32 \(average 10 readings", 3),
         (
             _current_limit,
             MeasurementError,
@@ -240,7 +240,7 @@ def test_a_window_that_fails_leaves_its_readings_in_the_journal() -> None:
     error = next(line for line in journal.lines if line["type"] == "error")
     assert len(error["readings"]) == 5
     assert error["error_kind"] == "MeasurementError"
-    assert error["step"]["rate_deg_s"] == 200.0
+    assert error["step"]["rate_deg_s"] == 0.0
 
 
 def test_a_table_that_comes_to_rest_late_does_not_keep_the_supply_on() -> None:
@@ -281,7 +281,7 @@ class StopAfter:
 
 def test_a_persons_stop_keeps_the_points_and_leaves_the_rest_to_the_safety_stack() -> None:
     bench, journal = FakeBench(), MemoryJournal()
-    executor = Executor(bench, journal, [StopAfter(25)])
+    executor = Executor(bench, journal, [StopAfter(35)])
     execution = executor.execute(PROCEDURES["turntable"].plan(make_settings()))
     assert isinstance(execution.error, Aborted)
     assert execution.status is Status.ABORTED
@@ -302,7 +302,7 @@ def test_an_observer_whose_terminal_is_gone_does_not_stop_the_run() -> None:
     assert execution.status is Status.COMPLETE
     kinds = [type(event) for event in watcher.events]
     assert kinds.count(StepStarted) == kinds.count(StepFinished) == execution_steps(watcher)
-    assert kinds.count(ReadingTaken) == 180  # 17 windows and the zero again
+    assert kinds.count(ReadingTaken) == 190  # 17 windows and the zero before and after
     assert StepFailed not in kinds
 
 

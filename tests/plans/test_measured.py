@@ -166,7 +166,7 @@ def test_a_run_and_its_record_see_the_same(tmp_path: Path, monkeypatch: pytest.M
         report=report,
     )
     run = vcfbench.run(own, settings=QUICK, runs=tmp_path)
-    assert run.results.readings == 4 * 70  # the zero is taken once more, and is no point
+    assert run.results.readings == 5 * 70  # the zero is taken before and after, and is no point
     assert run.results.rails == 1
     assert run.results.voltages_v == pytest.approx((10.0, -10.0), abs=0.05)
     assert run.results.sum_v == math.fsum(reading.voltage_v for reading in run.readings)
@@ -175,4 +175,4 @@ def test_a_run_and_its_record_see_the_same(tmp_path: Path, monkeypatch: pytest.M
     assert again.no_results is None
     assert again.results == run.results
     assert vcfbench.text_of(again.report()) == vcfbench.text_of(run.report())
-    assert "280 of 280" in vcfbench.text_of(again.report())
+    assert "350 of 350" in vcfbench.text_of(again.report())

@@ -228,7 +228,7 @@ def test_the_dry_run_has_the_blocks_of_both_signs_in_both_steps(by: str, blocks:
     steps = [each.step for each in walk(PROCEDURES["virtual-coriolis"].plan(settings), LinearGyro(40.0))]
     windows = [step.step for step in steps if isinstance(step, Acquire)]
     assert windows.count(1) == windows.count(2) == 6 * blocks
-    assert windows.count(3) == 17
+    assert windows.count(3) == 17 + 2  # the zero before and after
     first = [step.rate_deg_s for step in steps if isinstance(step, Acquire) and step.step == 1][:6]
     assert first == [0.0, 10.0, -10.0, -10.0, 10.0, 0.0]
 

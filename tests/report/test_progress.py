@@ -29,20 +29,20 @@ class Terminal(io.StringIO):
 
 def follow(bench: FakeBench, kind: type[LineProgress | LiveProgress]) -> str:
     stream = Terminal()
-    with kind(stream, 233.0) as progress:
+    with kind(stream, 245.0) as progress:
         Executor(bench, MemoryJournal(), [progress]).execute(PROCEDURES["turntable"].plan(make_settings()))
     return stream.getvalue()
 
 
 def test_one_plain_line_a_step_with_bench_time_and_time_left() -> None:
     lines = follow(FakeBench(), LineProgress).splitlines()
-    assert lines[0] == "     0.0 s     233 s left  * Start-up"
-    averaged = next(line for line in lines if "average" in line)
+    assert lines[0] == "     0.0 s     245 s left  * Start-up"
+    averaged = next(line for line in lines if "+200 deg/s, V_Vc" in line)
     assert averaged.startswith(
-        "    16.0 s     217 s left  average 10 readings, one every 1 s: +200 deg/s, V_Vc +0 V -> "
+        "    28.0 s     217 s left  average 10 readings, one every 1 s: +200 deg/s, V_Vc +0 V -> "
     )
     assert averaged.endswith("-> -2.54200 V, s 0.0e+00 V")
-    assert len(lines) == 13 + 1 + 17 * 4 + 2 + 2 + 6
+    assert len(lines) == 13 + 1 + 2 + 17 * 4 + 2 + 2 + 6
     assert all(line.isascii() for line in lines)
 
 
@@ -76,12 +76,12 @@ def test_on_a_terminal_every_point_and_heading_stays() -> None:
     assert lines.count("   time  step       rate       V_Vc     output        s      n   residual") == 1
     assert lines.count("                   deg/s          V          V       mV                mV") == 1
     rows = [line for line in lines if re.match(r" +\d+:\d\d +1 ", line)]
-    assert rows[:3] == [
-        "   0:16     1       +200   +0.00000   -2.54200    0.000     10          -",
-        "   0:29     1       +100   +0.00000   -1.29200    0.000     10          -",
-        "   0:42     1        +50   +0.00000   -0.66700    0.000     10     -0.000",
+    assert rows[1:4] == [
+        "   0:28     1       +200   +0.00000   -2.54200    0.000     10          -",
+        "   0:41     1       +100   +0.00000   -1.29200    0.000     10          -",
+        "   0:54     1        +50   +0.00000   -0.66700    0.000     10     -0.000",
     ]
-    assert len(rows) == 17 + 1  # the zero again, to compare
+    assert len(rows) == 17 + 2  # the zero before and after, to compare
 
 
 @pytest.mark.usefixtures("xterm")
@@ -96,7 +96,7 @@ def test_a_part_ends_with_the_line_through_its_points() -> None:
 def test_below_them_stands_how_far_it_is_and_when_it_ends() -> None:
     lines = shown(follow(FakeBench(), LiveProgress))
     status = [line for line in lines if re.match(r" *\d+ %  \d+:\d\d left, ends \d\d:\d\d  [#.━─]{40,}$", line)]
-    assert status[0].startswith("  0 %  3:53 left")
+    assert status[0].startswith("  0 %  4:05 left")
     assert status[-1].startswith((" 97 %  0:00 left", "100 %  0:00 left"))  # this bench takes no time to answer
     assert max(map(len, status)) <= 80 - len("^C^C")
 
@@ -113,9 +113,9 @@ def test_below_them_stand_the_step_and_the_state_of_the_bench() -> None:
                     self._console.print(self._block.lines(80))
                 seen.append([line for line in shown(drawn.get()) if line.startswith(("+200", "table +200"))])
 
-    with Look(Terminal(), 233.0) as progress:
+    with Look(Terminal(), 245.0) as progress:
         Executor(FakeBench(), MemoryJournal(), [progress]).execute(PROCEDURES["turntable"].plan(make_settings()))
-    reading, state = seen[2][:2]
+    reading, state = seen[12][:2]
     assert reading == "+200 deg/s  -2.54200 V  reading 3 of 10"
     assert state == "table +200, reads +200.0000 deg/s   rails +10.000 -10.000 V   V_Vc off"
 
@@ -130,9 +130,9 @@ def test_what_stands_below_is_wiped_in_the_end() -> None:
 @pytest.mark.parametrize(
     ("columns", "row"),
     [
-        (30, "   0:16       +200   -2.54200"),
-        (40, "   0:16       +200   -2.54200          -"),
-        (120, "   0:16     1       +200   +0.00000   -2.54200    0.000     10          -    +200.0000"),
+        (30, "   0:28       +200   -2.54200"),
+        (40, "   0:28       +200   -2.54200          -"),
+        (120, "   0:28     1       +200   +0.00000   -2.54200    0.000     10          -    +200.0000"),
     ],
 )
 def test_a_terminal_has_the_columns_that_it_has_room_for(xterm: Callable[[int], None], columns: int, row: str) -> None:
@@ -199,7 +199,7 @@ def test_a_terminal_that_is_gone_disturbs_nothing(kind: type[LineProgress | Live
     if closed:
         stream.close()
     journal = MemoryJournal()
-    with kind(stream, 233.0) as progress:
+    with kind(stream, 245.0) as progress:
         done = Executor(FakeBench(), journal, [progress]).execute(PROCEDURES["turntable"].plan(make_settings()))
     assert done.status is Status.COMPLETE
 
@@ -214,7 +214,7 @@ def test_a_terminal_that_stands_still_holds_nothing_up(kind: type[LineProgress |
     screen, line = pty.openpty()
     with open(screen, "rb", buffering=0), open(line, "w", encoding="utf-8") as stream:  # noqa: PTH123
         termios.tcflow(line, termios.TCOOFF)
-        with kind(stream, 233.0) as progress:
+        with kind(stream, 245.0) as progress:
             done = Executor(FakeBench(), MemoryJournal(), [progress]).execute(
                 PROCEDURES["turntable"].plan(make_settings())
             )

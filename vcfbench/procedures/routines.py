@@ -115,8 +115,8 @@ def take(
     return answer((yield acquire), Window).point
 
 
-def take_zero_again(settings: ProcedureSettings, step: int) -> Routine[Point]:
-    """Average one window more at zero and return what it gives; it is for comparison and no point of the run."""
+def take_reference(settings: ProcedureSettings, step: int) -> Routine[Point]:
+    """Average one window at zero and return what it gives; it is for comparison and no point of the run."""
     verify = VerifyZero(step, 0.0, 0.0, 0.0, **window_of(settings))
     return answer((yield verify), Window).point
 

@@ -18,17 +18,13 @@ from vcfbench.procedures.column.results import (
     u_output_v,
 )
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_zero_again
-from vcfbench.procedures.sweep.agreement import (
-    require_agreement,
-    require_expected_column,
-    require_steady_slope,
-)
+from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_reference
+from vcfbench.procedures.steady.watched import watched
+from vcfbench.procedures.sweep.agreement import require_expected_column, require_steady_slope
 from vcfbench.procedures.sweep.schedule import (
     ZERO_TABLE,
     SweepSettings,
     no_whole_turn,
-    sweep_drift,
     sweep_words,
     window_grid,
 )
@@ -60,41 +56,40 @@ STEP = 1
 
 def turntable(settings: SweepSettings) -> Plan:
     """Calibrate on the rate table, the PCB holding V_Vc at 0 V."""
-    return (yield from powered(settings, _calibrate(settings)))
+    return (yield from powered(settings, watched(settings, _calibrate(settings))))
 
 
 def _calibrate(settings: SweepSettings) -> Routine[Outcome]:
     yield Note("Step 1: the table turns at each rate, generator off")
     points = yield from table_sweep(settings, STEP)
     require_expected_column(points, settings.expected)
-    yield Settle(settings.settle_s, "gyro settles after the rate step")
-    points.append((yield from take_zero_again(settings, STEP)))
-    require_agreement(points, settings, sweep_drift(settings))
     return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
 
 
 def table_sweep(settings: SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
-    """Visit the rates in their order from rest, take a point at each, and go back to rest.
+    """Take the zero, visit the rates in their order and take a point at each, go back to rest and take the zero again.
 
-    Points must agree with each other, and with those that were measured `earlier` with the generator off: the zero and
-    the output at the matching rate. Returns the points, those of zeros between apart.
+    Their slope must agree with that of points that were measured `earlier` with the generator off: the zero and the
+    output at the matching rate. Returns the points, those of zeros apart.
     """
     previous_deg_s, reference = 0.0, tuple(earlier[:2])
     points: list[Point] = []
     zeros: list[Point] = []
     yield from _announced(settings)
+    yield Settle(settings.settle_s, "gyro settles, table at rest")
+    yield from take_reference(settings, step)
     for visit in settings.visits_deg_s:
         rate_deg_s = visit or 0.0
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
         own, number = (points, step) if visit is not None else (zeros, ZERO_TABLE)
         own.append((yield from take(settings, number, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
-        others = (each for each in (*points, *zeros) if each is not own[-1])
-        require_agreement([*earlier, *others, own[-1]], settings, sweep_drift(settings))
         if reference:
             require_steady_slope(points[-2:], reference)
         previous_deg_s = rate_deg_s
     require_steady_slope(points, reference)
     yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
+    yield Settle(settings.settle_s, "gyro settles after the rate step")
+    yield from take_reference(settings, step)
     return points
 
 

@@ -255,11 +255,11 @@ def _volts(readings: Sequence[Reading]) -> list[float]:
 
 
 class VerifyZero(Acquire, frozen=True):
-    """Take the zero once more when everything has been measured: a window that is compared, and is no point."""
+    """Take the zero before or after everything else: a window that is compared, and is no point."""
 
     def describe(self) -> str:
         """Say what the window is for."""
-        return f"the zero again, to compare: {self.samples} readings, one every {self.interval_s:g} s"
+        return f"the zero, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 
     def _window(
         self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]

@@ -22,6 +22,7 @@ from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
 from vcfbench.procedures.routines import powered, v_vc_on
+from vcfbench.procedures.steady.watched import watched
 
 if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
@@ -31,7 +32,7 @@ __all__ = ["K_VC", "k_vc"]
 
 def k_vc(settings: KVcSettings) -> Plan:
     """Find the V_Vc of each rate by a null comparison with the table."""
-    return (yield from powered(settings, _matched(settings)))
+    return (yield from powered(settings, watched(settings, _matched(settings))))
 
 
 def _matched(settings: KVcSettings) -> Routine[Outcome]:

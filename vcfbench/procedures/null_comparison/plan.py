@@ -18,7 +18,7 @@ from vcfbench.bench.settings import rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.plans.steps import DisableVvc, Note, Settle
 from vcfbench.procedures.routines import go_to_rate, set_v_vc, take, v_vc_on
-from vcfbench.procedures.sweep.agreement import MATCH_DRIFT, require_agreement, require_expected_k_vc
+from vcfbench.procedures.sweep.agreement import require_expected_k_vc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -133,7 +133,6 @@ def _table_block(settings: ProcedureSettings, terms: NullTerms, rate_deg_s: floa
             yield from go_to_rate(settings, now_deg_s, previous_deg_s=previous_deg_s)
         points.append((yield from take(settings, terms.table, rate_deg_s=now_deg_s, v_vc_v=0.0, table_deg_s=now_deg_s)))
         previous_deg_s = now_deg_s
-        _require_same(points, settings)
     return points
 
 
@@ -149,15 +148,9 @@ def _driven_block(
             level_v = yield from set_v_vc(settings, level_v)
         points.append((yield from terms.take(terms.driven, rate_deg_s=sign * rate_deg_s, v_vc_v=level_v)))
         previous_v = level_v
-        _require_same(points, settings)
     yield from set_v_vc(settings, 0.0)
     _require_null(block(points).differences_v, table.differences_v, rate_deg_s, terms.driven)
     return points
-
-
-def _require_same(points: list[Point], settings: ProcedureSettings) -> None:
-    if len(points) > 1:
-        require_agreement(points, settings, MATCH_DRIFT)
 
 
 def _require_null(driven_v: tuple[float, float], table_v: tuple[float, float], rate_deg_s: float, step: int) -> None:

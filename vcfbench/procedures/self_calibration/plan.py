@@ -25,18 +25,17 @@ from vcfbench.procedures.self_calibration.results import (
     self_calibration_results,
 )
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-from vcfbench.procedures.sweep.agreement import MATCH_DRIFT, require_agreement
+from vcfbench.procedures.steady.watched import watched
 
 if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
-    from vcfbench.record.schema import Point
 
 __all__ = ["SELF_CALIBRATION", "self_calibration"]
 
 
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     """Calibrate by V_Vc alone."""
-    return (yield from energised(settings, _calibrated(settings)))
+    return (yield from energised(settings, watched(settings, _calibrated(settings))))
 
 
 def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
@@ -68,17 +67,14 @@ def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:
 
 def _block(settings: SelfCalibrationSettings, rate_deg_s: float, levels_v: dict[float, float]) -> Routine[None]:
     """Take a chopped block; its levels in `levels_v` become those that were read back."""
-    points: list[Point] = []
     previous_v = 0.0
     for sign in CHOPPED:
         signed = sign * rate_deg_s
         level_v = levels_v[signed]
         if level_v != previous_v:
             levels_v[signed] = level_v = yield from set_v_vc(settings, level_v)
-        points.append((yield from take_level(settings, DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)))
+        yield from take_level(settings, DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
         previous_v = level_v
-        if len(points) > 1:
-            require_agreement(points, settings, MATCH_DRIFT)
 
 
 SELF_CALIBRATION = Procedure(

@@ -1,9 +1,8 @@
-"""Whether the points of a run agree with each other, and with what the bench file expects of this gyroscope.
+"""Whether the points of a run have one slope, and what the bench file expects of this gyroscope.
 
-A setting that comes again must give what it gave before, within noise and a little drift. Between neighbouring rates
-the output must move, and in one direction throughout. What an offset, a lead that falls off, leads that are swapped or
-a jump of temperature leaves behind in the middle of a run is refused here; what is wrong from the first reading to the
-last cannot be known from the run, and is what `[expected]` is for.
+Between neighbouring rates the output must move, and in one direction throughout. What leads that fall off or are
+swapped leave behind in the middle of a run is refused here; what is wrong from the first reading to the last cannot be
+known from the run, and is what `[expected]` is for.
 """
 
 from __future__ import annotations
@@ -17,15 +16,12 @@ from typing import TYPE_CHECKING
 from vcfbench.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from vcfbench.bench.settings import Expected, ProcedureSettings
+    from vcfbench.bench.settings import Expected
     from vcfbench.record.schema import Point
 
 __all__ = [
-    "MATCH_DRIFT",
-    "SWEEP_DRIFT",
-    "require_agreement",
     "require_expected_column",
     "require_expected_k_vc",
     "require_same_zero",
@@ -33,13 +29,7 @@ __all__ = [
 ]
 
 _NOISES = 8.0
-"""Means of one setting may differ by so many standard uncertainties: readings are not independent (flicker)."""
-
-SWEEP_DRIFT = 1e-4
-"""And by this part of the span of the outputs so far, for drift, where the bench file does not say how much."""
-
-MATCH_DRIFT = 2e-3
-"""Within steps 1 and 2 the span is that of the matching rate alone, a twentieth of the whole."""
+"""What noise may add, in standard uncertainties: readings are not independent (flicker)."""
 
 _SLOPES = (0.5, 1.5)
 """What the slope between two neighbouring rates may be of that of the whole."""
@@ -58,50 +48,9 @@ def _driven(point: Point) -> bool:
     return point.step in {2, 4, 6, 7}
 
 
-def _setting(point: Point) -> tuple[bool, float]:
-    """Return what the output depends on: the generator off and the table's rate, or V_Vc with the table at rest."""
-    return _driven(point), point.v_vc_v if _driven(point) else point.rate_deg_s
-
-
 def _noise_v(points: Sequence[Point]) -> float:
     degrees = sum(point.n - 1 for point in points)
     return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / max(1, degrees))
-
-
-def _span_v(points: Iterable[Point]) -> float:
-    outputs = [point.output_v for point in points]
-    return max(outputs) - min(outputs)
-
-
-def require_agreement(points: Sequence[Point], settings: ProcedureSettings, drift: float) -> None:
-    """See that the setting of the last point gave the same output each time that it was measured.
-
-    Args:
-        points: what was measured so far, the last point last.
-        settings: of the run; `expected.zero_drift_v` takes the place of `drift`.
-        drift: the part of the span of the outputs that may be drift, `SWEEP_DRIFT` or `MATCH_DRIFT`.
-
-    Raises:
-        MeasurementError: it did not; both points and the difference that is allowed are in the message.
-    """
-    noise_v = _noise_v(points)
-    stated_v = settings.expected.zero_drift_v
-    drift_v = drift * _span_v(points) if stated_v is None else stated_v
-    latest = points[-1]
-    for earlier in points[:-1]:
-        if _setting(earlier) != _setting(latest):
-            continue
-        u_v = noise_v * math.sqrt(1.0 / earlier.n + 1.0 / latest.n)
-        allowed_v = max(_NOISES * u_v, drift_v, 2.0 * settings.meter_resolution_v)
-        if abs(latest.output_v - earlier.output_v) > allowed_v:
-            raise _disagreement(
-                latest,
-                f"the output was {earlier.output_v:+.6g} V in step {earlier.step} and is now {latest.output_v:+.6g} V "
-                f"at the same {_words(latest)}: {latest.output_v - earlier.output_v:+.3g} V apart, "
-                f"at most {allowed_v:.2g} V are noise and drift",
-                "look at leads, contacts and temperature, and let the gyroscope warm up (procedure.warm_up_s); "
-                "expected.zero_drift_v of the bench file is what is allowed",
-            )
 
 
 def require_same_zero(zero_table: Point, zero_virtual: Point, turning: Point) -> None:

@@ -15,7 +15,6 @@ from msgspec import Meta
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.flicker import KnownFlickerSettings
-from vcfbench.procedures.sweep.agreement import SWEEP_DRIFT
 
 __all__ = [
     "ABBA_SIGNS",
@@ -33,7 +32,6 @@ __all__ = [
     "loop_directions",
     "no_whole_turn",
     "ordered",
-    "sweep_drift",
     "sweep_words",
     "visits",
     "whole_turns",
@@ -45,9 +43,6 @@ ABBA_SIGNS = (1.0, -1.0, -1.0, 1.0)
 
 EARTH_DEG_S = 15.041067 / 3600.0
 """The Earth's rate."""
-
-_LOOP_DRIFT = 1e-2
-"""A gyroscope whose output differs by more of its span between up and down is none to be calibrated."""
 
 ZERO_TABLE, ZERO_DRIVEN, SEARCH = 5, 6, 7
 """The numbers that points of zeros carry, table at rest with the generator off, and with the generator on at 0 V; and
@@ -255,14 +250,6 @@ def sweep_words(settings: SweepSettings) -> str:
     words += [f"{settings.repeat} times"] if settings.repeat > 1 else []
     words += ["the Earth's rate added to the table's"] if settings.earth is Earth.RATE else []
     return ": " + ", ".join(words)
-
-
-def sweep_drift(settings: SweepSettings) -> float:
-    """Return the part of the outputs' span by which windows of one rate may differ.
-
-    A loop is there to show a hysteresis, so that it must not end the run.
-    """
-    return _LOOP_DRIFT if settings.order is Order.LOOP else SWEEP_DRIFT
 
 
 def earth_left_deg_s(settings: ProcedureSettings) -> float | None:

@@ -1,0 +1,280 @@
+"""Whether a run believes what cannot be true: faults in each gap between windows, outputs that do not answer, no fault.
+
+    python benchmarks/beliefs.py jumps --lines jumps.jsonl          steps and pulses of the meter's reading
+    python benchmarks/beliefs.py dead --lines dead.jsonl            leads off and what does not work, role by role
+    python benchmarks/beliefs.py clean --count 2000 --lines c.jsonl drawn benches without a fault: none may be refused
+    python benchmarks/beliefs.py jumps --summary jumps.jsonl
+
+`jumps`: a step of 3 mV, 20 mV, 0.1 V and 0.5 V of either sign in each gap between two windows, and pulses that cover
+one, two and three windows, in every procedure that goes from level to level, every order and every choice of zeros. A
+run that ends complete is held against the run of the same seed without the fault: no value with an uncertainty may
+differ by more than its U95. `--only` takes the cases whose names hold a text, `--share` every n-th. What stands in the
+file of --lines is not run again. A case takes 0.2 to 1 s of processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import tempfile
+import zlib
+from collections import Counter
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from msgspec import structs
+
+import vcfbench
+from vcfbench.bench.simulated import SimulatedBench, physical_parameters
+from vcfbench.errors import BenchError
+from vcfbench.plans.executor import StepFinished
+from vcfbench.plans.steps import Acquire, Window
+from vcfbench.procedures.measurand import Measurand
+from vcfbench.sim.faults import Fault, FaultInjector
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    Line = dict[str, Any]
+    Prepare = Callable[[SimulatedBench], None]
+
+MEMORY = Path("/dev/shm")  # noqa: S108 - Linux has it, and directories in it are made by tempfile
+SIZES_V = (3e-3, 20e-3, 0.1, 0.5)
+PULSES = (1, 2, 3)
+WARM = {"warm_up_s": 1800.0}
+
+
+class Case:
+    """A procedure with its settings on an embedded bench, cold or warm."""
+
+    def __init__(self, procedure: str, bench: str = "paper", **settings: Any) -> None:
+        self.procedure, self.bench, self.settings = procedure, bench, settings
+        said = "".join(f" {key}={value}" for key, value in settings.items() if key not in {"warm_up_s", "dut"})
+        self.name = f"{procedure} {bench}{said}"
+
+
+ORDERS = ("paper", "alternate", "abba", "loop")
+ZEROS = ("none", "ends", "bracket")
+SWEEPS = [
+    *(Case("turntable", order=order, zeros=zeros) for order in ORDERS for zeros in ZEROS),
+    Case("turntable", repeat=2),
+    Case("turntable", whole_turns=True, longest_turn_s=40.0),
+    *(Case("virtual-coriolis", bench) for bench in ("paper", "lab")),
+    *(Case("virtual-coriolis", "lab", order=order, zeros=zeros) for order in ORDERS for zeros in ZEROS[1:]),
+    *(Case("virtual-coriolis", "lab", k_vc_by=by) for by in ("plus-minus", "curve")),
+    Case("virtual-coriolis", "lab", match="absolute"),
+    Case("kvc", "lab"),
+    Case("kvc", "lab", cycles=1),
+    Case("kvc", "paper"),
+    Case("self-calibration", "lab"),
+    Case("self-calibration", "paper"),
+]
+
+
+@contextmanager
+def spoilt(prepare: Prepare) -> Iterator[None]:
+    """Have what is built of a bench file meanwhile prepared; faults stand around its instruments."""
+    plain = SimulatedBench.__dict__["build"]
+
+    def build(_kind: Any, description: Any, seed: int, clock: Any) -> SimulatedBench:
+        built: SimulatedBench = plain.__func__(SimulatedBench, description, seed, clock)
+        faults = FaultInjector(built.devices, built.clock, seed)
+        built.clock.attend(*faults.devices.values())  # type: ignore[attr-defined] # what is planned comes at its instant
+        made = structs.replace(built, devices=faults.devices)
+        prepare(made)
+        return made
+
+    setattr(SimulatedBench, "build", classmethod(build))  # noqa: B010 - it is put back
+    try:
+        yield
+    finally:
+        setattr(SimulatedBench, "build", plain)  # noqa: B010
+
+
+def with_fault(fault: Fault) -> Prepare:
+    """Return what lets a fault happen."""
+    return lambda bench: bench.devices[fault.instrument].add(fault)  # type: ignore[attr-defined]
+
+
+class Windows:
+    """Keeps when each window of a run began and ended, bench time."""
+
+    def __init__(self) -> None:
+        self.times_s: list[tuple[float, float]] = []
+
+    def handle(self, event: Any) -> None:
+        if isinstance(event, StepFinished) and isinstance(event.step, Acquire) and isinstance(event.result, Window):
+            begin_s = event.result.readings[0].t_s if event.result.readings else event.t_s
+            self.times_s.append((begin_s, begin_s + event.step.physical_s))
+
+
+def values_of(results: Any) -> dict[str, tuple[float, float]]:
+    """Return every value that is stated with an uncertainty: value and U95."""
+    if statement := getattr(results, "uncertainty", None):
+        return {each.name: (each.value, each.u95) for each in statement.values}
+    names = getattr(results, "__struct_fields__", None) or getattr(results, "__dataclass_fields__", {})
+    found = ((name, getattr(results, name)) for name in names)
+    return {name: (each.value, each.expanded_u) for name, each in found if isinstance(each, Measurand)}
+
+
+def run(case: Case, seed: int, devices: str, observers: Sequence[Any] = ()) -> Any:
+    """Return the results of a run, or the error that ended it."""
+    settings = dict(case.settings)
+    if case.procedure in {"kvc", "self-calibration"}:
+        settings |= {"dut": "G", "devices": devices}
+    try:
+        return vcfbench.run(
+            case.procedure, case.bench, seed=seed, settings=settings, runs=devices, observers=observers
+        ).results
+    except BenchError as error:
+        return error
+
+
+def faults_of(times_s: Sequence[tuple[float, float]], settle_s: float = 1.0) -> Iterator[tuple[str, Fault]]:
+    """Yield the faults with their names: each gap, each stretch of windows, each size, either sign."""
+    begins = [
+        begin - min(settle_s, 0.5 * max(begin - before, 0.2))
+        for (_, before), (begin, _) in zip([(0.0, times_s[0][0] - 2.0), *times_s[:-1]], times_s, strict=True)
+    ]
+    begins.append(times_s[-1][1] + 0.05)
+    for size_v in SIZES_V:
+        for sign in (1.0, -1.0):
+            offset = sign * size_v
+            for gap in range(1, len(times_s)):
+                yield f"step {offset:+g} V, gap {gap}", Fault("multimeter", "offset", at_s=begins[gap], offset=offset)
+                for covers in PULSES:
+                    if gap - 1 + covers <= len(times_s) - (gap == 1):
+                        lasts = begins[gap - 1 + covers] - begins[gap - 1]
+                        name = f"pulse {offset:+g} V over {covers} from window {gap}"
+                        yield name, Fault("multimeter", "offset", at_s=begins[gap - 1], offset=offset, duration_s=lasts)
+
+
+def judged(results: Any, clean: dict[str, tuple[float, float]]) -> Line:
+    """Return how a run ended: refused with its words, or by how much of its U95 its worst value is off."""
+    if isinstance(results, BenchError):
+        return {"end": "refused", "kind": type(results).__name__, "why": str(results)[:300]}
+    stated = {name: each for name, each in values_of(results).items() if name in clean}
+    off = {name: abs(value - clean[name][0]) / u95 for name, (value, u95) in stated.items()}
+    worst = max(off, key=off.__getitem__)
+    return {"end": "complete", "worst": worst, "off": off[worst]}
+
+
+def jumps(only: str, share: int, had: set[str], seed: int = 3) -> Iterator[Line]:
+    """Yield how each faulty run ended."""
+    for case in SWEEPS:
+        if only not in case.name:
+            continue
+        with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as devices:
+            if case.procedure == "self-calibration":
+                vcfbench.run("kvc", case.bench, seed=1, settings={"dut": "G", "devices": devices}, runs=None)
+            seen = Windows()
+            first = run(case, seed, devices, [seen])
+            if isinstance(first, BenchError):
+                yield {"case": case.name, "fault": "none", **judged(first, {})}
+                continue
+            clean = values_of(first)
+            for number, (name, fault) in enumerate(faults_of(seen.times_s)):
+                if f"{case.name} / {name}" in had or zlib.crc32(f"{case.name}{number}".encode()) % share:
+                    continue
+                with spoilt(with_fault(fault)):
+                    yield {"case": case.name, "fault": name, **judged(run(case, seed, devices), clean)}
+
+
+def drawn(seed: int, name: str) -> Any:
+    """Return an embedded bench whose instruments, table and gyroscope are drawn; every other one is warm."""
+    rng = np.random.default_rng([seed, 19])
+    bench = vcfbench.load_bench(name)
+    assert bench.simulation is not None  # noqa: S101 - its file has one
+    plain_errors = bench.simulation.errors
+    errors = structs.replace(plain_errors, **dict.fromkeys(plain_errors.__struct_fields__, "drawn"))
+    plain = physical_parameters(bench)
+    phases = rng.uniform(-3.1, 3.1, 2).tolist()
+    override = {
+        "table": {"rate_error": float(rng.uniform(-1e-5, 1e-5)), "ripple_phase_rad": phases},
+        "output_stage": {"gain": plain.output_stage.gain * (1.0 + 0.1 * float(rng.uniform(-1.0, 1.0)))},
+        "sense_anti_phase": {"frequency_hz": plain.sense_anti_phase.frequency_hz + float(rng.uniform(-3.0, 3.0))},
+    }
+    simulation = structs.replace(bench.simulation, errors=errors, override=override)
+    return structs.replace(bench, simulation=simulation)
+
+
+CLEAN = (
+    *(Case("turntable", "paper", order=order, zeros=zeros) for order in ORDERS for zeros in ZEROS),
+    Case("virtual-coriolis", "paper"),
+    Case("virtual-coriolis", "lab"),
+    Case("virtual-coriolis", "lab", order="abba", zeros="bracket", k_vc_by="curve"),
+    Case("kvc", "lab"),
+    Case("self-calibration", "lab"),
+)
+
+
+def clean(start: int, count: int, only: str, had: set[str]) -> Iterator[Line]:
+    """Yield how each run without a fault ended; procedures and benches in turn."""
+    cases = [case for case in CLEAN if only in case.name]
+    for seed in range(start, start + count):
+        case = cases[seed % len(cases)]
+        if f"{case.name} / seed {seed}" in had:
+            continue
+        warm = {"warm_up_s": 1800.0} if seed // len(cases) % 2 else {}
+        one = Case(case.procedure, case.bench, **case.settings, **warm)
+        one.bench = drawn(seed, case.bench)
+        with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as devices:
+            if case.procedure == "self-calibration":
+                run(Case("kvc", one.bench), seed, devices)
+            ended = run(one, seed, devices)
+        line = {"end": "complete"} if not isinstance(ended, BenchError) else judged(ended, {})
+        yield {"case": case.name, "fault": f"seed {seed}", **line}
+
+
+def summary(lines: Sequence[Line]) -> list[str]:
+    """Return the table: of each case how many runs were refused, complete within and beyond U95."""
+    rows = [f"{'case':66} {'runs':>6} {'refused':>8} {'within':>7} {'BEYOND':>7} {'largest':>8}"]
+    for case in dict.fromkeys(line["case"] for line in lines):
+        own = [line for line in lines if line["case"] == case]
+        ends = Counter(line["end"] for line in own)
+        off = [line.get("off", 0.0) for line in own if line["end"] == "complete"]
+        far = sum(each > 1.0 for each in off)
+        largest = max(off, default=math.nan)
+        rows.append(f"{case:66} {len(own):6} {ends['refused']:8} {ends['complete'] - far:7} {far:7} {largest:8.2f}")
+    beyond = (line for line in lines if line.get("off", 0.0) > 1.0)
+    return rows + [
+        f"  beyond: {line['case']}: {line['fault']}: {line['worst']} {line['off']:.2f} U95" for line in beyond
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["jumps", "clean"])
+    parser.add_argument("--only", default="", help="cases whose names hold this")
+    parser.add_argument("--share", type=int, default=1, help="of jumps: one in so many")
+    parser.add_argument("--start", type=int, default=0)
+    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--lines", type=Path, help="file that keeps a line a run")
+    parser.add_argument("--summary", action="store_true", help="run nothing, sum up the file of --lines")
+    asked = parser.parse_args()
+    old = asked.lines.read_text(encoding="utf-8").splitlines() if asked.lines and asked.lines.exists() else []
+    lines = [json.loads(line) for line in old if line.endswith("}")]
+    if not asked.summary:
+        had = {f"{line['case']} / {line['fault']}" for line in lines}
+        if asked.what == "jumps":
+            new = jumps(asked.only, asked.share, had)
+        else:
+            new = clean(asked.start, asked.count, asked.only, had)
+        for line in new:
+            lines.append(line)
+            if asked.lines:
+                with asked.lines.open("a", encoding="utf-8") as out:
+                    print(json.dumps(line), file=out)
+    print("\n".join(summary(lines)))
+    return int(any(line.get("off", 0.0) > 1.0 for line in lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
