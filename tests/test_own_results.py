@@ -73,7 +73,8 @@ def test_any_frozen_value_is_a_result_and_is_written_by_its_fields(own: Run) -> 
     assert own.directory is not None
     written = json.loads((own.directory / "result.json").read_text())["results"]
     assert list(written) == ["width", "outputs_v", "bias_v", "count"]
-    assert written["width"] == {"value": own.results.width.value, "u": 1e-5, "unit": "V"}
+    width = {"value": own.results.width.value, "u": 1e-5, "unit": "V", "u_fit": None, "complete": True, "missing": []}
+    assert written["width"] == width
     assert written["outputs_v"] == [point.output_v for point in own.points]
     assert own.as_json()["results"] == written
 

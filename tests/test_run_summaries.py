@@ -154,12 +154,9 @@ def test_json_and_csv_together_are_refused(runs: Path) -> None:
     assert (done.returncode, "expected one of the two, came both" in done.stderr) == (2, True)
 
 
-def test_u_is_the_combined_one_where_a_statement_has_it(runs: Path, tmp_path: Path) -> None:
-    shutil.copytree(runs / NAMES[0], tmp_path / NAMES[0])
-    path = tmp_path / NAMES[0] / "result.json"
-    stored = json.loads(path.read_text(encoding="utf-8"))
-    combined = {each["name"]: each["u"] for each in stored["results"]["uncertainty"]["values"]}
-    name = "scale_factor"
-    stored["results"][name]["u"] = 0.5 * combined[name]
-    path.write_text(json.dumps(stored), encoding="utf-8")
-    assert summary_of(RunDirectory(tmp_path / NAMES[0])).results[name].u == combined[name]
+def test_u_is_the_combined_one_everywhere(runs: Path) -> None:
+    stored = json.loads((runs / NAMES[0] / "result.json").read_text(encoding="utf-8"))["results"]
+    combined = {each["name"]: each["u"] for each in stored["uncertainty"]["values"]}
+    for name in ("scale_factor", "bias"):
+        assert summary_of(RunDirectory(runs / NAMES[0])).results[name].u == stored[name]["u"] == combined[name]
+        assert stored[name]["u_fit"] != combined[name]

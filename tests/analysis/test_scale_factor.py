@@ -25,7 +25,7 @@ def test_paper_columns_disagree_by_more_than_their_scatter() -> None:
     assert f"{comparison.residual_correlation:.2f}" == "0.59"
     assert comparison.zero_difference_v == pytest.approx(51.7e-3)
     assert comparison.bias_difference_v == pytest.approx(0.000658824 + 0.042041176, abs=1e-9)
-    assert comparison.u_scale_factor_error_percent == pytest.approx(
+    assert comparison.u_fit_scale_factor_error_percent == pytest.approx(
         101.533 * np.hypot(4.6169e-6 / 0.012542052, 2.5331e-5 / 0.012734330), rel=1e-4
     )
 
@@ -42,7 +42,7 @@ def test_paper_error_depends_on_the_fitted_range(reach: float, expected: str) ->
 
 def test_contract_of_the_json_result() -> None:
     result = characterise(RATE, TURNTABLE).as_json()
-    assert set(result["scale_factor"]) == set(result["bias"]) == {"value", "u", "unit"}
+    assert set(result["scale_factor"]) == set(result["bias"]) == {"value", "u", "unit", "u_fit", "complete", "missing"}
     assert (result["scale_factor"]["unit"], result["bias"]["unit"]) == ("V/(deg/s)", "V")
     assert round(result["scale_factor"]["value"], 9) == -0.012542052
     assert set(result["nonlinearity_ppm"]) == set(DEFINITIONS)
@@ -79,12 +79,13 @@ def test_no_uncertainty_is_stated_that_is_less_than_the_noise() -> None:
     """Points that lie on a line by luck, or by their resolution, are known no better than their readings."""
     exact = characterise([-1, 0, 1], [-2.0, 0.0, 2.0], 1e-3)
     result = exact.as_json()
-    assert result["scale_factor"]["u"] == pytest.approx(1e-3 / np.sqrt(2))
-    assert result["bias"]["u"] == pytest.approx(1e-3 / np.sqrt(3))
+    assert result["scale_factor"]["u"] is None
+    assert result["scale_factor"]["u_fit"] == pytest.approx(1e-3 / np.sqrt(2))
+    assert result["bias"]["u_fit"] == pytest.approx(1e-3 / np.sqrt(3))
     other = characterise([-1, 0, 1], [-2.001, 0.0, 2.001], 1e-3)
     assert compare(exact, other).e_n == pytest.approx(1e-3 / (12.7062 * 1e-3), rel=1e-5)
     noisy = characterise(RATE, TURNTABLE, 1e-5)
-    assert noisy.u_scale_factor == noisy.line.u_scale_factor
+    assert noisy.u_fit_scale_factor == noisy.line.u_scale_factor
 
 
 def test_residuals_are_compared_where_the_rates_nearly_agree() -> None:

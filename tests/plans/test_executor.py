@@ -122,7 +122,7 @@ def test_error_is_bounded_by_its_own_uncertainty() -> None:
         gyro = Gyro(noise_v=1e-4, rng=np.random.default_rng(seed))
         execution = Executor(FakeBench(gyro), MemoryJournal()).execute(procedure.plan(settings))
         results = procedure.results(settings, Measured(execution.points))
-        beyond += abs(results.scale_factor_error_percent) > 2.0 * results.scale_factor_error_u_percent
+        beyond += abs(results.scale_factor_error_percent) > 2.0 * results.scale_factor_error_u_readings_percent
     assert beyond < 12
 
 

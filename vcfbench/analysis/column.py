@@ -13,11 +13,17 @@ __all__ = ["CalibrationColumn", "CubicFit", "Nonlinearity", "Quantity", "TypeA"]
 
 
 class Quantity(Struct, frozen=True):
-    """A measured value with its standard uncertainty `u`, both in `unit`."""
+    """A measured value with its combined standard uncertainty `u`, both in `unit`."""
 
     value: float
-    u: float
+    u: float | None
+    """None where only the points are known: then `u_fit` is all there is."""
     unit: str
+    u_fit: float | None = None
+    """What is of the fit and the readings alone, where that was worked out."""
+    complete: bool = True
+    missing: tuple[str, ...] = ()
+    """What `u` is without because nobody tells it; none where it is complete."""
 
 
 class TypeA(Struct, frozen=True):
@@ -74,7 +80,7 @@ class CalibrationColumn(Struct, frozen=True, kw_only=True):
     """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and what it leaves over."""
 
     scale_factor: Quantity
-    """Slope; the uncertainty is from the scatter about the line, never less than the noise alone."""
+    """Slope; its `u_fit` is from the scatter about the line, never less than the noise alone."""
     bias: Quantity
     """Intercept, likewise."""
     nonlinearity_ppm: Nonlinearity
@@ -92,8 +98,8 @@ class CalibrationColumn(Struct, frozen=True, kw_only=True):
     """Degrees of freedom of the line, n - 2."""
     coverage_factor: float
     """Two-sided 95 % quantile of Student's t with `dof` degrees of freedom."""
-    u95_scale_factor_ppm: float
-    """Expanded uncertainty of the slope at 95 %, of the slope."""
+    u95_fit_ppm: float
+    """What the fit alone leaves of the slope at 95 %, of the slope."""
     covariance: float
     """Covariance of slope and intercept, V^2/(deg/s)."""
     type_a: TypeA | None

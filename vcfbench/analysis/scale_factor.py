@@ -54,12 +54,12 @@ class ScaleFactorResult(Struct, frozen=True):
     type_a: TypeA | None
 
     @property
-    def u_scale_factor(self) -> float:
+    def u_fit_scale_factor(self) -> float:
         """Standard uncertainty of the slope: from the scatter about the line, never less than the noise alone."""
         return max(self.line.u_scale_factor, 0.0 if self.type_a is None else self.type_a.u_scale_factor)
 
     @property
-    def u_bias(self) -> float:
+    def u_fit_bias(self) -> float:
         """Standard uncertainty of the intercept, likewise."""
         return max(self.line.u_bias, 0.0 if self.type_a is None else self.type_a.u_bias)
 
@@ -78,8 +78,8 @@ class ScaleFactorResult(Struct, frozen=True):
         """Return everything that the column is reported with, as plain numbers."""
         line, zero_v = self.line, self.zero_v
         return CalibrationColumn(
-            scale_factor=Quantity(line.scale_factor, self.u_scale_factor, SCALE_FACTOR_UNIT),
-            bias=Quantity(line.bias, self.u_bias, BIAS_UNIT),
+            scale_factor=_of_fit(line.scale_factor, self.u_fit_scale_factor, SCALE_FACTOR_UNIT),
+            bias=_of_fit(line.bias, self.u_fit_bias, BIAS_UNIT),
             nonlinearity_ppm=Nonlinearity(**self.nonlinearity_ppm),
             asymmetry_ppm=self.asymmetry_ppm,
             bias_deg_s=line.bias_deg_s,
@@ -88,7 +88,7 @@ class ScaleFactorResult(Struct, frozen=True):
             s_v=line.s_v,
             dof=line.dof,
             coverage_factor=line.coverage_factor,
-            u95_scale_factor_ppm=1e6 * line.coverage_factor * self.u_scale_factor / abs(line.scale_factor),
+            u95_fit_ppm=1e6 * line.coverage_factor * self.u_fit_scale_factor / abs(line.scale_factor),
             covariance=line.covariance,
             type_a=self.type_a,
             polynomial=None if self.polynomial is None else self._cubic(self.polynomial),
@@ -100,8 +100,8 @@ class ScaleFactorResult(Struct, frozen=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return the column as plain values ready for JSON; full precision, the unit beside or in the name."""
-        values = to_builtins(self.column(), enc_hook=float)
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+        found: dict[str, Any] = _lists(to_builtins(self.column(), enc_hook=float))
+        return found
 
     def _cubic(self, polynomial: Polynomial) -> CubicFit:
         span = abs(self.line.scale_factor) * float(np.ptp(self.rate_deg_s))
@@ -162,13 +162,25 @@ def scale_factor_error_percent(reference: float, other: float, decimals: int | N
     return 100.0 * (second / first - 1.0) if first else None
 
 
+def _lists(value: Any) -> Any:
+    """Return plain values with a list for each tuple, as JSON has them."""
+    if isinstance(value, dict):
+        return {key: _lists(each) for key, each in value.items()}
+    return list(map(_lists, value)) if isinstance(value, tuple | list) else value
+
+
+def _of_fit(value: float, u_fit: float, unit: str) -> Quantity:
+    """Return a value of which nothing but its points is known."""
+    return Quantity(value, None, unit, u_fit, complete=False, missing=("combined uncertainty",))
+
+
 class Comparison(Struct, frozen=True):
     """Two calibrations of one gyroscope, the second against the first."""
 
     scale_factor_error_percent: float
     scale_factor_error_percent_rounded: float | None
     """From slopes rounded to five decimals, as the paper does."""
-    u_scale_factor_error_percent: float
+    u_fit_scale_factor_error_percent: float
     """Standard uncertainty of the error from both fits, lack of fit included, percentage points."""
     e_n: float | None
     """Difference of the scale factors over the root of the sum of their squared 95 % uncertainties; above 1 they
@@ -188,7 +200,9 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
     """Compare `other` with `reference`."""
     first, second = reference.line, other.line
     ratio = second.scale_factor / first.scale_factor
-    relative = math.hypot(reference.u_scale_factor / first.scale_factor, other.u_scale_factor / second.scale_factor)
+    relative = math.hypot(
+        reference.u_fit_scale_factor / first.scale_factor, other.u_fit_scale_factor / second.scale_factor
+    )
     error = scale_factor_error_percent(first.scale_factor, second.scale_factor)
     assert error is not None  # noqa: S101 - `characterise` refuses a scale factor of zero
     return Comparison(
@@ -196,7 +210,7 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
         scale_factor_error_percent_rounded=scale_factor_error_percent(
             first.scale_factor, second.scale_factor, PAPER_DECIMALS
         ),
-        u_scale_factor_error_percent=100.0 * abs(ratio) * relative,
+        u_fit_scale_factor_error_percent=100.0 * abs(ratio) * relative,
         e_n=_e_n(reference, other),
         bias_difference_v=second.bias - first.bias,
         zero_difference_v=_difference(reference.zero_v, other.zero_v),
@@ -205,7 +219,7 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
 
 
 def _e_n(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
-    expanded = [result.line.coverage_factor * result.u_scale_factor for result in (first, second)]
+    expanded = [result.line.coverage_factor * result.u_fit_scale_factor for result in (first, second)]
     both = math.hypot(*expanded)
     return abs(second.line.scale_factor - first.line.scale_factor) / both if both > 0.0 else None
 

@@ -97,13 +97,17 @@ def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
 
 
 def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
-    table = _columns_table("Least-squares line", list(results), note="u: standard uncertainty, lack of fit included")
+    table = _columns_table(
+        "Least-squares line",
+        list(results),
+        note="u_fit: of the fit alone, lack of fit included; of points alone no combined u is known",
+    )
     lines = [result.line for result in results.values()]
     rows = {
         "scale factor, mV/(deg/s)": [f"{1e3 * line.scale_factor:.6f}" for line in lines],
-        "  u, mV/(deg/s)": [f"{1e3 * result.u_scale_factor:.2g}" for result in results.values()],
+        "  u_fit, mV/(deg/s)": [f"{1e3 * result.u_fit_scale_factor:.2g}" for result in results.values()],
         "bias, mV": [f"{1e3 * line.bias:.4f}" for line in lines],
-        "  u, mV": [f"{1e3 * result.u_bias:.2g}" for result in results.values()],
+        "  u_fit, mV": [f"{1e3 * result.u_fit_bias:.2g}" for result in results.values()],
         "bias, deg/s": [f"{line.bias_deg_s:.4f}" for line in lines],
         "residual std, mV": [f"{1e3 * line.s_v:.4f}" for line in lines],
         "degrees of freedom": [str(line.dof) for line in lines],
@@ -134,7 +138,7 @@ def _comparison_table(pair: tuple[str, str], comparison: Comparison) -> Table:
     rounded, e_n = comparison.scale_factor_error_percent_rounded, comparison.e_n
     rows = {
         "scale factor error, %": f"{comparison.scale_factor_error_percent:.3f}",
-        "  u, percentage points": f"{comparison.u_scale_factor_error_percent:.3f}",
+        "  u_fit, percentage points": f"{comparison.u_fit_scale_factor_error_percent:.3f}",
         "  from slopes rounded to five decimals, %": "-" if rounded is None else f"{rounded:.3f}",
         "E_n (above 1: they disagree)": "-" if e_n is None else f"{e_n:.2f}",
         "bias difference, mV": f"{1e3 * comparison.bias_difference_v:.3f}",

@@ -231,17 +231,19 @@ def _cells(run: RunSummary) -> tuple[object, ...]:
 
 
 def _print_csv(known: Sequence[RunSummary]) -> None:
-    """Print a row a run; of each result that one of them has, value, standard uncertainty and unit."""
+    """Print a row a run; of each result that one of them has, value, uncertainty, unit, what u is without."""
     import csv  # noqa: PLC0415
     import sys  # noqa: PLC0415
 
     names = list(dict.fromkeys(name for each in known for name in each.results))
     writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow([*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit"))])
+    writer.writerow([*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit", "_missing"))])
     for each in known:
         values = each.as_json()
         found = [each.results.get(name) for name in names]
-        parts = [part for k in found for part in ((k.value, k.u, k.unit) if k is not None else (None, None, None))]
+        parts = [
+            part for k in found for part in ((None,) * 4 if k is None else (k.value, k.u, k.unit, ";".join(k.missing)))
+        ]
         tags = ";".join(f"{key}={value}" for key, value in each.tags.items())
         cells = [*(values[name] for name in _CSV), tags, *parts]
         writer.writerow([_inert(cell) if isinstance(cell, str) else cell for cell in cells])

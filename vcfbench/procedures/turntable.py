@@ -16,6 +16,7 @@ from vcfbench.procedures.column.results import (
     fitted_column,
     is_swept,
     u_output_v,
+    with_statement,
 )
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_reference
@@ -134,8 +135,9 @@ def turntable_results(
     from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
 
     sweep = sweep_of(settings, points, 1)
-    values = asdict(fitted_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column())
-    values["uncertainty"] = turntable_statement(settings, points)
+    stated = turntable_statement(settings, points)
+    column = fitted_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column()
+    values = {**asdict(with_statement(column, stated)), "uncertainty": stated}
     if not is_swept(settings):
         return TurntableResult(**values)
     from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.record.plain import plain
+from vcfbench.report.digits import incomplete
 from vcfbench.report.document import Cell, Column, Report, Table
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["generic_report", "points_table", "results_table", "verdict_table"]
 
-_QUANTITY = {"value", "u", "unit"}
+_QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
 _SHOWN = 4
 """So many numbers of a list are printed; its length is said where there are more."""
 
@@ -55,7 +56,12 @@ def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
         for key, each in value.items():
             yield from _rows(each, f"{name}.{key}" if name else key)
     elif isinstance(value, dict):
-        yield name, _figure(value["value"]), Cell(value.get("u"), ".2g") if "u" in value else "", value.get("unit", "")
+        yield (
+            name,
+            _figure(value["value"]),
+            Cell(value.get("u"), ".2g") if value.get("u") is not None else "",
+            value.get("unit", "") + incomplete(value.get("missing", ())),
+        )
     elif isinstance(value, list) and any(isinstance(each, dict | list) for each in value):
         for place, each in enumerate(value):
             yield from _rows(each, f"{name}[{place}]")
@@ -70,7 +76,9 @@ def _is_named(value: Any) -> bool:
 def _is_quantity(value: dict[str, Any]) -> bool:
     """Tell whether it is one number with its uncertainty or unit, as `vcfbench.Quantity` writes it."""
     number = value.get("value", "")
-    numeric = number is None or (isinstance(number, int | float) and isinstance(value.get("u", 0.0), int | float))
+    numeric = number is None or (
+        isinstance(number, int | float) and ("u_fit" in value or isinstance(value.get("u", 0.0), int | float))
+    )
     return numeric and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
 
 

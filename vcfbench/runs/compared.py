@@ -44,6 +44,8 @@ class SharedResult:
     values: tuple[float, ...]
     u: tuple[float | None, ...]
     differences: tuple[Difference, ...]
+    missing: tuple[tuple[str, ...], ...] = ()
+    """What each `u` is incomplete without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +150,7 @@ def _shared(name: str, values: Sequence[ResultValue]) -> SharedResult:
         tuple(each.value for each in values),
         tuple(each.u for each in values),
         tuple(_difference(first, each) for each in others),
+        tuple(each.missing for each in values),
     )
 
 
@@ -240,6 +243,11 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
         differences = ((d.value, d.u, d.e_n) for d in each.differences)
         rows.append((each.name, each.unit, *(v for pair in pairs for v in pair), *(v for d in differences for v in d)))
     yield Table(columns, rows)
+    for each in comparison.results:
+        if any(each.missing):
+            lacks = zip(letters, each.missing, strict=True)
+            said = (f"{letter} without {', '.join(missing)}" for letter, missing in lacks if missing)
+            yield Text(f"INCOMPLETE: u of {each.name}: {'; '.join(said)}")
     yield Text(_independence(comparison))
 
 

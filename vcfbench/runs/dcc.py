@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 from vcfbench.errors import ConfigError
 from vcfbench.record.schema import Status
+from vcfbench.report.digits import incomplete
 from vcfbench.report.text import printable_lines
 from vcfbench.report.typography import in_unicode
 from vcfbench.runs.quantities import values_of
@@ -59,7 +60,7 @@ def dcc_of(run: Run, words: CertificateWords) -> bytes:
         ET.register_namespace(prefix, space)
     root = ET.Element(f"{{{_DCC}}}digitalCalibrationCertificate", {"schemaVersion": SCHEMA_VERSION})
     root.set(f"{{{_XSI}}}schemaLocation", f"{_DCC} https://ptb.de/dcc/v{SCHEMA_VERSION}/dcc.xsd")
-    _administrative(_under(root, "administrativeData"), run, words)
+    _administrative(_under(root, "administrativeData"), run, words, values)
     _measured(_under(_under(root, "measurementResults"), "measurementResult"), run, values)
     ET.indent(root)
     said = ET.tostring(root, encoding="unicode")
@@ -82,7 +83,7 @@ def _say(parent: ET.Element, name: str, *lines: str) -> ET.Element:
     return element
 
 
-def _administrative(parent: ET.Element, run: Run, words: CertificateWords) -> None:
+def _administrative(parent: ET.Element, run: Run, words: CertificateWords, values: Sequence[ResultValue]) -> None:
     software = _under(parent, "dccSoftware")
     for name, version in _software(run):
         one = _under(software, "software")
@@ -105,7 +106,7 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords) -> No
     _say(_under(person, "person"), "name", words.responsible)
     _under(person, "mainSigner", "true")
     _contact(_under(parent, "customer"), words.customer, words.customer_email, words.customer_address)
-    _statements(_under(parent, "statements"), run)
+    _statements(_under(parent, "statements"), run, values)
 
 
 def _software(run: Run) -> Sequence[tuple[str, str]]:
@@ -149,10 +150,13 @@ def _contact(parent: ET.Element, name: str, email: str, address: str, country: s
     _say(location, "further", address)
 
 
-def _statements(parent: ET.Element, run: Run) -> None:
+def _statements(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
     _say(_under(parent, "statement"), "declaration", _UNSIGNED)
     if run.simulated:
         _say(_under(parent, "statement"), "declaration", _SIMULATED)
+    if missing := dict.fromkeys(name for each in values for name in each.missing):
+        said = f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
+        _say(_under(parent, "statement"), "declaration", said)
     for each in run.not_checked:
         _say(_under(parent, "statement"), "declaration", f"not checked: {each}")
     if run.verdict is not None:
@@ -227,8 +231,8 @@ def _conditions(parent: ET.Element, run: Run) -> None:
 def _quantity(parent: ET.Element, value: ResultValue) -> None:
     quantity = _under(parent, "quantity")
     _say(quantity, "name", value.name)
-    if value.of:
-        _say(quantity, "description", in_unicode(value.of))
+    if said := (value.of + incomplete(value.missing)).removeprefix("; "):
+        _say(quantity, "description", in_unicode(said))
     in_words = in_si(value.unit)
     if in_words is None:
         _say(quantity, "noQuantity", f"{value.value!r} {value.unit}, U95 {value.u95!r}, k {value.coverage_factor!r}")

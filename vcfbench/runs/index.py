@@ -158,7 +158,12 @@ class RunIndex:
             started=datetime.fromisoformat(row["started_utc"]),
             status=Status(row["status"]),
             tags=ReadOnly(row["tags"]),
-            results=ReadOnly({name: KeyResult(*each) for name, each in row["results"].items()}),
+            results=ReadOnly(
+                {
+                    name: KeyResult(value, u, unit, tuple(said))
+                    for name, (value, u, unit, said) in row["results"].items()
+                }
+            ),
             **{key: row[key] for key in ("seed", "points", *_TEXTS)},
         )
 
@@ -369,5 +374,5 @@ def _row(store: str, name: str, seen: str, summary: RunSummary) -> dict[str, Any
         "points": summary.points,
         **{key: None if value is None else _fit(str(value)) for key, value in texts.items()},
         "tags": {_fit(key): _fit(value) for key, value in summary.tags.items()},
-        "results": {name: [each.value, each.u, each.unit] for name, each in summary.results.items()},
+        "results": {name: [each.value, each.u, each.unit, [*each.missing]] for name, each in summary.results.items()},
     }

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SCHEMA", "STATEMENTS_AT_ONCE", "Tables", "tables"]
 
-SCHEMA: Final = "1"
+SCHEMA: Final = "2"
 """Version of the tables; raised when what stands in them changes, also in how it is made of a record."""
 STATEMENTS_AT_ONCE: Final = 500
 """Rows written, or names asked for, in one statement."""

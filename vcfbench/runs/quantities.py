@@ -23,7 +23,8 @@ class ResultValue:
     """One number of a run's results.
 
     `name` is that of its field, with dots between where fields are nested; `u` the standard uncertainty, None where it
-    is not known; `stated_u95` the half width of the 95 % interval where the results say it; `of` says what it is.
+    is not known; `stated_u95` the half width of the 95 % interval where the results say it; `of` says what it is,
+    `missing` what its uncertainty is incomplete without.
     """
 
     name: str
@@ -32,6 +33,7 @@ class ResultValue:
     u: float | None = None
     stated_u95: float | None = None
     of: str = ""
+    missing: tuple[str, ...] = ()
 
     @property
     def u95(self) -> float | None:
@@ -49,8 +51,8 @@ class ResultValue:
 def values_of(run: Run) -> dict[str, ResultValue]:
     """Return the numbers of the results of `run` by name, in their order; lists are left out.
 
-    Where there is a statement of uncertainties (`results.uncertainty`), its values come before the bare ones of the
-    same name: they are combined, those are of the fit alone.
+    Where there is a statement of uncertainties (`results.uncertainty`), its values come before those of the same name:
+    they have U95.
     """
     results = {} if run.results is None else plain(run.results)
     if not isinstance(results, dict):
@@ -67,9 +69,8 @@ def _stated(results: Mapping[str, Any]) -> Iterator[ResultValue]:
     for each in values if isinstance(values, list) else ():
         if isinstance(each, dict) and isinstance(each.get("name"), str) and _number(each.get("value")) is not None:
             uncertainties = (_number(each.get("u")), _number(each.get("u95")))
-            yield ResultValue(
-                each["name"], each["value"], str(each.get("unit", "")), *uncertainties, str(each.get("of", ""))
-            )
+            words = str(each.get("unit", "")), *uncertainties, str(each.get("of", ""))
+            yield ResultValue(each["name"], each["value"], *words, tuple(each.get("missing", ())))
 
 
 def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
@@ -80,7 +81,8 @@ def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
             yield ResultValue(name, number)
         elif isinstance(value, dict) and (number := _number(value.get("value"))) is not None:
             u95 = next((value[each] for each in ("u95", "expanded_u") if _number(value.get(each)) is not None), None)
-            yield ResultValue(name, number, str(value.get("unit", "")), _number(value.get("u")), u95)
+            missing = tuple(value.get("missing", ()))
+            yield ResultValue(name, number, str(value.get("unit", "")), _number(value.get("u")), u95, "", missing)
         elif isinstance(value, dict) and "value" not in value and key != "uncertainty":
             yield from _named(value, f"{name}.")
 

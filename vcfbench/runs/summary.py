@@ -28,15 +28,21 @@ __all__ = ["KeyResult", "RunSummary", "Selection", "ordered", "selection_of", "s
 
 @dataclass(frozen=True, slots=True)
 class KeyResult:
-    """A result that a list shows: its value, its standard uncertainty (None where none is stated) and its unit."""
+    """A result that a list shows: value, combined standard uncertainty (None: none stated), unit, what u is without."""
 
     value: float
     u: float | None
     unit: str
+    missing: tuple[str, ...] = ()
 
     def words(self) -> str:
         """Return value and unit, six digits."""
-        return f"{self.value:.6g} {self.unit}".rstrip()
+        return f"{self.value:.6g} {self.unit}".rstrip() + (" (incomplete)" if self.missing else "")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as ``runs list --json`` prints it."""
+        said = {"complete": not self.missing, "missing": list(self.missing)}
+        return {"value": self.value, "u": self.u, "unit": self.unit, **said}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +86,7 @@ class RunSummary:
             "operator": self.operator,
             "note": self.note,
             "tags": dict(self.tags),
-            "results": {name: {"value": k.value, "u": k.u, "unit": k.unit} for name, k in self.results.items()},
+            "results": {name: each.as_json() for name, each in self.results.items()},
             "verdict": self.verdict,
         }
 
@@ -220,6 +226,7 @@ class _Quantity(msgspec.Struct, frozen=True, gc=False):
     value: float
     unit: str
     u: float | None = None
+    missing: tuple[str, ...] = ()
 
 
 _VALUE_FIRST = 64
@@ -228,35 +235,15 @@ _VALUE_FIRST = 64
 _QUANTITY = msgspec.json.Decoder(_Quantity)
 
 
-class _Stated(msgspec.Struct, frozen=True, gc=False):
-    name: str
-    u: float
-
-
-class _Statement(msgspec.Struct, frozen=True, gc=False):
-    values: tuple[_Stated, ...]
-
-
-_STATEMENT = msgspec.json.Decoder(_Statement)
-
-
 def _encoded(results: Any) -> dict[str, msgspec.Raw]:
     values = {} if results is None else plain(results)
     return {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in values.items()}
 
 
 def _stored_results(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, KeyResult]]:
-    """Yield the results that have a value and a unit, with their combined uncertainty where one is stated."""
-    combined = dict(_combined(results))
+    """Yield the results that have a value and a unit."""
     for name, raw in results.items():
         if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
             with suppress(msgspec.DecodeError):
                 found = _QUANTITY.decode(raw)
-                yield name, KeyResult(found.value, combined.get(name, found.u), found.unit)
-
-
-def _combined(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, float]]:
-    """Yield the u of each value that the statement of uncertainty names."""
-    with suppress(msgspec.DecodeError, KeyError):
-        for each in _STATEMENT.decode(results["uncertainty"]).values:
-            yield each.name, each.u
+                yield name, KeyResult(found.value, found.u, found.unit, found.missing)

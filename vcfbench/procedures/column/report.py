@@ -92,12 +92,13 @@ def _listed(title: str, lines: Sequence[str]) -> list[str]:
 def line_words(name: str, column: CalibrationColumn) -> str:
     """Say what the line of a column is, and its non-linearity."""
     scale_factor, bias, ppm = column.scale_factor, column.bias, column.nonlinearity_ppm
+    u_fit_mv = [1e3 * (each.u_fit or 0.0) for each in (scale_factor, bias)]
     return "\n".join(
         [
             f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}",
             (
-                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {1e3 * scale_factor.u:.1g}; "
-                f"bias {1e3 * bias.value:.3f} mV, u of the fit {1e3 * bias.u:.1g}"
+                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {u_fit_mv[0]:.1g}; "
+                f"bias {1e3 * bias.value:.3f} mV, u of the fit {u_fit_mv[1]:.1g}"
             ),
             (
                 f"  non-linearity {_ppm(ppm.max_span)} ppm of the span (max_span), "

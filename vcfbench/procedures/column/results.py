@@ -6,13 +6,15 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeGuard
 
+from msgspec.structs import replace
+
 from vcfbench.procedures.sweep.schedule import SweepSettings
 from vcfbench.record.schema import pooled_std_v
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.analysis.column import CalibrationColumn
+    from vcfbench.analysis.column import CalibrationColumn, Quantity
     from vcfbench.analysis.scale_factor import ScaleFactorResult
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
@@ -21,12 +23,14 @@ if TYPE_CHECKING:
 __all__ = [
     "acceptance_u95",
     "acceptance_values",
+    "combined",
     "fitted_column",
     "is_swept",
     "noise_std_v",
     "repeat_std_v",
     "u_output_v",
     "u_resolution_v",
+    "with_statement",
 ]
 
 
@@ -58,6 +62,23 @@ def acceptance_u95(statement: Statement | None) -> dict[str, float]:
     stated = () if statement is None else statement.values
     named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
     return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
+
+
+def with_statement(column: CalibrationColumn, statement: Statement | None, before: str = "") -> CalibrationColumn:
+    """Return a column with the combined uncertainties that are stated of it under names that begin with `before`."""
+    return replace(
+        column,
+        scale_factor=combined(column.scale_factor, statement, f"{before}scale_factor"),
+        bias=combined(column.bias, statement, f"{before}bias"),
+    )
+
+
+def combined(of_fit: Quantity, statement: Statement | None, name: str) -> Quantity:
+    """Return a value with the combined uncertainty that is stated of it, if any is."""
+    if statement is None:
+        return replace(of_fit, complete=False, missing=("combined uncertainty",))
+    stated = statement.value(name)
+    return replace(of_fit, u=stated.u, complete=stated.complete, missing=stated.missing)
 
 
 def is_swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:

@@ -128,7 +128,7 @@ def scale_factor_of(record: Path) -> ScaleFactorRead:
     try:
         results: Any = msgspec.json.decode(text, type=dict[str, Any]).get("results") or {}
         column = results.get("turntable", results)["scale_factor"]
-        return ScaleFactorRead(float(column["value"]), float(column["u"]), f"record {record.name}")
+        return ScaleFactorRead(float(column["value"]), float(column["u"] or column["u_fit"]), f"record {record.name}")
     except (msgspec.DecodeError, RecursionError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
 

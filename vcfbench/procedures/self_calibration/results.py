@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
@@ -160,12 +161,13 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
     )
     rates = seen.rates(coefficients, seen.v_vc_v)
     at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
+    bias = bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value)
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
-        bias=bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value),
+        bias=bias,
         nonlinearity=nonlinearity,
-        virtual=_column(rates, seen),
+        virtual=_column(rates, seen, line, bias),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
         noise=seen.noise,
         k_vc_from=known.source,
@@ -217,11 +219,17 @@ def _require_known(curve: KvcCurve, v_vc_v: Sequence[float]) -> None:
             )
 
 
-def _column(rates: Floats, seen: _Measured) -> CalibrationColumn:
+def _column(rates: Floats, seen: _Measured, line: Measurand, bias: Measurand) -> CalibrationColumn:
+    """Return the column, with the combined uncertainties of its slope and of the bias at rest."""
     from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415
 
     u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
-    return characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
+    column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
+    slope, rest = (
+        replace(each, u=stated.u, complete=stated.complete, missing=stated.missing)
+        for each, stated in ((column.scale_factor, line), (column.bias, bias))
+    )
+    return replace(column, scale_factor=slope, bias=rest)
 
 
 _Effect: TypeAlias = "tuple[str, Floats, float | None]"

@@ -90,12 +90,12 @@ def _comparison(results: VirtualCoriolisResult) -> str:
     k_vc, rounded = results.k_vc, results.comparison.scale_factor_error_percent_rounded
     as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
     k_vc_line = (
-        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u of noise and resolution {k_vc.u:.2g}; "
+        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u of noise and resolution {k_vc.u_fit or 0.0:.2g}; "
         f"V_Vc at {results.match_rate_deg_s:g} deg/s {results.v_vc10_v:.6g} V (match: {results.match.value})"
     )
     u_line = (
-        f"  u from noise and resolution {results.scale_factor_error_u_percent:.2g} %, "
-        f"from scatter about the lines {results.scale_factor_error_fit_u_percent:.2g} %"
+        f"  u from noise and resolution {results.scale_factor_error_u_readings_percent:.2g} %, "
+        f"from scatter about the lines {results.scale_factor_error_u_fit_percent:.2g} %"
     )
     error_line = f"scale factor error {results.scale_factor_error_percent:.4f} %{as_printed}"
     fits = (line_words("turntable", results.turntable), line_words("virtual Coriolis", results.virtual))

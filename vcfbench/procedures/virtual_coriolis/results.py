@@ -12,11 +12,13 @@ from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.column.results import (
     acceptance_u95,
     acceptance_values,
+    combined,
     fitted_column,
     is_swept,
     noise_std_v,
     u_output_v,
     u_resolution_v,
+    with_statement,
 )
 from vcfbench.procedures.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.virtual_coriolis.matching import Matching
@@ -48,10 +50,11 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.
 
     V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
-    `scale_factor_error_u_percent` is what noise and the resolutions of meter and generator allow, through both slopes
-    and K_Vc. `scale_factor_error_fit_u_percent` is what the scatter about the two lines adds, that is, lack of fit.
-    Neither includes the generator's accuracy. A V_Vc that is set and not measured may be off by as much as
-    `k_vc_u_generator` says (standard uncertainty), at step 2 and at each level of step 4 differently.
+    `scale_factor_error_u_percent` is combined, None where only the points are known. `scale_factor_error_u_fit_percent`
+    is the scatter about the two lines, that is, lack of fit, and `scale_factor_error_u_readings_percent` what noise and
+    the resolutions of meter and generator allow, through both slopes and K_Vc. Neither of these includes the
+    generator's accuracy. A V_Vc that is set and not measured may be off by as much as `k_vc_u_generator` says (standard
+    uncertainty), at step 2 and at each level of step 4 differently.
     """
 
     k_vc: Quantity
@@ -66,8 +69,9 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """Step 4: outputs against the rates that V_Vc stood for."""
     scale_factor_error_percent: float
     """How far the virtual scale factor is from that of the table."""
-    scale_factor_error_u_percent: float
-    scale_factor_error_fit_u_percent: float
+    scale_factor_error_u_percent: float | None
+    scale_factor_error_u_fit_percent: float
+    scale_factor_error_u_readings_percent: float
     comparison: Comparison
     match: Match
     match_rate_deg_s: float
@@ -198,20 +202,22 @@ def _four_steps(
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
+    stated = None if settings is None else _statement(settings, points, matching)
     set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
     return {
-        "k_vc": Quantity(matching.k_vc, u_k_vc, K_VC_UNIT),
+        "k_vc": combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated, "k_vc"),
         "k_vc_u_generator": 0.0 if measured else _u_generator(generator, set_v) * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
-        "turntable": turntable.column(),
-        "virtual": virtual.column(),
+        "turntable": with_statement(turntable.column(), stated, "turntable."),
+        "virtual": with_statement(virtual.column(), stated, "virtual."),
         "scale_factor_error_percent": comparison.scale_factor_error_percent,
-        "scale_factor_error_u_percent": 100.0 * ratio * relative,
-        "scale_factor_error_fit_u_percent": comparison.u_scale_factor_error_percent,
+        "scale_factor_error_u_percent": None if stated is None else stated.value("scale_factor_error_percent").u,
+        "scale_factor_error_u_fit_percent": comparison.u_fit_scale_factor_error_percent,
+        "scale_factor_error_u_readings_percent": 100.0 * ratio * relative,
         "comparison": comparison,
         "match_residual_v": matching.residual_v,
         "u_output_v": u_v,
-        "uncertainty": None if settings is None else _statement(settings, points, matching),
+        "uncertainty": stated,
     }
 
 
