@@ -328,6 +328,9 @@ WORST_OF_CLASS: Final = MappingProxyType(
         "bias_deg_h_k": Assumed(600.0, "deg/h/K", "consumer parts: 20 deg/s from -40 to 85 degC (MPU-6050)"),
         "warm_up_k": Assumed(5.0, "K", "a board of a watt in still air; unverified"),
         "warm_up_time_s": Assumed(900.0, "s", "a board in a closed housing; unverified"),
+        "k_vc_drift_ppm_per_year": Assumed(
+            500.0, "ppm a year", "what a tactical MEMS gyroscope keeps of its whole scale factor, STIM210; none of K_Vc"
+        ),
         "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
     }
 )

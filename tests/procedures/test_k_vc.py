@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,7 +18,7 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.kvc.plan import K_VC
 from vcfbench.procedures.kvc.results import UNSEEN
-from vcfbench.record.devices import Certificate, DeviceStore
+from vcfbench.record.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -213,3 +214,53 @@ def test_the_age_of_a_calibration_is_told_in_one_place(tmp_path: Path) -> None:
     bench = structs.replace(LAB, uncertainty=structs.replace(LAB.uncertainty, v_vc_meter_age_days=900.0))
     with pytest.raises(ConfigError, match=r"uncertainty\.v_vc_meter_age_days: at most 365 days"):
         vcfbench.dry_run("kvc", bench)
+
+
+def test_the_certificate_says_what_k_vc_depends_on_and_how_long_it_is_good(tmp_path: Path) -> None:
+    """By what earlier runs found of the device, brought to the temperature of the day; what nobody found is assumed."""
+    store = DeviceStore(tmp_path / "devices")
+    seen = Characteristics(
+        **{name: Measured(value=value, u=u) for name, (value, u) in SEEN.items()},
+        least_temperature_c=0.0,
+        most_temperature_c=40.0,
+    )
+    kept = {"done": datetime(2026, 8, 21, tzinfo=UTC), "procedure": "resonance", "conditions": CONDITIONS}
+    store.add(Characterisation(serial="G-1", characteristics=seen, **kept))
+    settings = {"dut": "G-1", "devices": str(store.root), "temperature_c": 25.0, "wanted_u95_ppm": 200.0, **QUICK}
+    vcfbench.run("kvc", still(LAB), settings=settings, runs=tmp_path)
+    known = store.certificate("G-1").record
+    assert isinstance(known, Certificate)
+    assert known.characteristics is not None
+    split, second = known.characteristics.split_hz, known.characteristics.modulator_second_per_v
+    assert split is not None
+    assert second is not None
+    assert split.value == pytest.approx(24.8 + 5 * 0.0027)
+    assert second.value == pytest.approx(0.013, rel=0.01)
+    found = {each.quantity: each for each in known.sensitivities}
+    assert found["carrier_phase_deg"].ppm_per_unit == pytest.approx(-1121.0, abs=10.0)
+    assert found["q_anti_phase"].ppm_per_unit == pytest.approx(0.205, abs=0.01)
+    assert (found["q_anti_phase"].assumed, found["comb_mismatch"].assumed) == (False, True)
+    assert found["temperature_c"].ppm_per_unit == pytest.approx(29.6 + 0.5, abs=0.5)
+    assert found["temperature_c"].u_ppm_per_unit < 1.0
+    assert found["split_hz"].u_ppm_per_unit > 20.0  # combs that nobody looked at
+    assert known.u95_until is not None
+    assert 100 < (known.u95_until - known.issued).days < 160
+    said = CliRunner().invoke(app, ["device", "G-1", "--devices", str(store.root)]).stdout
+    assert "carrier_phase_deg" in said
+    assert "U95 of K_Vc comes to 200 ppm on" in said
+
+
+SEEN = {
+    "temperature_c": (20.0, 0.1),
+    "drive_hz": (3488.9, 0.01),
+    "split_hz": (24.8, 0.002),
+    "split_hz_k": (0.0027, 1e-4),
+    "drive_ppm_k": (-30.0, 0.1),
+    "q_anti_phase": (1224.0, 2.0),
+    "in_phase_split_hz": (146.9, 0.01),
+    "q_in_phase": (1224.0, 20.0),
+    "in_phase_share": (0.147, 0.002),
+    "carrier_phase_deg": (0.3, 0.004),
+    "demodulator_phase_deg": (-0.5, 0.01),
+}
+CONDITIONS = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)

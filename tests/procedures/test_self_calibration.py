@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from datetime import date
+from datetime import date, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.known.device import level_for
-from vcfbench.record.devices import DeviceStore, SelfCalibration
+from vcfbench.record.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -347,3 +347,77 @@ def test_a_k_vc_that_is_a_number_says_what_it_does_not_know(tmp_path: Path) -> N
     found = vcfbench.run("self-calibration", "lab", seed=1, settings=few, runs=tmp_path).results
     assert any("k_vc_u_deg_s_per_v" in each for each in found.holds_not)
     assert any("combs" in each for each in found.unseen)
+
+
+def dated_back(where: Path, settings: dict[str, Any], name: str, days: float, **change: Any) -> dict[str, Any]:
+    """Return the settings with another store, in which the certificate is older, and otherwise changed."""
+    record = DeviceStore(where / "devices").certificate("G-1").record
+    assert isinstance(record, Certificate)
+    past = timedelta(days=days)
+    until = record.valid_until + timedelta(days=3650) if record.valid_until else None
+    DeviceStore(where / name).add(structs.replace(record, issued=record.issued - past, valid_until=until, **change))
+    return {**settings, "devices": str(where / name)}
+
+
+def test_what_nobody_sees_widens_u95_with_the_time_since_the_certificate(quiet: tuple[Path, dict[str, Any]]) -> None:
+    """Rectangular: 500 ppm a year are assumed, 0.95 of that is what U95 has of it alone."""
+    where, settings = quiet
+    bench = structs.replace(still(LAB), uncertainty=structs.replace(LAB.uncertainty, k_vc_drift_ppm_per_year=100.0))
+    size = truth(warm(physical_parameters(still(LAB))))[0]
+    today = run(where, still(LAB), dated_back(where, settings, "today", 0.0)).scale_factor
+    assert not any("drift" in part.source for part in today.parts)
+    later = run(where, still(LAB), dated_back(where, settings, "year", 365.25))
+    (part,) = [part for part in later.scale_factor.parts if "drift" in part.source]
+    assert 1e6 * part.u / abs(size) == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
+    assert 1e6 * later.scale_factor.expanded_u / abs(size) == pytest.approx(475.0, rel=0.03)
+    assert any("500 ppm a year, assumed" in each for each in later.since)
+    told = run(where, bench, dated_back(where, settings, "told", 2 * 365.25))
+    assert 1e6 * told.scale_factor.expanded_u / abs(size) == pytest.approx(195.0, rel=0.05)
+    assert any("uncertainty.k_vc_drift_ppm_per_year" in each for each in told.since)
+    (of_drift,) = [part for part in later.drift.change_ppm.parts if "drift" in part.source]
+    assert of_drift.u == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
+
+
+def test_temperatures_that_were_told_are_compared_and_k_vc_corrected(quiet: tuple[Path, dict[str, Any]]) -> None:
+    """By the coefficient that was measured, or else by that of silicon; without either nothing is known."""
+    where, settings = quiet
+    hot = aged(still(LAB), thermal={"ambient_c": 35.0})
+    gyro = physical_parameters(still(LAB))
+    size = abs(warm_k(hot))
+    at_20 = {"temperature_c": Measured(value=20.3, u=0.0), "k_vc_ppm_k": Measured(value=29.6, u=0.3)}
+    known = dated_back(where, settings, "measured", 0.0, characteristics=Characteristics(**at_20))
+    blind = run(where, hot, known).scale_factor
+    told = run(where, hot, {**known, "temperature_c": 35.3})
+    assert gyro.thermal.ambient_c == 20.0
+    assert 1e6 * (abs(blind.value) / size - 1.0) == pytest.approx(445.0, abs=10.0)
+    assert 1e6 * (abs(told.scale_factor.value) / size - 1.0) == pytest.approx(0.0, abs=5.0)
+    assert any("+444" in each and "measured" in each for each in told.since)
+    (part,) = [part for part in told.scale_factor.parts if "temperature since" in part.source]
+    assert 1e6 * part.u / size == pytest.approx(0.3 * 15.0, rel=0.01)
+    alone = Characteristics(temperature_c=at_20["temperature_c"])
+    silicon = dated_back(where, settings, "silicon", 0.0, characteristics=alone)
+    assumed = run(where, hot, {**silicon, "temperature_c": 35.3}).scale_factor
+    assert assumed.u / size == pytest.approx(15.0 / math.sqrt(3.0) * 15e-6, rel=0.1)
+    assert abs(abs(assumed.value) - size) < assumed.u
+    with pytest.raises(ConfigError, match=r"0.3 to 40.3 degC.*not at 45"):
+        run(where, hot, {**silicon, "temperature_c": 45.0})
+    ranged = Characteristics(**at_20, least_temperature_c=10.0, most_temperature_c=30.0)
+    with pytest.raises(ConfigError, match=r"10 to 30 degC .where its coefficients were measured., not at 35.3"):
+        run(where, hot, {**dated_back(where, settings, "ranged", 0.0, characteristics=ranged), "temperature_c": 35.3})
+
+
+def warm_k(bench: BenchDescription) -> float:
+    """Return the scale factor at rest of the gyroscope at the ambient of `bench`, by the closed forms."""
+    parameters = physical_parameters(bench)
+    rise = parameters.thermal.ambient_c - parameters.thermal.reference_c
+    hotter = structs.replace(parameters.thermal, self_heating_k=parameters.thermal.self_heating_k + rise)
+    return truth(warm(structs.replace(parameters, thermal=hotter)))[0]
+
+
+def test_the_zero_of_another_generator_is_not_in_the_scale_factor(quiet: tuple[Path, dict[str, Any]]) -> None:
+    """The output is curved, 17 ppm a deg/s: the slope is stated at rate 0 of the certificate's curve."""
+    where, settings = quiet
+    other = still(LAB, rate_source={"ranges": [{"upper_v": 10.0, "gain_error": 0.0, "offset_error_v": 4.5e-3}]})
+    found = run(where, other, dated_back(where, settings, "other", 0.0))
+    true, _ = truth(warm(physical_parameters(still(LAB))))
+    assert found.scale_factor.value == pytest.approx(true, rel=2e-6)

@@ -46,6 +46,7 @@ __all__ = [
     "PhaseWindow",
     "PositiveRail",
     "PpmPerDegree",
+    "PpmPerYear",
     "PpmWindow",
     "Rate",
     "RateLimit",
@@ -168,6 +169,8 @@ PhaseLimit = Annotated[float, Meta(ge=0.0, le=45.0)]
 """deg."""
 PpmPerDegree = Annotated[float, Meta(ge=-1e5, le=1e5)]
 """ppm/deg: the tangent of 80 degrees, and no demodulator is further off."""
+PpmPerYear = Annotated[float, Meta(ge=0.0, le=1e6)]
+"""ppm a year: all of it within one."""
 BiasPerDegree = Annotated[float, Meta(ge=-100.0, le=100.0)]
 """deg/s a degree: that of 5700 deg/s of quadrature."""
 MeterAge = Annotated[float, Meta(ge=0.0, le=3650.0)]

@@ -29,6 +29,7 @@ from vcfbench.bench.bounds import (
     Pause,
     PhaseLimit,
     PpmPerDegree,
+    PpmPerYear,
     ScaleFactorCoefficient,
     Seconds,
     StepsPerDegree,
@@ -217,6 +218,9 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     for which values are stated. `k_vc_ppm_carrier_deg`, `k_vc_ppm_demodulator_deg`, `scale_factor_ppm_demodulator_deg`
     and `bias_deg_s_demodulator_deg` are what a degree of either does, as `phase` measures it; 1000 ppm are those of the
     paper's gyroscope, whose demodulated signal is 3.28 degrees from ideal.
+
+    `k_vc_drift_ppm_per_year` is the most by which K_Vc may drift in a year through what nobody sees without a table:
+    combs, their gap and charges, masses. Without it the class of the device counts (assumed).
     """
 
     meter_age_days: MeterAge | None = None
@@ -238,6 +242,7 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     k_vc_ppm_demodulator_deg: PpmPerDegree = 0.0
     scale_factor_ppm_demodulator_deg: PpmPerDegree = 1000.0
     bias_deg_s_demodulator_deg: BiasPerDegree | None = None
+    k_vc_drift_ppm_per_year: PpmPerYear | None = None
 
 
 class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):

@@ -214,6 +214,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     k_vc_ppm_demodulator_deg: float = 0.0
     scale_factor_ppm_demodulator_deg: float = 1000.0
     bias_deg_s_demodulator_deg: float | None = None
+    k_vc_drift_ppm_per_year: float = 0.0
     assumed: dict[str, str] = field(default_factory=dict)
 
     def gaps(self) -> Iterator[Gap]:

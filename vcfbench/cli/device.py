@@ -12,7 +12,7 @@ from vcfbench.cli.completion import device_names
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vcfbench.record.devices import Device, DeviceStore, Entry
+    from vcfbench.record.devices import Certificate, Device, DeviceStore, Entry
 
 __all__ = ["device"]
 
@@ -75,6 +75,7 @@ def device(
         typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
     else:
         _print_table(known, rows)
+        _print_certificate(known.certificate)
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
@@ -187,6 +188,21 @@ def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
     drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
     if len(drawn) > 1:
         typer.echo("\n" + "\n".join(_drawn(drawn)))
+
+
+def _print_certificate(known: Certificate | None) -> None:
+    """Print how long the K_Vc of the last certificate is good, and what it depends on."""
+    from vcfbench.procedures.known.k_vc_change import sensitivity_table  # noqa: PLC0415
+    from vcfbench.report.text import table_text  # noqa: PLC0415
+
+    if known is None or not known.sensitivities:
+        return
+    when = "never" if known.u95_until is None else f"on {known.u95_until:%Y-%m-%d}"
+    drift = f"drift of at most {known.k_vc_drift_ppm_per_year or 0.0:g} ppm a year"
+    if known.u95_until is None and known.k_vc_drift_ppm_per_year:
+        when = "before its certificate was out"
+    typer.echo(f"\nU95 of K_Vc comes to {known.wanted_u95_ppm:g} ppm {when} ({drift})\n")
+    typer.echo(table_text(sensitivity_table(known.sensitivities)))
 
 
 def _drawn(rows: list[dict[str, Any]]) -> list[str]:

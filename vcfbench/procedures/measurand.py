@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from vcfbench.analysis.budget import Source, evaluate
+from vcfbench.analysis.budget import Distribution, Source, evaluate
+from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.record.devices import Measured, Share
 from vcfbench.report.digits import digits_of_u, digits_of_value, incomplete, stated_cells
 from vcfbench.report.document import Column, Table
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Measurand", "UncertaintyPart", "measurand"]
 
+_PREVAILS = 0.05
+"""Part of the variance from which on a rectangle shows in U95; below, the sum is as normal as can be told."""
 _ROUNDING = 1e-9
 """A part of u that is smaller, against all of it, is left by rounding."""
 
@@ -34,6 +37,8 @@ class UncertaintyPart:
     u: float
     dof: float | None = None
     of: str | None = None
+    rectangular: bool = False
+    """Whether any value within a limit is as likely; else it is normal, or Student's t."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +75,22 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
     It is incomplete without what is `missing`.
     """
     sources = [
-        Source(f"{number}: {part.source}", 0.0, abs(part.u), unit, math.inf if part.dof is None else part.dof)
+        Source(
+            *(f"{number}: {part.source}", 0.0, abs(part.u), unit, math.inf if part.dof is None else part.dof),
+            Distribution.RECTANGULAR if part.rectangular else Distribution.NORMAL,
+        )
         for number, part in enumerate(parts)
     ]
     budget = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=value)})
     result = budget.result("value")
     dof = result.dof if math.isfinite(result.dof) else None
     by_size = tuple(sorted(parts, key=lambda part: -abs(part.u)))
+    limited = math.fsum(part.u**2 for part in parts if part.rectangular)
+    factor = result.coverage_factor
+    if limited > _PREVAILS * result.u**2:
+        factor = convolved_coverage_factor(result, sources)
     without = tuple(dict.fromkeys(missing))
-    factor, expanded_u = result.coverage_factor, result.expanded_u
-    return Measurand(value, result.u, unit, dof, factor, expanded_u, by_size, not without, without)
+    return Measurand(value, result.u, unit, dof, factor, factor * result.u, by_size, not without, without)
 
 
 def said_of(name: str, found: Measurand) -> str:

@@ -41,6 +41,7 @@ __all__ = [
     "Measured",
     "NewEntry",
     "SelfCalibration",
+    "Sensitivity",
     "Share",
     "StaticNoise",
     "failed_drifts",
@@ -241,6 +242,21 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     """Highest."""
 
 
+class Sensitivity(_Value, frozen=True, kw_only=True):
+    """By how much K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
+
+    quantity: Text
+    """Name of the quantity; `rails_v` is the level of both rails."""
+    unit: str
+    """Its unit; empty for a ratio."""
+    ppm_per_unit: float
+    """Change of K_Vc, ppm, for one unit of it."""
+    u_ppm_per_unit: Uncertainty
+    """Standard uncertainty of that."""
+    assumed: bool
+    """Whether nobody measured the quantity itself: then it counts as of the device's class."""
+
+
 class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
     """What a calibration on a rate table found of a device, so that it can calibrate itself from then on."""
 
@@ -262,6 +278,14 @@ class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="cert
     """Output at rest on that day, V."""
     characteristics: Characteristics | None = None
     """What the device was like, to compare with; None where nobody measured it."""
+    sensitivities: tuple[Sensitivity, ...] = ()
+    """What K_Vc depends on, and by how much."""
+    k_vc_drift_ppm_per_year: Uncertainty | None = None
+    """Most by which what nobody sees without a table was taken to change K_Vc in a year, ppm."""
+    wanted_u95_ppm: Uncertainty | None = None
+    """U95 of K_Vc that was wanted of it, ppm."""
+    u95_until: Instant | None = None
+    """When U95 of K_Vc comes to that; None where it is beyond it already, or never will be."""
     unseen: tuple[Text, ...] = ()
     """What a self-calibration by this certificate cannot see when it changes, in words."""
     remarks: tuple[Text, ...] = ()

@@ -7,7 +7,7 @@ run hides in its noise by the cumulative sum over all entries.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -143,7 +143,7 @@ def _covariance(results: Sequence[Sequence[UncertaintyPart]]) -> Floats:
 
 def _relative(found: Measurand) -> list[UncertaintyPart]:
     size = abs(found.value)
-    return [UncertaintyPart(part.source, 1e6 * part.u / size, part.dof, part.of) for part in found.parts]
+    return [replace(part, u=1e6 * part.u / size) for part in found.parts]
 
 
 def _relative_kept(reference: Reference) -> list[UncertaintyPart]:
@@ -179,7 +179,7 @@ def _difference(
         if same is None:
             left.append(part)
             continue
-        left.append(UncertaintyPart(part.source, part.u - math.fsum(each.u for each in same), None, part.of))
+        left.append(replace(part, u=part.u - math.fsum(each.u for each in same), dof=None))
         cancelled.append(f"{part.source} ({part.of})")
     left += [part for parts in owners.values() for part in parts]
     return left, tuple(cancelled)

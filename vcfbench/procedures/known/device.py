@@ -13,6 +13,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.procedures.known.drift_limits import drift_limits
+from vcfbench.procedures.known.k_vc_since import days_between, require_characterised
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.record.devices import (
     Certificate,
@@ -73,6 +74,8 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Name of the device's own certificate; None where the curve comes from elsewhere."""
     issued: str | None = None
     """When the certificate was measured, as ISO 8601 has it; None where there is none."""
+    days_since: float | None = None
+    """How long ago that was as the run began, days."""
     characteristics: Characteristics | None = None
     """What the device was like then, as far as the certificate has it."""
     unseen: tuple[str, ...] = UNSEEN
@@ -157,6 +160,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
                 the bench's limit or the range of the meter on V_Vc.
         """
         known = _known(self, utc_now())
+        require_characterised(known, self.temperature_c)
         station = DeviceStation(**{**structs.asdict(self.with_flicker().station), "known": known})
         recalled = structs.replace(self, station=station)
         for rate_deg_s in recalled.magnitudes_deg_s:
@@ -192,21 +196,28 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
     record = found.record
     assert isinstance(record, Certificate)  # noqa: S101  # the store says so
     _require_valid(record, shown(found.path), settings, now)
-    return _of_certificate(record, found.name, entries)
+    return _of_certificate(record, found.name, entries, now)
 
 
-def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...]) -> KnownDevice:
+def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
     """Return what is known by a certificate of the device's own."""
-    known = KnownDevice(k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record))
+    known = KnownDevice(
+        k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record, now)
+    )
     return _with_history(known, entries)
 
 
-def _beside_the_curve(record: Certificate) -> dict[str, Any]:
+def _beside_the_curve(record: Certificate, now: datetime) -> dict[str, Any]:
     """Return what a certificate says beside the curve."""
     at_c, seen = record.conditions.temperature_c, record.characteristics or Characteristics()
     if seen.temperature_c is None and at_c is not None:
         seen = structs.replace(seen, temperature_c=Measured(value=at_c, u=0.0))
-    return {"unseen": record.unseen, "issued": record.issued.isoformat(), "characteristics": seen}
+    return {
+        "unseen": record.unseen,
+        "issued": record.issued.isoformat(),
+        "days_since": days_between(record.issued, now),
+        "characteristics": seen,
+    }
 
 
 def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
@@ -219,10 +230,10 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...]
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
         _require_valid(record, shown(given), settings, now)
         if (own := last_certificate(entries)) is not None and own.record == record:
-            return _of_certificate(record, own.name, entries)
+            return _of_certificate(record, own.name, entries, now)
         name = f"of {record.serial}, {shown(given)}"
         known = KnownDevice(
-            k_vc=record.k_vc, source=f"certificate {name}", certificate=None, **_beside_the_curve(record)
+            k_vc=record.k_vc, source=f"certificate {name}", certificate=None, **_beside_the_curve(record, now)
         )
         known = _with_history(known, entries)
         since = _reference(name, record)

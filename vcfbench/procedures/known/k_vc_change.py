@@ -10,11 +10,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from msgspec import structs
+
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
-from vcfbench.record.devices import Characteristics, Measured
+from vcfbench.record.devices import Characteristics, Measured, Sensitivity
+from vcfbench.report.document import Column, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 __all__ = [
     "ASSUMED",
@@ -22,8 +25,10 @@ __all__ = [
     "KvcChange",
     "KvcPart",
     "Sensitivity",
+    "at_temperature",
     "k_vc_change",
     "k_vc_sensitivities",
+    "sensitivity_table",
     "temperature_coefficient",
 ]
 
@@ -72,18 +77,6 @@ UNITS: Mapping[str, str] = {
     "rails_v": "V",
 }
 """Of what K_Vc depends on, and of the changes of temperature and rails."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sensitivity:
-    """By how much K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
-
-    quantity: str
-    unit: str
-    ppm_per_unit: float
-    u_ppm_per_unit: float
-    assumed: bool
-    """Whether the quantity itself was not measured: then it is that of `ASSUMED`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +134,14 @@ def k_vc_sensitivities(known: Characteristics) -> tuple[Sensitivity, ...]:
                 variances[other] += (0.5 * (up[other] - down[other])) ** 2
     per_k, measured_k = temperature_coefficient(known)
     per_v = known.k_vc_ppm_v or ASSUMED_PPM_V
-    return (
-        *(
-            Sensitivity(name, UNITS[name], found[name], math.sqrt(variances[name]), getattr(known, name) is None)
-            for name in QUANTITIES
-        ),
-        Sensitivity("temperature_c", "K", per_k.value, per_k.u, not measured_k),
-        Sensitivity("rails_v", "V", per_v.value, per_v.u, known.k_vc_ppm_v is None),
+    rows = [(name, found[name], math.sqrt(variances[name]), getattr(known, name) is None) for name in QUANTITIES]
+    rows += [
+        ("temperature_c", per_k.value, per_k.u, not measured_k),
+        ("rails_v", per_v.value, per_v.u, known.k_vc_ppm_v is None),
+    ]
+    return tuple(
+        Sensitivity(quantity=name, unit=UNITS[name], ppm_per_unit=value, u_ppm_per_unit=u, assumed=assumed)
+        for name, value, u, assumed in rows
     )
 
 
@@ -174,6 +168,41 @@ def temperature_coefficient(known: Characteristics) -> tuple[Measured, bool]:
     split = known.split_hz_k or Measured(value=0.0, u=0.01)
     value = -known.drive_ppm_k.value + by_split * split.value
     return Measured(value=value, u=math.hypot(known.drive_ppm_k.u, by_split * split.u, 0.2)), True
+
+
+def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteristics:
+    """Return what is known of a device as it is at another temperature, where that and the coefficients are known."""
+    if at_c is None:
+        return known
+    moved: dict[str, Measured] = {"temperature_c": at_c}
+    if known.temperature_c is not None:
+        rise_k = at_c.value - known.temperature_c.value
+        for name, per_k in (("drive_hz", _drive_hz_k(known)), ("split_hz", known.split_hz_k)):
+            found: Measured | None = getattr(known, name)
+            if found is not None and per_k is not None and rise_k:
+                u = math.hypot(found.u, per_k.u * rise_k)
+                moved[name] = Measured(value=found.value + per_k.value * rise_k, u=u)
+    return structs.replace(known, **moved)
+
+
+def _drive_hz_k(known: Characteristics) -> Measured | None:
+    if known.drive_hz is None or known.drive_ppm_k is None:
+        return None
+    per_ppm = 1e-6 * known.drive_hz.value
+    return Measured(value=per_ppm * known.drive_ppm_k.value, u=per_ppm * known.drive_ppm_k.u)
+
+
+def sensitivity_table(found: Sequence[Sensitivity]) -> Table:
+    """Return the sensitivities as reports show them."""
+    columns = (
+        *(Column("quantity", align="left"), Column("K_Vc", "ppm for one", ".4g"), Column("u", "ppm for one", ".2g")),
+        *(Column("unit", align="left"), Column("the quantity is", align="left")),
+    )
+    rows = [
+        (each.quantity, each.ppm_per_unit, each.u_ppm_per_unit, each.unit, "assumed" if each.assumed else "measured")
+        for each in found
+    ]
+    return Table(columns, rows, "what K_Vc depends on beside combs and masses (10 000 ppm a per cent)")
 
 
 def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from msgspec import structs
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.device import UNSEEN
+from vcfbench.procedures.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
+from vcfbench.procedures.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.known.levels import K_VC_UNIT
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
@@ -41,16 +44,18 @@ from vcfbench.procedures.null_comparison.blocks import (
     nulled_levels,
 )
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.record.devices import Certificate, CurveShare, KvcCurve, NewEntry
+from vcfbench.record.devices import Certificate, Characteristics, CurveShare, KvcCurve, Measured, NewEntry
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from datetime import datetime
 
     from numpy.typing import NDArray
 
     from vcfbench.procedures.kvc.settings import KVcSettings
     from vcfbench.procedures.procedure import Provenance
+    from vcfbench.record.devices import Sensitivity
     from vcfbench.record.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
@@ -93,6 +98,12 @@ class KVcResult:
     bias: Measurand
     """Output at rest, generator off, V; the Earth's rate is in it."""
     noise: BlockNoise
+    characteristics: Characteristics
+    """What is known of what K_Vc depends on."""
+    sensitivities: tuple[Sensitivity, ...]
+    """By how much."""
+    days_to_wanted_u95: float | None
+    """After how many days U95 of K_Vc comes to what is wanted; None where it is beyond that already, or never is."""
     v_vc_by: str
     """What V_Vc is known by."""
     holds_not: tuple[str, ...]
@@ -121,7 +132,7 @@ _HOLDS_NOT = (
     "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
     "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
     "remounting, turn-on to turn-on, acceleration (g), vibration, magnetic fields, the rails: those of the run",
-    "what temperature changes: the curve holds at the temperature of that day",
+    "what temperature changes later: the curve holds at that of the day (temperature_c), its coefficient beside it",
     "lack of fit of the curve: reported apart, and no uncertainty",
 )
 
@@ -173,13 +184,13 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     scale_factor = _scale_factor(settings, levels, noise, len(points))
     at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
+    of_k_vc = [_part(name, part, levels, error.owner) for name, part in parts.items()]
+    seen = _characteristics(settings, curve.curvature())
     return KVcResult(
-        k_vc=measurand(
-            curve.k_vc,
-            K_VC_UNIT,
-            [_part(name, part, levels, error.owner) for name, part in parts.items()],
-            settings.station.sources.missing("k_vc"),
-        ),
+        k_vc=measurand(curve.k_vc, K_VC_UNIT, of_k_vc, settings.station.sources.missing("k_vc")),
+        characteristics=seen,
+        sensitivities=k_vc_sensitivities(seen),
+        days_to_wanted_u95=_days_to_wanted(settings, curve.k_vc, of_k_vc),
         curve=curve,
         curve_parts={name: tuple(map(tuple, part.tolist())) for name, part in parts.items()},
         curvature=curve.curvature(),
@@ -190,6 +201,26 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
         v_vc_by=_known_by(settings, error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
     )
+
+
+def _characteristics(settings: KVcSettings, curved: Curvature) -> Characteristics:
+    """Return what earlier runs found of the device, with what this one did."""
+    near = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
+    at_c = None if settings.temperature_c is None else Measured(value=settings.temperature_c, u=near)
+    u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
+    return structs.replace(
+        at_temperature(settings.station.characteristics or Characteristics(), at_c),
+        modulator_second_per_v=Measured(value=curved.second_per_v, u=curved.u_second_per_v),
+        modulator_third_per_v2=Measured(value=curved.third_per_v2, u=curved.u_third_per_v2),
+        positive_rail_v=Measured(value=settings.positive_rail_v, u=u_rail_v),
+        negative_rail_v=Measured(value=settings.negative_rail_v, u=u_rail_v),
+    )
+
+
+def _days_to_wanted(settings: KVcSettings, k_vc: float, parts: Sequence[UncertaintyPart]) -> float | None:
+    today = [replace(part, u=1e6 * part.u / k_vc) for part in parts]
+    days = days_until(settings.wanted_u95_ppm, today, settings.station.sources.k_vc_drift_ppm_per_year)
+    return None if days is None or math.isinf(days) else days
 
 
 def _u_earth(settings: KVcSettings) -> float:
@@ -296,9 +327,34 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
         scale_factor_v_per_deg_s=results.scale_factor.kept(),
         bias_v=results.bias.kept(),
         unseen=UNSEEN,
+        characteristics=results.characteristics,
+        sensitivities=results.sensitivities,
+        k_vc_drift_ppm_per_year=settings.station.sources.k_vc_drift_ppm_per_year,
+        wanted_u95_ppm=settings.wanted_u95_ppm,
+        u95_until=_u95_until(results, made),
         remarks=(f"V_Vc is known by {results.v_vc_by}", *results.holds_not),
     )
     return NewEntry(known, settings.store.root)
+
+
+def _u95_until(results: KVcResult, made: Provenance) -> datetime | None:
+    """Return when U95 of K_Vc comes to what is wanted; None where that is not, or in more than a thousand years."""
+    days = results.days_to_wanted_u95
+    return None if days is None or days > _FAR_DAYS else made.finished + timedelta(days=days)
+
+
+_FAR_DAYS = 365_000.0
+
+
+def interval_words(settings: KVcSettings, results: KVcResult) -> str:
+    """Say when U95 of K_Vc will be what is wanted, for reports."""
+    known, wanted = settings.station.sources, f"U95 of {settings.wanted_u95_ppm:g} ppm"
+    drift, days = drift_words(known), results.days_to_wanted_u95
+    if days is not None:
+        return f"K_Vc comes to a {wanted} after {days:.0f} days ({drift})"
+    if known.k_vc_drift_ppm_per_year:
+        return f"K_Vc has more than a {wanted} already ({drift})"
+    return f"K_Vc keeps its U95 ({drift})"
 
 
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
@@ -320,6 +376,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
         said_of("scale factor on the table, small signals", results.scale_factor),
         said_of("bias, generator off", results.bias),
         f"V_Vc is known by {results.v_vc_by}",
+        interval_words(settings, results),
         *known_words(settings, "table_rate_error", "misalignment_deg"),
     ]
     rate = Axis("rate", "deg/s")
@@ -329,6 +386,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
             Table(columns, rows, "V_Vc with the same zero-subtracted output as the table"),
             Text("\n".join(words)),
             budget_table("K_Vc", results.k_vc),
+            sensitivity_table(results.sensitivities),
             Figure("What the curve leaves over", rate, Axis("rate - curve", "deg/s"), [left]),
             Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
             Text("what a self-calibration by this K_Vc cannot see:\n" + "\n".join(f"  {each}" for each in UNSEEN)),

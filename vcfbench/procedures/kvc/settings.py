@@ -4,18 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from msgspec import Meta
+from msgspec import Meta, field, structs
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.bench.settings import Station
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.null_comparison.plan import invalid_match_rates
+from vcfbench.record.devices import Characteristics  # noqa: TC001 - msgspec reads it
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import Self
 
     from vcfbench.bench.invalid_value import InvalidValue
 
 __all__ = ["KVcSettings"]
+
+
+class CharacterisedStation(Station, frozen=True, kw_only=True):
+    """What the place gives, and what is known of the device: the record holds all that the results are made of."""
+
+    characteristics: Characteristics | None = None
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
@@ -28,7 +37,19 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that a search takes")] = 5
     curve_order: Annotated[int, Meta(ge=3, le=7, description="order of the curve")] = 3
     validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the certificate, days")] = 365.0
+    wanted_u95_ppm: Annotated[
+        float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
+    ] = 500.0
     axis_tilt_deg: Annotated[float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit")] = 0.5
+
+    station: CharacterisedStation = field(default_factory=CharacterisedStation)
+
+    def recalled(self) -> Self:
+        """Return these settings with what procedures have found of what K_Vc of the device depends on."""
+        settings = super().recalled()
+        seen = None if self.dut is None else self.store.characteristics(self.dut)
+        station = CharacterisedStation(**{**structs.asdict(self.station), "characteristics": seen})
+        return structs.replace(settings, station=station)
 
     @property
     def fastest_deg_s(self) -> float:

@@ -35,6 +35,7 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
         f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        *results.since,
         *known_words(settings),
     ]
     parts = [

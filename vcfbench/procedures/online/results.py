@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -21,6 +21,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.certificate import Drift, drift_of, shares_of
+from vcfbench.procedures.known.k_vc_since import k_vc_since
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
     READINGS,
@@ -54,7 +55,6 @@ _SURE = math.cos(math.radians(60.0))
 
 _HOLDS_NOT = (
     "what K_Vc itself is made of: see what this method cannot see",
-    "what temperature changed since the certificate, in K_Vc",
     "a true rate that changes at the frequency of the modulation itself: it cannot be told from it",
     "curvature of fifth order and higher; harmonics of the generator where V_Vc is not measured",
 )
@@ -122,6 +122,8 @@ class OnlineResult:
     """Of the time between first and last reading, in which nothing was read."""
     k_vc_from: str
     v_vc_by: str
+    since: tuple[str, ...]
+    """What was taken to have become of K_Vc since its certificate."""
     unseen: tuple[str, ...]
     holds_not: tuple[str, ...]
     drift: Drift | None
@@ -332,8 +334,10 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     """Return the scale factor of the windows and of the run, and the disturbance of the true rate."""
     run = _fitted(settings, measured)
     gain = _gain(settings, run)
-    k_vc = settings.known.k_vc.coefficients[1]
+    since = k_vc_since(settings)
+    k_vc = settings.known.k_vc.coefficients[1] * since.factor
     own, common = _parts(settings, gain, k_vc)
+    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in since.parts]
     scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], settings.missing_without_table)
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc
@@ -371,6 +375,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         lost_share=1.0 - len(run.begin_s) * run.length_s / lasted_s,
         k_vc_from=settings.known.source,
         v_vc_by=v_vc_error(settings).name,
+        since=since.said,
         unseen=settings.known.unseen,
         holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
         drift=drift_of(scale_factor, settings.known, settings.acceptance),

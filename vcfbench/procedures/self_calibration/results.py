@@ -18,6 +18,7 @@ from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
+from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, k_vc_since
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
     READINGS,
@@ -33,7 +34,14 @@ from vcfbench.procedures.known.v_vc import (
     v_vc_error,
 )
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
-from vcfbench.procedures.null_comparison.blocks import bias_at_rest, block_covariance, blocks_of, dof_of, noise_of
+from vcfbench.procedures.null_comparison.blocks import (
+    bias_at_rest,
+    block_covariance,
+    blocks_of,
+    derivative_of,
+    dof_of,
+    noise_of,
+)
 from vcfbench.procedures.null_comparison.plan import block
 from vcfbench.record.devices import NewEntry, SelfCalibration
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -59,7 +67,6 @@ ORDER = 3
 
 _HOLDS_NOT = (
     "what K_Vc itself is made of: see what this method cannot see",
-    "what temperature changed since the certificate, in K_Vc",
     "what the meters drifted between two entries: the same meter is taken to be off by the same",
     "lack of fit, of the certificate's curve and of the line here",
 )
@@ -79,7 +86,7 @@ class SelfCalibrationResult:
     """What a self-calibration came to."""
 
     scale_factor: Measurand
-    """Of small signals: the slope at rest of a cubic, V/(deg/s)."""
+    """Of small signals: the slope of a cubic at rate 0 of the certificate's curve, V/(deg/s)."""
     line: Measurand
     """Slope of the least-squares line through all levels, V/(deg/s)."""
     bias: Measurand
@@ -92,6 +99,8 @@ class SelfCalibrationResult:
     noise: BlockNoise
     k_vc_from: str
     v_vc_by: str
+    since: tuple[str, ...]
+    """What was taken to have become of K_Vc since its certificate."""
     unseen: tuple[str, ...]
     """What the method cannot see."""
     holds_not: tuple[str, ...]
@@ -139,21 +148,27 @@ class _Measured:
         return np.asarray(powers[1:] - powers[0])
 
     def estimates(self, coefficients: Floats, v_vc_v: Floats, output_v: Floats) -> Floats:
-        """Return scale factor, slope of the line (V/(deg/s)) and non-linearity (ppm)."""
+        """Return scale factor, slope of the line (V/(deg/s)) and non-linearity (ppm).
+
+        The output is curved, and its zero is where this generator has its own: the slope is that at rate 0 of the
+        certificate's curve, where the table's is.
+        """
         rate = self.rates(coefficients, v_vc_v)
         slopes, _, _ = polynomial_through_zero(rate, output_v, self.covariance_v2, ORDER)
+        zero_deg_s = np.polynomial.polynomial.polyval(v_vc_v[0], coefficients)
+        slope = np.polynomial.polynomial.polyval(-zero_deg_s, derivative_of(slopes))
         x, y = np.array([0.0, *rate]), np.array([0.0, *output_v])
         line = np.polynomial.polynomial.polyfit(x, y, 1)
         left = np.abs(y - np.polynomial.polynomial.polyval(x, line)).max()
-        return np.array([slopes[0], line[1], 1e6 * left / abs(line[1] * np.ptp(x))])
+        return np.array([slope, line[1], 1e6 * left / abs(line[1] * np.ptp(x))])
 
 
 def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence[Point]) -> SelfCalibrationResult:
     """Return scale factor, bias, non-linearity and drift from the levels."""
-    seen, known = _measured(settings, points), settings.known
-    coefficients = np.array(known.k_vc.coefficients)
+    seen, known, since = _measured(settings, points), settings.known, k_vc_since(settings)
+    coefficients = np.array(known.k_vc.coefficients) * since.factor
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
-    parts = _parts(settings, seen, coefficients)
+    parts = _parts(settings, seen, coefficients, since.parts)
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": settings.missing_without_table, "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
@@ -173,6 +188,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
         unseen=known.unseen,
+        since=since.said,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
@@ -235,7 +251,9 @@ def _column(rates: Floats, seen: _Measured, line: Measurand, bias: Measurand) ->
 _Effect: TypeAlias = "tuple[str, Floats, float | None]"
 
 
-def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> list[tuple[_Effect, str | None]]:
+def _parts(
+    settings: SelfCalibrationSettings, seen: _Measured, k: Floats, since: Sequence[UncertaintyPart]
+) -> list[tuple[_Effect, str | None]]:
     """Return each source with its effects on the three estimates, its degrees of freedom, and whose it is."""
     v, y = seen.v_vc_v, seen.output_v
     by_output = _jacobian(lambda at: seen.estimates(k, v, at), y, np.full(y.size, 1e-4 * np.abs(y).max()))
@@ -252,6 +270,7 @@ def _parts(settings: SelfCalibrationSettings, seen: _Measured, k: Floats) -> lis
     ]
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
+    found += [((part.source, alike * part.u, part.dof), part.of) for part in since]
     phases = PhaseErrors.of(settings.station.sources)
     found += [((name, alike * u, None), None) for name, u in phases.u_self_calibrated.items()]
     same_meter = False
@@ -284,7 +303,7 @@ def _u_of(by: Floats, covariance: Floats) -> Floats:
 
 def _signed(effect: _Effect, of: str | None, place: int) -> UncertaintyPart:
     name, u, dof = effect
-    return UncertaintyPart(name, float(u[place]), dof, of)
+    return UncertaintyPart(name, float(u[place]), dof, of, rectangular=name == K_VC_DRIFT)
 
 
 def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, made: Provenance) -> NewEntry | None:
@@ -325,6 +344,7 @@ def self_calibration_report(
         said_of("bias, generator off", results.bias),
         said_of("non-linearity (max_span)", results.nonlinearity),
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        *results.since,
         *known_words(settings),
     ]
     slope = results.line.value

@@ -1,0 +1,182 @@
+"""What K_Vc may have become since its certificate where nobody has looked: by time, and by temperatures that were told.
+
+What cannot be seen without a table (combs, their gap and charges, masses) may have drifted in one direction all the
+time, so its limit grows in proportion to the time since the certificate, and any drift within is as likely.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.known.k_vc_change import temperature_coefficient
+from vcfbench.procedures.measurand import UncertaintyPart, measurand
+from vcfbench.record.devices import Characteristics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from datetime import datetime
+
+    from vcfbench.bench.settings import Sources
+    from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings
+
+__all__ = [
+    "K_VC_DRIFT",
+    "K_VC_TEMPERATURE",
+    "KvcSince",
+    "charging_warning",
+    "days_between",
+    "days_until",
+    "drift_words",
+    "k_vc_since",
+    "require_characterised",
+]
+
+K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
+
+YEAR_DAYS = 365.25
+FURTHEST_K = 20.0
+"""From the certificate's temperature, where nobody has measured K_Vc at others: so far an assumed coefficient holds."""
+_CHARGED_SPLIT_HZ = 0.05
+"""A change of the split that temperature does not explain: charges on the combs are springs as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class KvcSince:
+    """What time and temperature have made of K_Vc since its certificate."""
+
+    factor: float
+    """K_Vc now over that of the certificate."""
+    parts: tuple[UncertaintyPart, ...]
+    """What is not known of that, relative."""
+    said: tuple[str, ...]
+    """What was taken, in words."""
+
+
+def k_vc_since(settings: KnownDeviceSettings) -> KvcSince:
+    """Return what became of K_Vc as far as time and temperature tell."""
+    known = settings.known
+    drift = list(_drifted(settings, known))
+    ppm, warmed, said = _warmed(settings, known)
+    words = [f"K_Vc: {each.u * 1e6:.3g} ppm (u) for its {_drift_words(settings)}" for each in drift]
+    return KvcSince(1.0 + 1e-6 * ppm, (*drift, *warmed), (*words, *said))
+
+
+def _drifted(settings: KnownDeviceSettings, known: KnownDevice) -> Iterator[UncertaintyPart]:
+    if known.days_since is None:
+        return
+    limit = 1e-6 * settings.station.sources.k_vc_drift_ppm_per_year * known.days_since / YEAR_DAYS
+    if limit:
+        yield UncertaintyPart(
+            K_VC_DRIFT, limit / math.sqrt(3.0), None, f"{known.source}: {K_VC_DRIFT}", rectangular=True
+        )
+
+
+def _drift_words(settings: KnownDeviceSettings) -> str:
+    days, known = settings.known.days_since or 0.0, settings.station.sources
+    return f"drift in {days:.0f} days since the certificate ({drift_words(known)})"
+
+
+def drift_words(known: Sources) -> str:
+    """Say how far K_Vc may drift, and where that is from."""
+    key = "k_vc_drift_ppm_per_year"
+    return known.assumed.get(key, f"uncertainty.{key}: {known.k_vc_drift_ppm_per_year:g} ppm a year")
+
+
+def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, list[UncertaintyPart], list[str]]:
+    """Return what temperature did to K_Vc, ppm, what is not known of that, and both in words."""
+    seen, now_c = known.characteristics or Characteristics(), settings.temperature_c
+    per_k, measured = temperature_coefficient(seen)
+    within_k = settings.station.sources.temperature_k
+    by_reading = math.hypot(per_k.value, per_k.u) * (within_k or 0.0) / math.sqrt(3.0)
+    if seen.temperature_c is None or now_c is None:
+        part = [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * by_reading)] if by_reading else []
+        return 0.0, part, []
+    rise_k = now_c - seen.temperature_c.value
+    ppm = per_k.value * rise_k
+    u = math.hypot(per_k.u * rise_k, per_k.value * seen.temperature_c.u, by_reading)
+    whose = f"{per_k.value:+.1f} ppm/K, u {per_k.u:.2g}, {'measured' if measured else 'assumed'}"
+    said = [f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for {rise_k:+.2f} K since the certificate ({whose})"]
+    return ppm, [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * u)] if u else [], said if rise_k else []
+
+
+def require_characterised(known: KnownDevice, now_c: float | None) -> None:
+    """See that K_Vc is known at the temperature of now.
+
+    Raises:
+        ConfigError: it was measured at others alone.
+    """
+    seen = known.characteristics
+    if seen is None or seen.temperature_c is None or now_c is None:
+        return
+    then_c = seen.temperature_c.value
+    if seen.least_temperature_c is None or seen.most_temperature_c is None:
+        low_c, high_c, why = (
+            then_c - FURTHEST_K,
+            then_c + FURTHEST_K,
+            f"{FURTHEST_K:g} K either side of the certificate",
+        )
+    else:
+        low_c, high_c = min(then_c, seen.least_temperature_c), max(then_c, seen.most_temperature_c)
+        why = "where its coefficients were measured"
+    if not low_c <= now_c <= high_c:
+        raise ConfigError(
+            f"temperature_c: K_Vc is known from {low_c:g} to {high_c:g} degC ({why}), not at {now_c:g} degC",
+            hint="measure there (vcfbench run temperature --dut, then run kvc), or bring the gyroscope back into it",
+        )
+
+
+def days_between(issued: datetime, now: datetime) -> float:
+    """Return how long ago a certificate was measured, whole days; 0 for one of the future."""
+    return max(0.0, float((now - issued).days))
+
+
+def days_until(wanted_u95_ppm: float, today: Sequence[UncertaintyPart], drift_ppm_per_year: float) -> float | None:
+    """Return after how many days U95 of K_Vc comes to what is wanted of it; None where it is beyond that today.
+
+    Args:
+        wanted_u95_ppm: ppm of K_Vc.
+        today: what U95 is made of on the day of the certificate, ppm.
+        drift_ppm_per_year: at most; with 0 the answer is infinity.
+    """
+
+    def u95_ppm(days: float) -> float:
+        u = drift_ppm_per_year * days / YEAR_DAYS / math.sqrt(3.0)
+        return measurand(0.0, "ppm", [*today, UncertaintyPart(K_VC_DRIFT, u, rectangular=True)]).expanded_u
+
+    if u95_ppm(0.0) >= wanted_u95_ppm:
+        return None
+    if drift_ppm_per_year <= 0.0:
+        return math.inf
+    early, late = 0.0, YEAR_DAYS * 2.0 * wanted_u95_ppm / drift_ppm_per_year
+    while late - early > 1e-3 * late:
+        middle = 0.5 * (early + late)
+        early, late = (middle, late) if u95_ppm(middle) < wanted_u95_ppm else (early, middle)
+    return early
+
+
+def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
+    """Say that the combs may have charged where the split has changed by more than temperature does; else None.
+
+    A charge is a spring, and changes the force that a volt makes, which nothing else shows (Micromachines 2023, 14,
+    1755): the split is the only witness of what would change K_Vc unseen.
+    """
+    if then.split_hz is None or now.split_hz is None:
+        return None
+    rise_k = 0.0 if then.temperature_c is None or now.temperature_c is None else _rise(then, now)
+    per_k = (then.split_hz_k.value, then.split_hz_k.u) if then.split_hz_k is not None else (0.0, 0.01)
+    moved_hz = now.split_hz.value - then.split_hz.value - per_k[0] * rise_k
+    u_hz = math.hypot(now.split_hz.u, then.split_hz.u, per_k[1] * rise_k)
+    if abs(moved_hz) <= max(2.0 * u_hz, _CHARGED_SPLIT_HZ):
+        return None
+    return (
+        f"the split has changed by {moved_hz:+.3f} Hz (u {u_hz:.2g}) beyond what temperature does: charges on the "
+        "combs may have done that, and would change K_Vc unseen; a table tells (vcfbench run kvc)"
+    )
+
+
+def _rise(then: Characteristics, now: Characteristics) -> float:
+    assert then.temperature_c is not None and now.temperature_c is not None  # noqa: PT018, S101  # the caller saw
+    return now.temperature_c.value - then.temperature_c.value
