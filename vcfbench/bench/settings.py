@@ -235,7 +235,8 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     `instruments` are those of the bench file by role, the rate table apart; `latitude_deg` is north positive.
     `oscilloscope` is what its channels see, None on a bench that has none.
     `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
-    `sources` are what uncertainties come from.
+    `sources` are what uncertainties come from. `characteristics` is what earlier runs found of the device, as its
+    entries have it, for a calibration of K_Vc.
     """
 
     instruments: dict[str, PlacedInstrument] = field(default_factory=dict)
@@ -248,6 +249,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     expected: Expected = field(default_factory=Expected)
     acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
     sources: Sources = field(default_factory=Sources)
+    characteristics: dict[str, Any] = field(default_factory=dict)
 
     def channel_of(self, node: Node) -> int:
         """Return the oscilloscope's channel that sees `node`.

@@ -46,6 +46,7 @@ from vcfbench.procedures.null_comparison.blocks import (
 from vcfbench.procedures.null_comparison.plan import block
 from vcfbench.record.devices import Certificate, Characteristics, CurveShare, KvcCurve, Measured, NewEntry
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -209,7 +210,7 @@ def _characteristics(settings: KVcSettings, curved: Curvature) -> Characteristic
     at_c = None if settings.temperature_c is None else Measured(value=settings.temperature_c, u=near)
     u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
     return structs.replace(
-        at_temperature(settings.station.characteristics or Characteristics(), at_c),
+        at_temperature(typed(settings.station.characteristics, Characteristics), at_c),
         modulator_second_per_v=Measured(value=curved.second_per_v, u=curved.u_second_per_v),
         modulator_third_per_v2=Measured(value=curved.third_per_v2, u=curved.u_third_per_v2),
         positive_rail_v=Measured(value=settings.positive_rail_v, u=u_rail_v),

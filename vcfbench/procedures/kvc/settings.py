@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from msgspec import Meta, field, structs
+from msgspec import Meta, structs, to_builtins
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.settings import Station
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.null_comparison.plan import invalid_match_rates
-from vcfbench.record.devices import Characteristics  # noqa: TC001 - msgspec reads it
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,12 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.invalid_value import InvalidValue
 
 __all__ = ["KVcSettings"]
-
-
-class CharacterisedStation(Station, frozen=True, kw_only=True):
-    """What the place gives, and what is known of the device: the record holds all that the results are made of."""
-
-    characteristics: Characteristics | None = None
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
@@ -42,14 +34,12 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     ] = 500.0
     axis_tilt_deg: Annotated[float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit")] = 0.5
 
-    station: CharacterisedStation = field(default_factory=CharacterisedStation)
-
     def recalled(self) -> Self:
         """Return these settings with what procedures have found of what K_Vc of the device depends on."""
         settings = super().recalled()
         seen = None if self.dut is None else self.store.characteristics(self.dut)
-        station = CharacterisedStation(**{**structs.asdict(self.station), "characteristics": seen})
-        return structs.replace(settings, station=station)
+        plain = {} if seen is None else to_builtins(seen)
+        return structs.replace(settings, station=structs.replace(self.station, characteristics=plain))
 
     @property
     def fastest_deg_s(self) -> float:
