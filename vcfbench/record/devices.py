@@ -232,6 +232,8 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     """Change of the drive frequency with temperature, ppm of it a kelvin."""
     split_hz_k: Measured | None = None
     """Change of `split_hz`, Hz/K."""
+    q_per_k: Measured | None = None
+    """Change of both quality factors, relative, 1/K."""
     k_vc_ppm_k: Measured | None = None
     """Change of K_Vc itself, where it was measured on a table at several temperatures."""
     k_vc_ppm_v: Measured | None = None

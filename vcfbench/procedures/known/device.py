@@ -13,7 +13,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.procedures.known.drift_limits import drift_limits
-from vcfbench.procedures.known.k_vc_since import days_between, require_characterised
+from vcfbench.procedures.known.k_vc_change import require_characterised
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.record.devices import (
     Certificate,
@@ -75,7 +75,7 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     issued: str | None = None
     """When the certificate was measured, as ISO 8601 has it; None where there is none."""
     days_since: float | None = None
-    """How long ago that was as the run began, days."""
+    """How long ago that was as the run began, whole days."""
     characteristics: Characteristics | None = None
     """What the device was like then, as far as the certificate has it."""
     unseen: tuple[str, ...] = UNSEEN
@@ -160,7 +160,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
                 the bench's limit or the range of the meter on V_Vc.
         """
         known = _known(self, utc_now())
-        require_characterised(known, self.temperature_c)
+        require_characterised(known.characteristics, self.temperature_c)
         station = DeviceStation(**{**structs.asdict(self.with_flicker().station), "known": known})
         recalled = structs.replace(self, station=station)
         for rate_deg_s in recalled.magnitudes_deg_s:
@@ -215,7 +215,7 @@ def _beside_the_curve(record: Certificate, now: datetime) -> dict[str, Any]:
     return {
         "unseen": record.unseen,
         "issued": record.issued.isoformat(),
-        "days_since": days_between(record.issued, now),
+        "days_since": max(0.0, float((now - record.issued).days)),
         "characteristics": seen,
     }
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from msgspec import structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
+from vcfbench.errors import ConfigError
 from vcfbench.record.devices import Characteristics, Measured, Sensitivity
 from vcfbench.report.document import Column, Table
 
@@ -28,6 +29,7 @@ __all__ = [
     "at_temperature",
     "k_vc_change",
     "k_vc_sensitivities",
+    "require_characterised",
     "sensitivity_table",
     "temperature_coefficient",
 ]
@@ -55,8 +57,15 @@ ASSUMED: Mapping[str, Measured] = {
 """What counts where nobody measured it. Frequencies and Q are those of the paper's class; both amplitudes count as a
 ratio alone, so that their size is free; the limits of phases, combs and feed-through are assumed."""
 
-ASSUMED_PPM_K = Measured(value=30.0, u=15.0 / math.sqrt(3.0))
-"""Of K_Vc where nobody measured it: K_Vc is as 1/drive frequency, and silicon's frequencies fall by 20 to 40 ppm/K."""
+ASSUMED_DRIVE_PPM_K = _within(-30.0, 15.0)
+"""Of the drive frequency: silicon's stiffness falls by some 60 ppm/K; K_Vc is as 1/frequency."""
+ASSUMED_SPLIT_HZ_K = _within(0.0, 0.02)
+"""Of the split: modes of one piece of silicon whose coefficients differ by a fifth (assumed)."""
+FURTHEST_K = 20.0
+"""From the certificate's temperature, where nobody has measured K_Vc at others: so far an assumed coefficient holds."""
+ASSUMED_Q_PER_K = _within(-2e-3, 2e-3)
+"""Relative change of the quality factors with temperature: gas shut in at few pascals damps as the square root of its
+temperature, -0.17 %/K; supports lose less of it, thermoelastic losses more (assumed)."""
 ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
 """Of K_Vc by the rails, where nobody measured it: as much as a drive may follow them whose carrier does not."""
 
@@ -157,17 +166,33 @@ def _moved(values: Mapping[str, float], name: str, by: float) -> dict[str, float
 def temperature_coefficient(known: Characteristics) -> tuple[Measured, bool]:
     """Return by how much K_Vc changes with temperature, ppm/K, and whether it rests on what was measured.
 
-    As measured on a table, or else by the closed form from the coefficients of drive frequency and split.
+    As measured on a table, or else by the closed form from the coefficients of drive frequency, split and Q.
     """
     if known.k_vc_ppm_k is not None:
         return known.k_vc_ppm_k, True
-    if known.drive_ppm_k is None:
-        return ASSUMED_PPM_K, False
     inputs = _inputs(known)
-    by_split = sensitivities(_gyroscope({name: each.value for name, each in inputs.items()}))["split_hz"]
-    split = known.split_hz_k or Measured(value=0.0, u=0.01)
-    value = -known.drive_ppm_k.value + by_split * split.value
-    return Measured(value=value, u=math.hypot(known.drive_ppm_k.u, by_split * split.u, 0.2)), True
+    coefficients = {
+        "drive": known.drive_ppm_k or ASSUMED_DRIVE_PPM_K,
+        "split": known.split_hz_k or ASSUMED_SPLIT_HZ_K,
+        "q": known.q_per_k or ASSUMED_Q_PER_K,
+    }
+    values = {name: each.value for name, each in {**inputs, **coefficients}.items()}
+
+    def ppm_k(at: Mapping[str, float]) -> float:
+        by = sensitivities(_gyroscope(at))
+        of_q = sum(by[name] * at[name] for name in ("q_anti_phase", "q_in_phase"))
+        return -at["drive"] + by["split_hz"] * at["split"] + of_q * at["q"]
+
+    moved = [
+        0.5 * (ppm_k(_moved(values, name, each.u)) - ppm_k(_moved(values, name, -each.u)))
+        for name, each in {**inputs, **coefficients}.items()
+        if each.u
+    ]
+    return Measured(value=ppm_k(values), u=math.hypot(_LEFT_PPM_K, *moved)), known.drive_ppm_k is not None
+
+
+_LEFT_PPM_K = 0.05
+"""What the in-phase mode's own coefficients leave."""
 
 
 def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteristics:
@@ -203,6 +228,31 @@ def sensitivity_table(found: Sequence[Sensitivity]) -> Table:
         for each in found
     ]
     return Table(columns, rows, "what K_Vc depends on beside combs and masses (10 000 ppm a per cent)")
+
+
+def require_characterised(seen: Characteristics | None, now_c: float | None) -> None:
+    """See that K_Vc is known at the temperature of now.
+
+    Raises:
+        ConfigError: it was measured at others alone.
+    """
+    if seen is None or seen.temperature_c is None or now_c is None:
+        return
+    then_c = seen.temperature_c.value
+    if seen.least_temperature_c is None or seen.most_temperature_c is None:
+        low_c, high_c, why = (
+            then_c - FURTHEST_K,
+            then_c + FURTHEST_K,
+            f"{FURTHEST_K:g} K either side of the certificate",
+        )
+    else:
+        low_c, high_c = min(then_c, seen.least_temperature_c), max(then_c, seen.most_temperature_c)
+        why = "where its coefficients were measured"
+    if not low_c <= now_c <= high_c:
+        raise ConfigError(
+            f"temperature_c: K_Vc is known from {low_c:g} to {high_c:g} degC ({why}), not at {now_c:g} degC",
+            hint="measure there (vcfbench run temperature --dut, then run kvc), or bring the gyroscope back into it",
+        )
 
 
 def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:

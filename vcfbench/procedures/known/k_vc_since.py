@@ -10,14 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from vcfbench.errors import ConfigError
 from vcfbench.procedures.known.k_vc_change import temperature_coefficient
 from vcfbench.procedures.measurand import UncertaintyPart, measurand
 from vcfbench.record.devices import Characteristics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from datetime import datetime
 
     from vcfbench.bench.settings import Sources
     from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings
@@ -27,18 +25,14 @@ __all__ = [
     "K_VC_TEMPERATURE",
     "KvcSince",
     "charging_warning",
-    "days_between",
     "days_until",
     "drift_words",
     "k_vc_since",
-    "require_characterised",
 ]
 
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
 
 YEAR_DAYS = 365.25
-FURTHEST_K = 20.0
-"""From the certificate's temperature, where nobody has measured K_Vc at others: so far an assumed coefficient holds."""
 _CHARGED_SPLIT_HZ = 0.05
 """A change of the split that temperature does not explain: charges on the combs are springs as well."""
 
@@ -100,37 +94,6 @@ def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, l
     whose = f"{per_k.value:+.1f} ppm/K, u {per_k.u:.2g}, {'measured' if measured else 'assumed'}"
     said = [f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for {rise_k:+.2f} K since the certificate ({whose})"]
     return ppm, [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * u)] if u else [], said if rise_k else []
-
-
-def require_characterised(known: KnownDevice, now_c: float | None) -> None:
-    """See that K_Vc is known at the temperature of now.
-
-    Raises:
-        ConfigError: it was measured at others alone.
-    """
-    seen = known.characteristics
-    if seen is None or seen.temperature_c is None or now_c is None:
-        return
-    then_c = seen.temperature_c.value
-    if seen.least_temperature_c is None or seen.most_temperature_c is None:
-        low_c, high_c, why = (
-            then_c - FURTHEST_K,
-            then_c + FURTHEST_K,
-            f"{FURTHEST_K:g} K either side of the certificate",
-        )
-    else:
-        low_c, high_c = min(then_c, seen.least_temperature_c), max(then_c, seen.most_temperature_c)
-        why = "where its coefficients were measured"
-    if not low_c <= now_c <= high_c:
-        raise ConfigError(
-            f"temperature_c: K_Vc is known from {low_c:g} to {high_c:g} degC ({why}), not at {now_c:g} degC",
-            hint="measure there (vcfbench run temperature --dut, then run kvc), or bring the gyroscope back into it",
-        )
-
-
-def days_between(issued: datetime, now: datetime) -> float:
-    """Return how long ago a certificate was measured, whole days; 0 for one of the future."""
-    return max(0.0, float((now - issued).days))
 
 
 def days_until(wanted_u95_ppm: float, today: Sequence[UncertaintyPart], drift_ppm_per_year: float) -> float | None:
