@@ -21,13 +21,14 @@ from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.procedures.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
-from vcfbench.procedures.warmup.results import WarmupFigure, WarmupResult, is_steady, warmup_results
+from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
 from vcfbench.record.schema import Point
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.procedures.measurand import Measurand
 
 SCALE = {"scale_factor_v_per_deg_s": -0.0125527}
 B_DEG_S = 5.57 / 3600.0
@@ -66,7 +67,7 @@ def true_amplitude_deg_s(description: BenchDescription) -> float:
     return (outputs[0] - outputs[1]) / SCALE["scale_factor_v_per_deg_s"]
 
 
-def found(figure: WarmupFigure | None) -> tuple[float, float]:
+def found(figure: Measurand | None) -> tuple[float, float]:
     assert figure is not None
     return figure.value, figure.u
 
@@ -134,6 +135,7 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
         windows,
         interval_s=1.0,
         scale=scale,
+        settings=WarmupSettings(),
         tolerance_deg_s=1.0,
         instability_deg_s=1e-6,
         steady=True,

@@ -8,7 +8,7 @@ Points of one curve come from one record: their covariances enter the stated unc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -27,13 +27,16 @@ if TYPE_CHECKING:
     from vcfbench.analysis.allan import AllanPoint
     from vcfbench.analysis.sampling import Sampling
 
-__all__ = ["Coefficients", "NoiseFit", "NoiseTerm", "Term", "fit_noise"]
+__all__ = ["Coefficients", "NoiseFit", "NoiseTerm", "Term", "fit_noise", "fit_shown_noise"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 4
-_ONE_SIDED = 1.6449
-"""95 % of a normal distribution lie below the mean and so many standard deviations."""
+_CONFIDENCE = 0.95
+_HARDLY = 1e-3
+"""An uncertainty that grows by less of what it is of is that of a normal distribution."""
+_SHOWN = 3.0
+"""A term is shown where its square is so many of the uncertainties that it would have if it were 0."""
 
 
 class Term(Enum):
@@ -112,6 +115,8 @@ class NoiseTerm:
     """Standard uncertainty; None where the coefficient is 0, because its square is what is estimated."""
     upper_95: float
     """With 95 % the true one is not above that."""
+    u_square_if_0: float
+    """Standard uncertainty of its square if that were 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +163,34 @@ def fit_noise(
         found = _coefficients(squares, places)
         spread = np.array([_covariance(found, sampling, samples, m, m) for m in factors])
         squares = _weighted(design, variance, 1.0 / np.maximum(spread, (1e-6 * (design @ squares)) ** 2))
-    return _with_uncertainty(squares, places, design, 1.0 / spread, _covariances(found, sampling, samples, factors))
+    return _with_uncertainty(squares, places, _Estimator(design, 1.0 / spread, sampling, samples, factors))
+
+
+def fit_shown_noise(
+    curve: Sequence[AllanPoint], samples: int, sampling: Sampling, always: Iterable[Term], perhaps: Iterable[Term]
+) -> NoiseFit:
+    """Fit the terms of `always`, and those of `perhaps` that stand out of the noise that the others make.
+
+    A term that is not there, but fitted with the others and none of them below 0, takes a share of theirs: with K and R
+    B of an hour is 8 % low. Terms that are not shown are 0 with an upper bound, each as if it were one more.
+
+    Raises:
+        ConfigError: as :func:`fit_noise`.
+    """
+    chosen, left = list(always), list(perhaps)
+    fit = fit_noise(curve, samples, sampling, chosen)
+    while left:
+        wider = {term: fit_noise(curve, samples, sampling, [*chosen, term]) for term in left}
+        ratios = {term: wider[term].terms[term].value ** 2 / wider[term].terms[term].u_square_if_0 for term in left}
+        best = max(left, key=lambda term: ratios[term])
+        if ratios[best] < _SHOWN:
+            hidden = {term: replace(wider[term].terms[term], value=0.0, u=None) for term in left}
+            terms = {**fit.terms, **hidden}
+            return replace(fit, terms={term: terms[term] for term in Term if term in terms})
+        chosen.append(best)
+        left.remove(best)
+        fit = wider[best]
+    return fit
 
 
 def _check(curve: Sequence[AllanPoint], factors: list[int], sampling: Sampling, chosen: list[Term]) -> None:
@@ -188,28 +220,63 @@ def _coefficients(squares: Floats, places: list[int]) -> Coefficients:
     return Coefficients(*every.tolist())
 
 
-def _with_uncertainty(
-    squares: Floats, places: list[int], design: Floats, weight: Floats, covariances: Floats
-) -> NoiseFit:
+@dataclass(frozen=True, slots=True)
+class _Estimator:
+    """What makes squared coefficients of the points of a curve, and what those vary by."""
+
+    design: Floats
+    weight: Floats
+    sampling: Sampling
+    samples: int
+    factors: list[int]
+
+    def covariance(self, law: Coefficients, among: list[int]) -> Floats:
+        """Return the covariance of the squares of the columns `among` under the noise `law`."""
+        return _carried(
+            self.design[:, among], self.weight, _covariances(law, self.sampling, self.samples, self.factors)
+        )
+
+
+def _with_uncertainty(squares: Floats, places: list[int], estimator: _Estimator) -> NoiseFit:
     """Carry the covariances of the points through the least-squares sums.
 
     Terms that came out as 0 take no part in the uncertainty of the others; that of each of them is what it would have
     beside the others alone.
     """
-    free = np.flatnonzero(squares > 0.0).tolist()
+    free, found = np.flatnonzero(squares > 0.0).tolist(), _coefficients(squares, places)
     part = np.zeros((len(places), len(places)))
-    for bound in np.flatnonzero(squares == 0.0).tolist():
-        beside = [*free, bound]
-        part[bound, bound] = _carried(design[:, beside], weight, covariances)[-1, -1]
-    part[np.ix_(free, free)] = _carried(design[:, free], weight, covariances)
+    part[np.ix_(free, free)] = estimator.covariance(found, free)
+    terms = {}
+    for row, place in enumerate(places):
+        beside = free if row in free else [*free, row]
+        if row not in free:
+            part[row, row] = estimator.covariance(found, beside)[-1, -1]
+        value, variance = math.sqrt(squares[row]), float(part[row, row])
+        without = squares.copy()
+        without[row] = 0.0
+        at_0 = estimator.covariance(_coefficients(without, places), beside)[beside.index(row), beside.index(row)]
+        u_at_0 = min(math.sqrt(max(0.0, at_0)), math.sqrt(variance))
+        u = math.sqrt(variance) / (2.0 * value) if value > 0.0 else None
+        upper = math.sqrt(_upper(squares[row], math.sqrt(variance), u_at_0))
+        terms[list(Term)[place]] = NoiseTerm(value, u, upper, u_at_0)
     whole = np.zeros((len(Term), len(Term)))
     whole[np.ix_(places, places)] = part
-    terms = {}
-    for place, square, u in zip(places, squares.tolist(), np.sqrt(np.diag(part)).tolist(), strict=True):
-        value = math.sqrt(square)
-        upper = math.sqrt(square + _ONE_SIDED * u)
-        terms[list(Term)[place]] = NoiseTerm(value, u / (2.0 * value) if value > 0.0 else None, upper)
-    return NoiseFit(_coefficients(squares, places), terms, whole)
+    return NoiseFit(found, terms, whole)
+
+
+def _upper(square: float, u: float, u_at_0: float) -> float:
+    """Return the square that is so large that with 95 % more than `square` would have been found.
+
+    What is found of a square is a chi-square's multiple less the others' share: its uncertainty grows with it, from
+    `u_at_0` to `u` here. A bound by `u` alone is too low where chance has made both small.
+    """
+    from scipy.special import chdtri, ndtri  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    grows = (u - u_at_0) / square if square > 0.0 else 0.0
+    if grows < _HARDLY:
+        return square + float(ndtri(_CONFIDENCE)) * u
+    others, dof = u_at_0 / grows, 2.0 / grows**2
+    return (square + others) * dof / float(chdtri(dof, _CONFIDENCE)) - others
 
 
 def _carried(design: Floats, weight: Floats, covariances: Floats) -> Floats:

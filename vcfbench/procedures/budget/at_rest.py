@@ -7,6 +7,7 @@ so a short run tells little of that mean however well it is read; how little fol
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -14,8 +15,8 @@ import numpy as np
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.known.v_vc import METER_GAIN, METER_OFFSET, away_from_warm_k, meter_error
-from vcfbench.procedures.measurand import UncertaintyPart
-from vcfbench.procedures.sweep.window_noise import Flicker
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.sweep.window_noise import ENOUGH_DOF, Flicker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "about_horizon",
+    "as_rate",
     "flicker_counted",
+    "flicker_found",
     "flicker_part",
     "flicker_stated",
     "parts_at_rest",
@@ -61,6 +64,14 @@ def flicker_counted(stated: Flicker | None, square: float, u_square: float, wher
     return Flicker(math.sqrt(expected), dof, f"{where}, dof {dof:.1f}")
 
 
+def flicker_found(known: Sources, square: float, u_square: float) -> Flicker:
+    """Return the flicker that counts where a record has found it, (deg/h)^2: its own, if that is known well enough."""
+    expected, dof = _not_negative(square, u_square)
+    own, stated = Flicker(math.sqrt(expected), dof, f"this record, dof {dof:.1f}"), flicker_stated(known)
+    assumed = "bias_instability_deg_h" in known.assumed
+    return own if stated is None or assumed or dof >= ENOUGH_DOF or own.deg_h > stated.deg_h else stated
+
+
 def _not_negative(square: float, u: float) -> tuple[float, float]:
     """Return what is to be expected of a square that was found with so large a `u`, and its degrees of freedom.
 
@@ -78,6 +89,22 @@ def flicker_part(flicker: Flicker, per_deg_h: float) -> UncertaintyPart:
     """Return what a flicker puts into a value that 1 deg/h of it makes uncertain by `per_deg_h`."""
     dof = flicker.dof if math.isfinite(flicker.dof) else None
     return UncertaintyPart(f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})", per_deg_h * flicker.deg_h, dof)
+
+
+def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None) -> Measurand:
+    """Return an output at rest (V) as a rate (deg/s); without a `u_scale_factor` it is incomplete.
+
+    Args:
+        output: V.
+        scale_factor: of the gyroscope, V/(deg/s).
+        u_scale_factor: its standard uncertainty, None where nobody states it.
+    """
+    value, per_v = output.value / scale_factor, 1.0 / abs(scale_factor)
+    parts = [replace(part, u=per_v * part.u) for part in output.parts]
+    if u_scale_factor is None:
+        return measurand(value, "deg/s", parts, (*output.missing, "scale factor"))
+    parts.append(UncertaintyPart("scale factor", abs(value) * per_v * u_scale_factor))
+    return measurand(value, "deg/s", parts, output.missing)
 
 
 def about_horizon(begin_s: ArrayLike, end_s: ArrayLike, horizon_h: float) -> float:

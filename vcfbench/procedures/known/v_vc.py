@@ -241,7 +241,8 @@ def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, 
     if known.warm_up_k is not None:
         lasted = lasted_s / known.warm_up_time_s
         begun = math.exp(-settings.start_up_s / known.warm_up_time_s)
-        found["warm-up"] = known.warm_up_k / math.sqrt(3.0) * begun * -math.expm1(-lasted) / lasted
+        mean = -math.expm1(-lasted) / lasted if lasted else 1.0
+        found["warm-up"] = known.warm_up_k / math.sqrt(3.0) * begun * mean
     return found
 
 

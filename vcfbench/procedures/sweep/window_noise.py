@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.record.schema import Point
 
-__all__ = ["Flicker", "OutputSum", "WindowNoise"]
+__all__ = ["ENOUGH_DOF", "Flicker", "OutputSum", "WindowNoise"]
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
-_ENOUGH_DOF = 10.0
+ENOUGH_DOF = 10.0
 """Of B by a run's own zeros, from which it goes before what is told: Student's factor is within 14 % of the normal one.
 Differences of some seconds are half white noise, so that 18 zeros have 5."""
 
@@ -107,7 +107,7 @@ class WindowNoise(Struct, frozen=True):
         def dof(square: float) -> float:
             return float((square * np.trace(unit)) ** 2 / np.sum((white + square * unit) ** 2))
 
-        if stated is not None and dof(stated.deg_h**2) < _ENOUGH_DOF:
+        if stated is not None and dof(stated.deg_h**2) < ENOUGH_DOF:
             return stated
         excess = float(np.sum((successive @ outputs_v) ** 2) - np.trace(white))
         square = max(excess, 0.0) / float(np.trace(unit))

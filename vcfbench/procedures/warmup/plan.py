@@ -166,7 +166,14 @@ def _until_steady(settings: WarmupSettings) -> Routine[Outcome]:
 def _instability_v(settings: WarmupSettings) -> float:
     """Return B in volts; of the scale factor its size alone counts, and roughly: a record's is not read for it."""
     scale_factor = settings.scale_factor_v_per_deg_s or settings.expected_gyro().scale_factor
-    return abs(scale_factor) * settings.bias_instability_deg_h / 3600.0
+    return abs(scale_factor) * _instability_deg_h(settings) / 3600.0
+
+
+def _instability_deg_h(settings: WarmupSettings) -> float:
+    """Return B, deg/h: that of the settings, or of the bench file, where that is larger and not assumed."""
+    known = settings.station.sources
+    stated = None if "bias_instability_deg_h" in known.assumed else known.bias_instability_deg_h
+    return max(settings.bias_instability_deg_h, stated or 0.0)
 
 
 def _window(settings: WarmupSettings) -> Acquire:
@@ -196,8 +203,9 @@ def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
         windows,
         interval_s=settings.sample_interval_s,
         scale=scale,
+        settings=settings,
         tolerance_deg_s=settings.turn_on_tolerance_deg_s,
-        instability_deg_s=settings.bias_instability_deg_h / 3600.0,
+        instability_deg_s=_instability_deg_h(settings) / 3600.0,
         steady=is_steady(measured[-3:], length_s, _instability_v(settings)),
         resolution_deg_s=settings.meter_resolution_v / abs(scale.value),
     )

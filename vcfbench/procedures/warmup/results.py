@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -17,12 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.model_fit import ModelFit
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.record.schema import Point
 
     Floats = NDArray[np.float64]
 
-__all__ = ["WarmupFigure", "WarmupResult", "is_steady", "warmup_report", "warmup_results"]
+__all__ = ["WarmupResult", "is_steady", "warmup_report", "warmup_results"]
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643
@@ -31,15 +33,6 @@ _SHOWS = 3.0
 """An exponential below so many of its uncertainties is not seen, and has no time constant."""
 _FIT_S = 10.0
 """The curve is fitted to means of so many seconds."""
-
-
-@dataclass(frozen=True, slots=True)
-class WarmupFigure:
-    """A value with its standard uncertainty and unit."""
-
-    value: float
-    u: float
-    unit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +48,11 @@ class WarmupResult:
     steady: bool
     """Whether the last three means agreed."""
     lasted_s: float
-    bias_end: WarmupFigure
-    """b_inf of b_inf + a exp(-t / tau); its u holds the floor of the Allan deviation, by which means wander."""
-    amplitude: WarmupFigure | None
-    time_constant: WarmupFigure | None
-    warm_up: WarmupFigure | None
+    bias_end: Measurand
+    """b_inf of b_inf + a exp(-t / tau), as the mean over the horizon about the record, deg/s."""
+    amplitude: Measurand | None
+    time_constant: Measurand | None
+    warm_up: Measurand | None
     """When the exponential has fallen below the bias instability."""
     bias_instability_deg_s: float
     chi_square: float
@@ -100,6 +93,7 @@ def warmup_results(
     *,
     interval_s: float,
     scale: ScaleFactor,
+    settings: ProcedureSettings,
     tolerance_deg_s: float,
     instability_deg_s: float,
     steady: bool,
@@ -112,6 +106,7 @@ def warmup_results(
         windows: the same of the windows, an array each.
         interval_s: from reading to reading in a window.
         scale: what turned volts into rates.
+        settings: of the run: what is known of meter, gyroscope and surroundings.
         tolerance_deg_s: the output is on when it stays so close to what the log ends with.
         instability_deg_s: B, which correlates the means and is what warm means.
         steady: whether the last means agreed.
@@ -131,15 +126,16 @@ def warmup_results(
         seen = abs(amplitude) > _SHOWS * u_amplitude and tau_s > _SHOWS * u_tau
         if seen:
             bias, u_bias = fitted_bias, u_fitted_bias
+    window_s = float(begin_s[0]), float(end_s[-1])
     each = [(float(t_s.mean()), float(rate.mean()), float(np.std(rate, ddof=1)), rate.size) for t_s, rate in windows]
     return WarmupResult(
         turn_on_s=_turn_on(log, tolerance_deg_s),
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
         lasted_s=float(end_s[-1]),
-        bias_end=WarmupFigure(bias, math.hypot(u_bias, _FLOOR * instability_deg_s), "deg/s"),
-        amplitude=WarmupFigure(amplitude, u_amplitude, "deg/s") if seen else None,
-        time_constant=WarmupFigure(tau_s, u_tau, "s") if seen else None,
+        bias_end=_bias_end(settings, scale, (bias, u_bias, seen), instability_deg_s, window_s),
+        amplitude=_of_fit(amplitude, u_amplitude, "deg/s") if seen else None,
+        time_constant=_of_fit(tau_s, u_tau, "s") if seen else None,
         warm_up=_warm_up(fit, instability_deg_s) if seen else None,
         bias_instability_deg_s=instability_deg_s,
         chi_square=chi_square,
@@ -149,6 +145,38 @@ def warmup_results(
         means_deg_s=tuple(mean for _, mean, _, _ in each),
         means_u_deg_s=tuple(std / math.sqrt(n) for _, _, std, n in each),
     )
+
+
+def _of_fit(value: float, u: float, unit: str) -> Measurand:
+    return measurand(value, unit, [UncertaintyPart("fit", u)])
+
+
+def _bias_end(
+    settings: ProcedureSettings,
+    scale: ScaleFactor,
+    found: tuple[float, float, bool],
+    instability_deg_s: float,
+    window_s: tuple[float, float],
+) -> Measurand:
+    """Return the bias that was `found` (deg/s, its u by the fit, whether an exponential was seen) with all of its u.
+
+    An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then.
+    """
+    from vcfbench.procedures.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest  # noqa: PLC0415
+    from vcfbench.procedures.sweep.window_noise import Flicker  # noqa: PLC0415  # they take numpy along
+
+    (value, u, seen), (begin_s, end_s), known = found, window_s, settings.station.sources
+    output_v = value * scale.value
+    around = parts_at_rest(settings, output_v, scale.value, end_s)
+    flicker = Flicker(3600.0 * instability_deg_s, math.inf, "bias_instability_deg_h")
+    per_deg_h = abs(scale.value) / 3600.0 * about_horizon([begin_s], [end_s], known.horizon_h)
+    parts = [
+        UncertaintyPart("fit", abs(scale.value) * u),
+        flicker_part(flicker, per_deg_h),
+        *(part for part in around if not (seen and part.source == "warm-up")),
+    ]
+    missing = [name for name in known.missing("bias") if not (seen and name == "warm-up")]
+    return as_rate(measurand(output_v, "V", parts, missing), scale.value, scale.u)
 
 
 def _turn_on(log: Sequence[tuple[float, float]], tolerance_deg_s: float) -> float | None:
@@ -254,26 +282,27 @@ def _constant(
     return mean, 1.0 / math.sqrt(weight), float(((white - mean * ones) ** 2).sum()), means.size - 1
 
 
-def _warm_up(fit: Any, instability_deg_s: float) -> WarmupFigure:
+def _warm_up(fit: Any, instability_deg_s: float) -> Measurand:
     from vcfbench.analysis.model_fit import propagated  # noqa: PLC0415
 
     def warm_s(parameters: Floats) -> float:
         return float(parameters[2] * math.log(abs(parameters[1]) / instability_deg_s))
 
     time_s = warm_s(fit.parameters)
-    return WarmupFigure(time_s, propagated(warm_s, fit), "s") if time_s > 0.0 else WarmupFigure(0.0, 0.0, "s")
+    return _of_fit(time_s, propagated(warm_s, fit), "s") if time_s > 0.0 else _of_fit(0.0, 0.0, "s")
 
 
 def warmup_report(results: WarmupResult) -> Report:
     """Report a warm-up: the figures, what they hold, and the curve."""
     scale = results.scale_factor_v_per_deg_s
-    columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g"), Column("unit")]
+    columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g")]
+    columns += [Column("U95", format=".2g"), Column("unit")]
     rows: list[Any] = [
-        ("turn-on", results.turn_on_s, None, "s"),
-        ("b_inf", results.bias_end.value, results.bias_end.u, results.bias_end.unit),
+        ("turn-on", results.turn_on_s, None, None, "s"),
+        ("b_inf", *results.bias_end.printed(), results.bias_end.unit),
     ]
     named = (("a", results.amplitude, "deg/s"), ("tau", results.time_constant, "s"), ("warm-up", results.warm_up, "s"))
-    rows += [(name, found and found.value, found and found.u, unit) for name, found, unit in named]
+    rows += [(name, *((None,) * 3 if found is None else found.printed()), unit) for name, found, unit in named]
     said = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
     ended = "three means in a row agree" if results.steady else "NOT steady: the last three means do not agree"
     said.append(f"{ended}, {results.lasted_s:.0f} s after power-on")
@@ -286,8 +315,12 @@ def warmup_report(results: WarmupResult) -> Report:
         f"warm-up: until a exp(-t / tau) is below the bias instability, {level_deg_h:.3g} deg/h; turn-on is seen to "
         f"{results.turn_on_resolution_s:.2g} s"
     )
-    said.append("u: noise of the readings, and flicker of that size (of b_inf its Allan floor); not the scale factor's")
-    return Report([Text("\n".join(said)), Table(columns, rows), _figure(results)])
+    said.append(
+        "u: noise of the readings, and flicker of that size; b_inf is that of the mean over horizon_h, with "
+        "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on"
+    )
+    budget = budget_table("b_inf", results.bias_end)
+    return Report([Text("\n".join(said)), Table(columns, rows), budget, _figure(results)])
 
 
 def _figure(results: WarmupResult) -> Figure:

@@ -215,10 +215,10 @@ def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
     if settings.mode is Mode.GAPLESS:
         volts = block_means(window.voltage_v, settings.readings_a_mean)
         sampling, raw = Sampling.without_gaps(settings.sample_interval_s), (window.voltage_v, settings.readings_a_mean)
-        return zero_results(volts, window.t_s, sampling, scale, settings.mode.value, raw=raw)
+        return zero_results(volts, window.t_s, sampling, scale, settings.mode.value, settings=settings, raw=raw)
     bandwidth_hz = settings.passed_hz if settings.mode is Mode.CORRECTED else None
     sampling = Sampling(settings.sample_interval_s, settings.aperture_s, bandwidth_hz)
-    return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value)
+    return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value, settings=settings)
 
 
 def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> NewEntry | None:

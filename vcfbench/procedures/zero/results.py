@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -11,33 +11,38 @@ import numpy as np
 
 from vcfbench.analysis.allan import Noise, allan_deviation, averaging_factors, confidence_interval, equivalent_dof
 from vcfbench.analysis.bias_stability import BiasStability, bias_stability
-from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise, fit_shown_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
-from vcfbench.analysis.type_a import TypeAUncertainty, u_of_combination, u_of_mean
-from vcfbench.report.digits import stated_cells
+from vcfbench.analysis.type_a import u_of_combination
+from vcfbench.procedures.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
+from vcfbench.procedures.known.v_vc import away_from_warm_k
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand
+from vcfbench.report.digits import incomplete
 from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from vcfbench.analysis.allan import AllanPoint
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.scale_factor import ScaleFactor
+    from vcfbench.procedures.sweep.window_noise import Flicker
 
-__all__ = ["AllanRow", "Estimate", "NoiseCoefficient", "Stability", "ZeroResult", "zero_report", "zero_results"]
+__all__ = ["AllanRow", "NoiseCoefficient", "Stability", "ZeroResult", "zero_report", "zero_results"]
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
 _DEG_RTH = 60.0
 """deg/sqrt(h) in a deg/sqrt(s)."""
 _CONFIDENCE = 0.95
+_FLICKER = list(Term).index(Term.BIAS_INSTABILITY)
 _PER_OCTAVE = 2
 _WINDOWS = 60
 """Means that the trend is a straight line through."""
-_USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
-_STANDS_OUT = {Term.BIAS_INSTABILITY: 1.0, Term.RATE_RANDOM_WALK: 3.0, Term.RATE_RAMP: 3.0}
-"""Terms that grow with time count for mean and trend from so many standard uncertainties of their squares on."""
+_ALWAYS = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY)
+_PERHAPS = (Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
 _FIRST, _BEYOND, _LEAST_FITTED = 3, 5.0, 8
 """A fit holds where none of so many shortest averages misses it by so many standard deviations; of so many points."""
 _UNITS = {
@@ -48,19 +53,6 @@ _UNITS = {
     Term.RATE_RAMP: (_DEG_H**2, "(deg/h)/h"),
 }
 """From the units of the fit, seconds and degrees, to those that data sheets have."""
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A value, its standard uncertainty with the degrees of freedom of that, and the half width of 95 %."""
-
-    value: float
-    u: float
-    dof: float | None
-    """None: as many as one likes."""
-    u_95: float | None
-    """None where `dof` is below 1: so little does not tell an interval."""
-    unit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +120,14 @@ class ZeroResult:
     angle_random_walk_as_read: float
     """N of the record as it stands, deg/sqrt(h): what its dead time folds in is in it."""
     stability_deg_h: Stability
-    output_v: Estimate | None
-    bias: Estimate | None
-    """deg/s: the mean as one of such means, Earth's rate along the axis in it; None as above."""
-    trend: Estimate | None
+    output_v: Measurand | None
+    bias: Measurand | None
+    """deg/s: the mean as that of the horizon about the record, Earth's rate along the axis in it; None as above."""
+    trend: Measurand | None
+    """(deg/h)/h, of this record."""
     bias_v: float
     bias_deg_s: float
-    noise_bandwidth_hz: Estimate | None = None
+    noise_bandwidth_hz: Measurand | None = None
     """Of one reading, where it was measured: without gaps. What a record with dead time can be corrected by."""
     fitted_from_s: float = 0.0
     """The shortest averaging time in the fit: where readings follow each other fast, what passes at the mode split
@@ -164,6 +157,7 @@ def zero_results(
     scale: ScaleFactor,
     mode: str,
     *,
+    settings: ProcedureSettings,
     raw: tuple[NDArray[np.float64], int] | None = None,
 ) -> ZeroResult:
     """Return what the record of `volts` comes to, one mean every ``sampling.interval_s``.
@@ -174,6 +168,7 @@ def zero_results(
         sampling: how the record was taken.
         scale: what turns volts into rates.
         mode: ``"dead-time"`` fits the record as it stands.
+        settings: of the run: what is known of meter, gyroscope and surroundings.
         raw: the readings that `volts` are means of, V, and of how many; None where they are the same.
     """
     rates = volts / scale.value
@@ -185,9 +180,7 @@ def zero_results(
     fit = _fit(follows, rates.size, fitted, gapless=sampling.gapless)
     curve = curve if fit is None else _with_honest_bounds(curve, rates.size, fitted, fit)
     walk = _walk_as_it_stands(follows, rates.size, sampling.interval_s)
-    bias, trend = _mean_and_trend(
-        rates, fitted, None if fit is None else _terms_shown(follows, rates.size, fitted, fit)
-    )
+    output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
     return ZeroResult(
         mode=mode,
         samples=rates.size,
@@ -200,7 +193,7 @@ def zero_results(
         noise=() if fit is None else _coefficients(fit, passed=_is_passed(sampling, mode)),
         angle_random_walk_as_read=_DEG_RTH * walk,
         stability_deg_h=_stability(bias_stability(rates, sampling, curve)),
-        output_v=None if bias is None else _scaled(bias, scale.value, "V"),
+        output_v=output,
         bias=bias,
         trend=trend,
         bias_v=float(volts.mean()),
@@ -215,7 +208,7 @@ def _is_passed(sampling: Sampling, mode: str) -> bool:
     return mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
 
 
-def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) -> Estimate | None:
+def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) -> Measurand | None:
     """Return the noise bandwidth of one reading, Hz: half the mean square of differences over an interval, over 2 N^2.
 
     Readings so far apart share nothing of what the split lets through; of flicker the difference holds some per cent.
@@ -225,14 +218,18 @@ def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) 
         return None
     value = 0.5 * float(np.mean((readings[a_mean:] - readings[:-a_mean]) ** 2)) / (2.0 * walk.value**2)
     u = value * math.hypot(2.0 * walk.u / walk.value, math.sqrt(3.0 / readings.size))
-    return Estimate(value, u, None, 1.959964 * u, "Hz")
+    return measurand(value, "Hz", [UncertaintyPart("noise of the record", u)])
 
 
 def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> NoiseFit | None:
-    """Fit N, B, K, R, without gaps Q as well, since what passes at the split falls as 1/tau; None without noise."""
+    """Fit N and B, without gaps Q as well, since what passes at the split falls as 1/tau; K and R where they are shown.
+
+    None without noise.
+    """
     if any(point.deviation <= 0.0 for point in curve):
         return None
-    return fit_noise(curve, samples, sampling, (Term.QUANTISATION, *_USUAL) if gapless else _USUAL)
+    always = (Term.QUANTISATION, *_ALWAYS) if gapless else _ALWAYS
+    return fit_shown_noise(curve, samples, sampling, always, _PERHAPS)
 
 
 def _follows(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> Sequence[AllanPoint]:
@@ -254,25 +251,6 @@ def _misses(point: AllanPoint, sampling: Sampling, fit: NoiseFit) -> bool:
     return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
 
 
-def _terms_shown(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit) -> NoiseFit:
-    """Return the fit of those terms alone that stand out of their own uncertainty (`_STANDS_OUT`).
-
-    What does not would be carried from the longest averaging time to the whole record, and make its mean and trend
-    uncertain beyond any use; its upper limit is among the coefficients.
-    """
-    while shown := [term for term in fit.terms if _stands_out(term, fit)]:
-        if len(shown) == len(fit.terms):
-            break
-        fit = fit_noise(curve, samples, sampling, shown)
-    return fit
-
-
-def _stands_out(term: Term, fit: NoiseFit) -> bool:
-    """Tell whether the square of a coefficient, which is what is estimated, is so many of its uncertainties."""
-    found = fit.terms[term]
-    return found.u is not None and found.value > 2.0 * _STANDS_OUT.get(term, 0.0) * found.u
-
-
 def _with_honest_bounds(
     curve: Sequence[AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit
 ) -> list[AllanPoint]:
@@ -288,8 +266,9 @@ def _with_honest_bounds(
 
 def _walk_as_it_stands(curve: Sequence[AllanPoint], samples: int, interval_s: float) -> float:
     """Return N of the record taken for gapless, deg/sqrt(s): fitted where it can be, else read off at the shortest."""
-    fit = _fit(curve, samples, Sampling.without_gaps(interval_s), gapless=False)
-    return curve[0].deviation * math.sqrt(curve[0].tau_s) if fit is None else fit.coefficients.angle_random_walk
+    if any(point.deviation <= 0.0 for point in curve):
+        return curve[0].deviation * math.sqrt(curve[0].tau_s)
+    return fit_noise(curve, samples, Sampling.without_gaps(interval_s), _ALWAYS).coefficients.angle_random_walk
 
 
 def _dead_share(times_s: NDArray[np.float64], means: int, sampling: Sampling) -> float:
@@ -340,43 +319,70 @@ def _stability(found: BiasStability) -> Stability:
     )
 
 
-def _mean_and_trend(
-    rates: NDArray[np.float64], sampling: Sampling, fit: NoiseFit | None
-) -> tuple[Estimate | None, Estimate | None]:
-    """Return mean (deg/s) and slope ((deg/h)/h) with what the fitted noise leaves them uncertain by."""
-    if fit is None:
-        return None, None
-    mean = _estimate(float(rates.mean()), u_of_mean(fit, sampling, rates.size), 1.0, "deg/s")
+def _stated(
+    volts: NDArray[np.float64], sampling: Sampling, scale: ScaleFactor, settings: ProcedureSettings, fit: NoiseFit
+) -> tuple[Measurand, Measurand, Measurand]:
+    """Return mean output (V), bias (deg/s) and trend ((deg/h)/h) with all that is known to make them uncertain."""
+    known, per_deg_s = settings.station.sources, abs(scale.value)
+    lasted_s, flicker = volts.size * sampling.interval_s, _flicker(fit, settings)
+    middle, half = lasted_s / 2.0, known.horizon_h * 1800.0
+    begin, end = np.array([0.0, middle - half]), np.array([lasted_s, middle + half])
+    output = measurand(
+        float(volts.mean()),
+        "V",
+        [
+            *_noise_parts(fit, sampling, (begin, end, np.array([1.0, -1.0])), per_deg_s),
+            flicker_part(flicker, per_deg_s / _DEG_H * about_horizon([0.0], [lasted_s], known.horizon_h)),
+            *parts_at_rest(settings, float(volts.mean()), scale.value, lasted_s),
+        ],
+        known.missing("bias"),
+    )
+    bias = as_rate(output, scale.value, scale.u)
+    return output, bias, _trend(volts / scale.value, sampling, settings, fit)
+
+
+def _trend(rates: NDArray[np.float64], sampling: Sampling, settings: ProcedureSettings, fit: NoiseFit) -> Measurand:
+    """Return the slope of the least-squares line, (deg/h)/h, through means: noise alone bends it, and the warm-up."""
     edges = np.linspace(0, rates.size, _WINDOWS + 1).round().astype(int)
     means = np.array([rates[a:b].mean() for a, b in pairwise(edges.tolist())])
-    begin_s, end_s = edges[:-1] * sampling.interval_s, edges[1:] * sampling.interval_s
-    middle_s = 0.5 * (begin_s + end_s)
-    away_s = middle_s - middle_s.mean()
-    weights = away_s / float(away_s @ away_s)
-    u = u_of_combination(_without_ramp(fit), sampling, begin_s, end_s, weights)
-    return mean, _estimate(float(weights @ means), u, _DEG_H**2, "(deg/h)/h")
+    begin, end = edges[:-1] * sampling.interval_s, edges[1:] * sampling.interval_s
+    middle = 0.5 * (begin + end)
+    weights = (middle - middle.mean()) / float(np.sum((middle - middle.mean()) ** 2))
+    known, flicker = settings.station.sources, _flicker(fit, settings)
+    unit = NoiseFit(Coefficients(bias_instability=1.0), {}, np.zeros((len(Term), len(Term))))
+    parts = [
+        *_noise_parts(fit, sampling, (begin, end, weights), _DEG_H**2),
+        flicker_part(flicker, _DEG_H * u_of_combination(unit, sampling, begin, end, weights).u),
+    ]
+    if (left_k := away_from_warm_k(settings, 0.0).get("warm-up")) is not None:
+        bent = abs(float(weights @ np.exp(-middle / known.warm_up_time_s)))
+        parts.append(UncertaintyPart("warm-up", _DEG_H * (known.bias_deg_h_k or 0.0) * left_k * bent))
+    missing = [name for name in known.missing("bias") if name == "warm-up"]
+    return measurand(_DEG_H**2 * float(weights @ means), "(deg/h)/h", parts, missing)
 
 
-def _without_ramp(fit: NoiseFit) -> NoiseFit:
-    """Return the noise alone: a ramp is what the trend shows, and not what it is uncertain by."""
-    covariance = fit.covariance_of_squares.copy()
-    covariance[-1, :] = covariance[:, -1] = 0.0
-    return replace(fit, coefficients=replace(fit.coefficients, rate_ramp=0.0), covariance_of_squares=covariance)
+def _flicker(fit: NoiseFit, settings: ProcedureSettings) -> Flicker:
+    """Return the flicker of the record, or what is stated of it where the record is too short to know it."""
+    found = fit.terms[Term.BIAS_INSTABILITY]
+    u = math.sqrt(float(fit.covariance_of_squares[_FLICKER, _FLICKER]))
+    return flicker_found(settings.station.sources, _DEG_H**2 * found.value**2, _DEG_H**2 * u)
 
 
-def _estimate(value: float, found: TypeAUncertainty, factor: float, unit: str) -> Estimate:
-    from scipy.special import stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
+def _noise_parts(
+    fit: NoiseFit, sampling: Sampling, windows: tuple[NDArray[np.float64], ...], factor: float
+) -> Iterator[UncertaintyPart]:
+    """Yield what each noise but flicker puts into a sum of means, `windows` (begins, ends, weights).
 
-    u, dof = factor * found.u, found.dof if math.isfinite(found.dof) else None
-    if dof is not None and dof < 1.0:
-        return Estimate(factor * value, u, dof, None, unit)
-    coverage = 1.959964 if dof is None else float(stdtrit(dof, 0.5 + 0.5 * _CONFIDENCE))
-    return Estimate(factor * value, u, dof, coverage * u, unit)
-
-
-def _scaled(found: Estimate, factor: float, unit: str) -> Estimate:
-    u_95 = None if found.u_95 is None else found.u_95 * abs(factor)
-    return Estimate(found.value * factor, found.u * abs(factor), found.dof, u_95, unit)
+    A ramp is what a trend shows, and is no noise.
+    """
+    for place, term in enumerate(Term):
+        if term in {Term.BIAS_INSTABILITY, Term.RATE_RAMP} or term not in fit.terms or not fit.terms[term].value:
+            continue
+        alone = np.zeros((len(Term), len(Term)))
+        alone[place, place] = fit.covariance_of_squares[place, place]
+        values = [math.sqrt(square) if place == n else 0.0 for n, square in enumerate(fit.coefficients.squares())]
+        found = u_of_combination(NoiseFit(Coefficients(*values), {}, alone), sampling, *windows)
+        yield UncertaintyPart(term.value, factor * found.u, found.dof if math.isfinite(found.dof) else None)
 
 
 def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
@@ -386,6 +392,7 @@ def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
             Text(_taken(results, bandwidth_stated=bandwidth_stated)),
             _noise_table(results),
             _bias_table(results),
+            *([] if results.output_v is None else [budget_table("the output's mean", results.output_v)]),
             _stability_table(results.stability_deg_h),
             _allan_table(results),
             Text("\n".join([*_for_budgets(results), _WHAT_U_HOLDS])),
@@ -401,9 +408,10 @@ def _for_budgets(results: ZeroResult) -> list[str]:
 
 
 _WHAT_U_HOLDS = """\
-u is the standard uncertainty that the noise of this very record leaves, all averaging times and their correlations
-counted (type A). It does not hold the scale factor's, nor the meter's offset, nor how far the bias wanders in times
-longer than the record. The mean holds the Earth's rate along the axis."""
+The mean is stated for the mean over horizon_h around the record; it holds the Earth's rate along the axis. Its u holds
+the noise of this record with all correlations, flicker over the horizon, multimeter, temperature, warm-up and phases as
+far as the bench file knows them, and as a rate the scale factor's. The trend is that of this record. Not in any u:
+turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the rails, changes after the run."""
 
 
 def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
@@ -452,7 +460,7 @@ def _noise_table(results: ZeroResult) -> Table | Text:
 def _bias_table(results: ZeroResult) -> Table:
     columns = [Column("", align="left"), Column("value", format=".6g"), Column("u", format=".2g")]
     columns += [Column("dof", format=".3g"), Column("U95", format=".2g"), Column("unit", align="left")]
-    named: list[tuple[str, Estimate | None, float, str]] = [
+    named: list[tuple[str, Measurand | None, float, str]] = [
         ("output, mean", results.output_v, results.bias_v, "V"),
         ("bias, mean", results.bias, results.bias_deg_s, "deg/s"),
     ]
@@ -462,12 +470,12 @@ def _bias_table(results: ZeroResult) -> Table:
     ]
     if results.trend is not None:
         rows.append(("trend", *_cells(results.trend)))
-    return Table(columns, rows)
+    return Table(columns, rows, incomplete(() if results.bias is None else results.bias.missing).removeprefix("; "))
 
 
-def _cells(found: Estimate) -> tuple[Any, ...]:
-    value, u, u_95 = stated_cells(found.value, found.u, found.u_95 or found.u)
-    return (value, u, found.dof, "not found" if found.u_95 is None else u_95, found.unit)
+def _cells(found: Measurand) -> tuple[Any, ...]:
+    value, u, u95 = found.printed()
+    return (value, u, found.dof, u95, found.unit)
 
 
 def _stability_table(found: Stability) -> Table:
