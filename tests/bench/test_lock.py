@@ -80,8 +80,11 @@ def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[s
     holder.kill()
     holder.wait()
     assert lock_path(METER).exists()
-    with instrument_locks("lab-1", {"multimeter": METER}):
+    with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
         assert f'"pid": {os.getpid()}' in lock_path(METER).read_text("utf-8")
+        assert left_by["multimeter"].startswith(f"process {holder.pid} of ")
+    with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
+        assert left_by == {}
 
 
 def test_a_lock_is_given_back_and_can_be_taken_again(folder: Path) -> None:

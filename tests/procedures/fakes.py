@@ -281,6 +281,8 @@ class FakeBench:
         self.rate_table = FakeTable(self, "rate_table", "FAKE::COM1")
         self.v_vc_meter: FakeMeter = FakeVvcMeter(self, "v_vc_meter", "FAKE::23")
         self.answers: list[str] = []
+        self.watchdog = None
+        self.left_by: dict[str, str] = {}
 
     def output_v(self) -> float:
         gyro, source = self.gyro, self.rate_source

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.roles import Role
     from vcfbench.bench.safety import SafetyStack
     from vcfbench.bench.station import Builder, UnopenedBench
+    from vcfbench.bench.watchdog import Watchdog
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -49,7 +50,8 @@ class Bench(Struct, frozen=True, eq=False):
     `instruments` has those that were opened. Asking for another is a ConfigError that says what the bench file lacks.
     `clock` is bench time with a safe point at every wait. `identities` says by role who answered. `safe_reports` is
     filled when the bench is left: at the end of a ``with``, by `close`, or when Python ends. `adjust` changes a
-    simulated world as hands would, by the names of ``vcfbench sim ctl``; None on a real bench.
+    simulated world as hands would, by the names of ``vcfbench sim ctl``; None on a real bench. `left_by` says by
+    role who died with an instrument before, and left it as it was.
     """
 
     description: BenchDescription
@@ -59,6 +61,7 @@ class Bench(Struct, frozen=True, eq=False):
     instruments: Mapping[str, Any]
     holding: Holding
     adjust: Callable[[str, Any], None] | None = None
+    left_by: Mapping[str, str] = MappingProxyType({})
 
     @property
     def power(self) -> PowerSupply:
@@ -116,6 +119,11 @@ class Bench(Struct, frozen=True, eq=False):
     def safe_reports(self) -> list[SafeReport]:
         """What making safe came to, once the bench was left."""
         return self.holding.reports
+
+    @property
+    def watchdog(self) -> Watchdog | None:
+        """The process that makes the bench safe when this one dies; None on a bench that dies with it."""
+        return self.holding.watchdog
 
     @property
     def closed(self) -> bool:
@@ -198,9 +206,15 @@ def open_bench(
         holding = Holding(description.name, stand, stops, watch, stack.pop_all())
     ahead_s = 0.0 if now_s is None else now_s - stand.clock.now()
     try:
+        if description.simulation is None:
+            from vcfbench.bench.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
+
+            holding.watchdog = Watchdog(description, lambda: stops.stop("the death of the watchdog"))
         opened = _open_all(roles, description, stand, holding.safety, stops)
         if "rate_table" in opened.instruments:
             require_still(opened.instruments["rate_table"])
+        if holding.watchdog is not None:
+            holding.watchdog.require_ready()
         opened_bench = _bench(description, ControlClock(stand.clock, stops, ahead_s), stand, opened, holding)
         watch.end()
     except BaseException as error:
@@ -256,7 +270,7 @@ def _bench(
 ) -> Bench:
     checks = LimitChecks.of(description)
     instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
-    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust)
+    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust, stand.left_by)
 
 
 _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.signals import StopSignals
     from vcfbench.bench.station import UnopenedBench
+    from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import SafeReport
 
 __all__ = ["Holding", "SignalWatch"]
@@ -71,6 +72,7 @@ class Holding:
         self._signals = signals
         self._stack = stack
         self._watch = watch
+        self.watchdog: Watchdog | None = None
         self._closed = False
         self._process = os.getpid()
         _STILL_OPEN.add(self)
@@ -98,7 +100,11 @@ class Holding:
         self._closed = True
         _STILL_OPEN.discard(self)
         with self._stack:
-            error = self._made_safe()
+            try:
+                error = self._made_safe()
+            finally:
+                if self.watchdog is not None:
+                    self.watchdog.leave()
         if error is None:
             return
         if isinstance(under_way, BenchError):

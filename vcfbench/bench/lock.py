@@ -44,10 +44,11 @@ class LockUnusable(BenchError):
 
 
 @contextmanager
-def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[None]:
+def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Mapping[str, str]]:
     """Hold the locks of `resources`, role to resource name: all of them, or none.
 
     They are taken in one order, whoever takes them, and nobody waits for one: two runs cannot wait for each other.
+    Yields by role who died with an instrument and left it as it was: who makes it safe takes the signed file away.
 
     Raises:
         InUse: another process has one of them; says which, who, where and since when.
@@ -55,16 +56,18 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Non
     """
     keys = {resource_key(resource): (role, resource) for role, resource in resources.items()}
     unusable: LockUnusable | None = None
+    left: dict[str, str] = {}
     with ExitStack() as stack:
         for key in sorted(keys):
             role, resource = keys[key]
             try:
-                stack.enter_context(_lock(lock_path(resource), station, role, resource))
+                before = stack.enter_context(_lock(lock_path(resource), station, role, resource))
+                left |= {} if before is None else {role: before}
             except LockUnusable as error:
                 unusable = unusable or error
         if unusable is not None:
             raise unusable
-        yield
+        yield left
 
 
 def lock_path(resource: str) -> Path:
@@ -92,11 +95,12 @@ def _is_shared(name: str) -> bool:
 
 
 @contextmanager
-def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[None]:
+def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[str | None]:
     file = _locked(path, role, resource)
     try:
+        before = _signed(path)
         _sign(file, station, resource)
-        yield
+        yield before
     finally:
         with suppress(OSError):  # another user's file stays, empty
             os.ftruncate(file, 0)
@@ -181,9 +185,14 @@ def _user() -> str:
 
 
 def _owner(path: Path) -> str:
+    return _signed(path) or "another process"  # it has locked the file and not signed it yet
+
+
+def _signed(path: Path) -> str | None:
+    """Return who has signed the file of a lock; None where nobody has."""
     try:
         owner = json.loads(path.read_text("utf-8"))
         who = f"process {owner['pid']} of {owner['user']} on {owner['host']}"
         return f"{who} for station {owner['station']} since {owner['start']}"
     except (OSError, ValueError, TypeError, KeyError):
-        return "another process"  # it has locked the file and not signed it yet
+        return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import contextmanager
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct
@@ -15,7 +16,7 @@ from vcfbench.clock import PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator, Mapping
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.description import BenchDescription, Served
@@ -41,7 +42,8 @@ class UnopenedBench(Struct, frozen=True):
 
     `rate_table` is the port of the table, None on a bench that has none. `patience` is how many seconds of wall time a
     second of bench time may take; `seed` is None on a real bench. `adjust` changes the simulated world by hand, name
-    and value as ``vcfbench sim ctl set`` takes them; None on a real bench, where hands do that.
+    and value as ``vcfbench sim ctl set`` takes them; None on a real bench, where hands do that. `left_by` says by role
+    who died with an instrument and left it as it was.
     """
 
     clock: Clock
@@ -50,6 +52,7 @@ class UnopenedBench(Struct, frozen=True):
     seed: int | None = None
     patience: float = 1.0
     adjust: Callable[[str, Any], None] | None = None
+    left_by: Mapping[str, str] = MappingProxyType({})
 
 
 def station(
@@ -86,7 +89,7 @@ def require_instruments_apart(description: BenchDescription) -> None:
         require_apart({each.name: getattr(description, each.name).resource for each in filled_roles(description)})
 
 
-def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[None]:
+def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[Mapping[str, str]]:
     from vcfbench.bench.lock import instrument_locks  # noqa: PLC0415  # nobody else has a bench in this process
 
     locked = [each.name for each in filled_roles(description)] if roles is None else roles
@@ -95,8 +98,8 @@ def _locks(description: BenchDescription, roles: Collection[str] | None) -> Abst
 
 @contextmanager
 def _real(description: BenchDescription, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
-    with _locks(description, roles):
-        yield UnopenedBench(WallClock(), description.visa_library, table_port(description))
+    with _locks(description, roles) as left_by:
+        yield UnopenedBench(WallClock(), description.visa_library, table_port(description), left_by=left_by)
 
 
 def table_port(description: BenchDescription) -> str | None:
@@ -108,9 +111,14 @@ def table_port(description: BenchDescription) -> str | None:
 def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
     from vcfbench.bench.served import lockstep_bench  # noqa: PLC0415
 
-    with _locks(description, roles), lockstep_bench(served, table_port(description)) as lockstep:
+    with _locks(description, roles) as left_by, lockstep_bench(served, table_port(description)) as lockstep:
         yield UnopenedBench(
-            lockstep.clock, description.visa_library, lockstep.rate_table, lockstep.seed, adjust=lockstep.adjust
+            lockstep.clock,
+            description.visa_library,
+            lockstep.rate_table,
+            lockstep.seed,
+            adjust=lockstep.adjust,
+            left_by=left_by,
         )
 
 

@@ -251,6 +251,8 @@ class Step:
     subject: ClassVar[str] = ""
     overhead_s: ClassVar[float] = 0.0
     """Estimate of the time that talking to the instruments takes, beside what physics asks for."""
+    waits_for_person: ClassVar[bool] = False
+    """Whether it may take any time."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the kind known, so that a record can be read into values again."""

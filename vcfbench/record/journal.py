@@ -37,6 +37,7 @@ __all__ = [
     "JournalRecord",
     "MemoryJournal",
     "SimulatedJournal",
+    "append_line",
     "being_written",
     "lines_of",
     "read_header",
@@ -168,6 +169,22 @@ class MemoryJournal(Journal):
 
 def _stamp() -> str:
     return utc_now().isoformat(timespec="microseconds")
+
+
+def append_line(path: Path, values: Mapping[str, Any]) -> None:
+    """Add a line to the journal of a run that died, in place of one that was torn.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with path.open("r+b") as file:
+        whole = file.read()
+        whole = whole[: whole.rfind(b"\n") + 1]
+        file.seek(len(whole))
+        file.write(msgspec.json.encode({**values, "utc": _stamp()}) + b"\n")
+        file.truncate()
+        file.flush()
+        _sync(file.fileno())
 
 
 class JournalRecord(Struct, frozen=True):

@@ -13,6 +13,7 @@ from msgspec import Struct, field, structs, to_builtins
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
+from vcfbench.plans.executor import Executor, StepStarted
 from vcfbench.record.export import points_csv, write_result, write_text
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.record.schema import Status
@@ -31,8 +32,9 @@ if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.signals import StopSignals
+    from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import Identity, SafeReport
-    from vcfbench.plans.executor import Execution, Observer
+    from vcfbench.plans.executor import Event, Execution, Observer
     from vcfbench.plans.step import Operator
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.record.directory import RunDirectory
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
 
     Preparing = Callable[[Asked, Checked], Prepared]
 
+_OVERTIME_S: Final = 60.0
+"""By how much a step may take longer than twice its estimate, wall time."""
 _PREPARING: Final = Lock()
 """What is loaded and worked out once in a process (numpy, msgspec's types) fails where two threads do it at once."""
 
@@ -227,6 +231,8 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             now_s = prepared.now_s()
             opened = open_bench(prepared.description, seed=seed, speed=speed, signals=signals, needs=needs, now_s=now_s)
             bench = watching.enter_context(opened)
+            for each in sorted(set(bench.left_by.values())):
+                asked.warn(f"{each} died with this bench and nothing made it safe; its table stands now")
             record.perform(bench, watchers, signals)
     except BaseException as error:
         course.take_error(_as_bench_error(error))
@@ -293,6 +299,19 @@ def _without_result(error: Exception) -> BenchError:
     )
 
 
+class _WatchedSteps(Struct, frozen=True):
+    """Tells the watchdog the step under way, and the longest that it may take."""
+
+    watchdog: Watchdog
+
+    def handle(self, event: Event) -> None:
+        """Pass on what begins; every exchange has a deadline of its own, and this one is for what never comes back."""
+        if isinstance(event, StepStarted):
+            step = event.step
+            longest_s = None if step.waits_for_person else 2.0 * step.duration_s + _OVERTIME_S
+            self.watchdog.step(f"step {event.number} ({step.describe()})", longest_s)
+
+
 class _Record(Struct):
     """The record of one run: journal while it goes, results and points when it is over."""
 
@@ -319,8 +338,6 @@ class _Record(Struct):
 
     def perform(self, bench: Bench, watchers: Sequence[Observer], signals: StopSignals) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it."""
-        from vcfbench.plans.executor import Executor  # noqa: PLC0415
-
         self.prepared = prepared = _identified(self.prepared, bench.identities)
         course = self.course
         course.checked.seed = bench.seed
@@ -332,6 +349,10 @@ class _Record(Struct):
         with signals.undivided():
             journal = self._open_journal(bench.identities, began_s, bench.clock.now() - began_s)
         operator = operator_of(course.asked, bench)
+        watchdog = bench.watchdog
+        if watchdog is not None and course.directory is not None:
+            watchdog.keep_in(course.directory.journal)
+            watchers = [*watchers, _WatchedSteps(watchdog)]
         executor = Executor(bench, journal, watchers, operator, began_s, undivided=signals.undivided)
         try:
             with blamed_on(prepared.procedure):

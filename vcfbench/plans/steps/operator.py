@@ -34,6 +34,7 @@ class AskOperator(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "what hands do"
+    waits_for_person: ClassVar[bool] = True
 
     words: str
     takes_s: float = 60.0

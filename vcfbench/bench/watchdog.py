@@ -1,0 +1,110 @@
+"""The watchdog process, seen from the program that it watches: started before an output goes on, told that this lives.
+
+The process itself is `vcfbench.cli.watchdog`. It knows the bench's description and has no connection to an instrument.
+When the pipe from the program breaks without a word, when its beats stop, or a step takes longer than it may, it ends
+what is left of the program and makes the bench safe.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import to_builtins
+
+from vcfbench.errors import BenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
+
+__all__ = ["BEAT_S", "Watchdog"]
+
+BEAT_S: Final = 0.25
+"""From one sign of life to the next, wall time."""
+_STARTING_S: Final = 10.0
+_LEAVING_S: Final = 2.0
+
+
+class Watchdog:
+    """The watchdog of one open bench; `lost` is called once if it dies before the run.
+
+    Raises:
+        BenchError: it did not start.
+    """
+
+    def __init__(self, description: BenchDescription, lost: Callable[[], None]) -> None:
+        self._lost = lost
+        self._over = threading.Event()
+        self._writing = threading.Lock()
+        self._process = subprocess.Popen(  # this Python, this package
+            [sys.executable, "-m", "vcfbench.cli.watchdog"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # what ends the terminal does not end it
+        )
+        self._tell({"owner": os.getpid(), "bench": to_builtins(description)})
+
+    def require_ready(self) -> None:
+        """Wait until it watches, and begin to tell it that the run lives; BenchError if it does not come to that."""
+        ready: list[bytes] = []
+        reader = threading.Thread(target=lambda: ready.append(self._ready()), daemon=True)
+        reader.start()
+        reader.join(_STARTING_S)
+        if ready != [b"ready\n"]:
+            self._process.kill()
+            raise BenchError("the watchdog did not start: nobody would make the bench safe if this program died")
+        threading.Thread(target=self._beat, name="watchdog beat", daemon=True).start()
+
+    def _ready(self) -> bytes:
+        assert self._process.stdout is not None  # noqa: S101  # it was asked for
+        with self._process.stdout as said:
+            return said.readline()
+
+    def keep_in(self, journal: Path) -> None:
+        """Name the journal in which it writes down what it did."""
+        self._tell({"journal": str(journal.absolute())})
+
+    def step(self, words: str, longest_s: float | None) -> None:
+        """Tell the step under way and the longest that it may take, wall time; None is any time."""
+        self._tell({"step": words, "longest_s": longest_s})
+
+    def leave(self) -> None:
+        """Let it go: the bench is safe, or has been said not to be."""
+        self._over.set()
+        self._tell({"left": True})
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        try:
+            self._process.wait(_LEAVING_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _tell(self, what: dict[str, Any]) -> None:
+        with suppress(OSError, ValueError), self._writing:  # that it has died, the beat finds out
+            self._put(json.dumps(what).encode() + b"\n")
+
+    def _put(self, data: bytes) -> None:
+        assert self._process.stdin is not None  # noqa: S101  # it was asked for
+        self._process.stdin.write(data)
+        self._process.stdin.flush()
+
+    def _beat(self) -> None:
+        while not self._over.wait(BEAT_S):
+            try:
+                with self._writing:
+                    self._put(b"{}\n")
+            except (OSError, ValueError):
+                if not self._over.is_set():
+                    self._lost()
+                return

@@ -1,0 +1,146 @@
+"""``python -m vcfbench.cli.watchdog``: the process that makes a bench safe when the program that had it died or hangs.
+
+Its standard input is a pipe from that program, `vcfbench.bench.watchdog`: first the bench, then steps and signs of
+life, one JSON object a line. While all is well it exchanges nothing with any instrument and loads nothing that could.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.clock import WallClock, sleep
+
+if TYPE_CHECKING:
+    from vcfbench.bench.safing import MadeSafe
+
+__all__ = ["main"]
+
+_TURN_S: Final = 0.1
+_SILENT_TURNS: Final = 20
+"""Turns without a sign of life after which the program hangs: what stops the whole computer stops turns too."""
+_FREED_S: Final = 5.0
+"""How long the locks of a program that has just died may take to be free."""
+
+
+def main() -> int:
+    """Watch until the program has left its bench; else make that safe. Returns 0 when all is safe, 5 when it is not."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # meant for the program, which leaves its bench and then this process
+        if (number := getattr(signal, name, None)) is not None:
+            signal.signal(number, signal.SIG_IGN)
+    said: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+    threading.Thread(target=_listen, args=(said,), daemon=True).start()
+    charge = said.get()
+    if charge is None:
+        return 0
+    os.write(1, b"ready\n")
+    watch = _Watch(said, charge["owner"])
+    why = watch.until_it_ends()
+    if why is None:
+        return 0
+    return _make_safe(charge, watch, why)
+
+
+def _listen(said: SimpleQueue[dict[str, Any] | None]) -> None:
+    for line in sys.stdin.buffer:
+        with suppress(ValueError):  # the last line of a program that was killed may be torn
+            said.put(json.loads(line))
+    said.put(None)
+
+
+class _Watch:
+    """What is known of the program that is watched."""
+
+    def __init__(self, said: SimpleQueue[dict[str, Any] | None], owner: int) -> None:
+        self._said = said
+        self._owner = owner
+        self.step = ""
+        self.journal: Path | None = None
+
+    def until_it_ends(self) -> str | None:
+        """Return None when the program has left its bench in order, else what has become of it."""
+        clock, silent, ends_s = WallClock(), 0, math.inf
+        while silent < _SILENT_TURNS and clock.now() <= ends_s:
+            try:
+                heard = self._said.get(timeout=_TURN_S)
+            except Empty:
+                silent += 1
+                if silent == _SILENT_TURNS // 2:
+                    import vcfbench.bench.safing  # noqa: F401, PLC0415  # it may be needed in a second
+                continue
+            if heard is None:
+                return "the program died"
+            if "left" in heard:
+                return None
+            silent = 0
+            self.journal = Path(heard["journal"]) if "journal" in heard else self.journal
+            if "step" in heard:
+                self.step, longest_s = heard["step"], heard["longest_s"]
+                ends_s = math.inf if longest_s is None else clock.now() + longest_s
+        silence = f"the program gave no sign of life for {_SILENT_TURNS * _TURN_S:g} s"
+        return self._ended(silence if silent else "its step took longer than it may")
+
+    def _ended(self, why: str) -> str:
+        """End the program that hangs: nobody else can have its wires before."""
+        with suppress(OSError):
+            os.kill(self._owner, getattr(signal, "SIGKILL", signal.SIGTERM))
+        return f"{why} and was ended"
+
+
+def _make_safe(charge: dict[str, Any], watch: _Watch, why: str) -> int:
+    from vcfbench.cli.ending import say  # noqa: PLC0415  # nothing of it is needed while all is well
+
+    where = f" in {watch.step}" if watch.step else ""
+    try:
+        done = _safe(charge)
+    except Exception as error:  # noqa: BLE001  # whatever went wrong, somebody must go and look
+        _write(watch, {"why": f"{why}{where}", "safe": None, "error": f"{type(error).__name__}: {error}"})
+        say(f"vcfbench watchdog: {why}{where}; NOT SAFE: {error}", alarm=True)
+        return 5
+    failure = done.failure()
+    instruments = [{"instrument": each.role, "found": each.found, "safe": each.safe, "detail": each.detail}
+                   for each in done.instruments]  # fmt: skip
+    _write(watch, {"why": f"{why}{where}", "safe": failure is None, "instruments": instruments})
+    say(f"vcfbench watchdog: {why}{where}; {failure or 'the bench was made safe'}", alarm=failure is not None)
+    return 0 if failure is None else failure.exit_code
+
+
+def _safe(charge: dict[str, Any]) -> MadeSafe:
+    """Make the bench safe as soon as the locks of the program that had it are free."""
+    from vcfbench.bench.description import BenchDescription  # noqa: PLC0415  # as above
+    from vcfbench.bench.lock import InUse  # noqa: PLC0415
+    from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
+    from vcfbench.errors import ConnectFailed  # noqa: PLC0415
+    from vcfbench.typed import typed  # noqa: PLC0415
+
+    description = typed(charge["bench"], BenchDescription)
+    clock = WallClock()
+    while True:
+        try:
+            return safe_bench(description)
+        except (InUse, ConnectFailed):
+            if clock.now() > _FREED_S:
+                raise
+            sleep(clock, _TURN_S)
+
+
+def _write(watch: _Watch, values: dict[str, Any]) -> None:
+    """Add a line to the journal of the run, in place of one that was torn."""
+    if watch.journal is None:
+        return
+    from vcfbench.record.journal import append_line  # noqa: PLC0415  # as above
+
+    with suppress(Exception):  # the bench is what counts
+        append_line(watch.journal, {"type": "watchdog", **values})
+
+
+if __name__ == "__main__":
+    sys.exit(main())
