@@ -251,6 +251,8 @@ def mass(relative: float, old: Parameters) -> Overrides:
 
 
 SEEN = (leak, split, in_phase, carrier_phase, demodulator_phase, feedthrough, modulator)
+BEYOND = ("too_warm",)
+"""Causes that are seen and beyond what can be corrected: there the run shall refuse."""
 EVERYTHING = ("multimeter", "v_vc_meter", "rate_source", "power", "oscilloscope")
 CAUSES: dict[str, Cause] = {
     "nothing": Cause(),
@@ -270,6 +272,7 @@ CAUSES: dict[str, Cause] = {
     "all_seen": Cause((*SEEN, harmless), apart_k=(0.0, 15.0)),
     "all_seen_elsewhere": Cause((*SEEN, harmless), other=EVERYTHING, apart_k=(0.0, 15.0)),
     "drive_alone": Cause((drive_alone,)),
+    "drive_alone_elsewhere": Cause((drive_alone,), other=EVERYTHING),
     "too_warm": Cause(apart_k=(25.0, 35.0)),
     "combs": Cause(unseen=(combs,)),
     "mass": Cause(unseen=(mass,)),
@@ -590,7 +593,7 @@ def summary(lines: Sequence[Line]) -> list[str]:
     """Return the table of the study, a row for each value of each cause."""
     rows = [
         (
-            f"{'cause':20} {'value':13} {'n':>4} {'refused':>7} {'mean z':>7} {'sd z':>6} {'in U95':>7}"
+            f"{'cause':22} {'value':13} {'n':>4} {'refused':>7} {'mean z':>7} {'sd z':>6} {'in U95':>7}"
             f" {'error, ppm rms':>15} {'u, ppm rms':>11} {'dK_Vc':>7}"
         )
     ]
@@ -605,11 +608,14 @@ def summary(lines: Sequence[Line]) -> list[str]:
             errors, u = _rms([each["error_ppm"] for each in stated]), _rms([each["u_ppm"] for each in stated])
             good = 0.93 <= held <= 0.975 and 0.9 <= z.std() <= 1.1
             rows.append(
-                f"{cause:20} {name:13} {len(stated):4} {refused:7} {z.mean():+7.2f} {z.std():6.2f} {100 * held:6.1f}%"
+                f"{cause:22} {name:13} {len(stated):4} {refused:7} {z.mean():+7.2f} {z.std():6.2f} {100 * held:6.1f}%"
                 f" {errors:15.1f} {u:11.1f} {moved:7.0f}{'' if good else '  *'}"
             )
         if of_cause and refused == len(of_cause):
-            rows.append(f"{cause:20} {'-':13} {0:4} {refused:7}")
+            rows.append(f"{cause:22} {'-':13} {0:4} {refused:7}")
+    for what, causes in (("could be corrected", set(CAUSES) - set(BEYOND)), ("cannot be corrected", set(BEYOND))):
+        ended = [line["refused"] is not None for line in lines if line["cause"] in causes]
+        rows += [f"of {len(ended)} that {what} {100 * np.mean(ended):.1f} % were refused"] if ended else []
     return [
         *rows,
         "* outside sd 0.9 to 1.1 or 93 to 97.5 %. Chance in N: mean 1/sqrt(N), sd 0.7/sqrt(N), share 22 %/sqrt(N)",
