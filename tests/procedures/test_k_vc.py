@@ -266,3 +266,26 @@ SEEN = {
     "demodulator_phase_deg": (-0.5, 0.01),
 }
 CONDITIONS = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)
+
+
+@pytest.mark.exhaustive
+def test_what_k_vc_depends_on_is_kept_of_the_device_by_who_finds_it(tmp_path: Path) -> None:
+    """`phase` and `bandwidth` with --dut; the next certificate takes it from there."""
+    store = DeviceStore(tmp_path / "devices")
+    kept: dict[str, Any] = {"dut": "G-1", "devices": str(store.root), "warm_up_s": 1800.0}
+    vcfbench.run("phase", LAB, seed=1, settings={**kept, "target_deg": 0.2}, runs=tmp_path)
+    vcfbench.run(
+        "bandwidth", LAB, seed=1, settings={**kept, "around_split": [0.8, 0.95, 1.0, 1.05, 1.2]}, runs=tmp_path
+    )
+    vcfbench.run("kvc", LAB, seed=1, settings={**kept, **QUICK}, runs=tmp_path)
+    known = store.certificate("G-1").record
+    assert isinstance(known, Certificate)
+    assert [each.record.__struct_config__.tag for each in store.entries("G-1")] == [
+        *("characterisation", "characterisation", "certificate")
+    ]
+    seen = known.characteristics
+    assert seen is not None
+    warm_split_hz = 24.8 + 0.3 * 0.0027
+    for name, true in (("carrier_phase_deg", 0.3), ("demodulator_phase_deg", -0.5), ("split_hz", warm_split_hz)):
+        found = getattr(seen, name)
+        assert abs(found.value - true) < 4.0 * found.u < 0.1, name

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
-from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.interfaces import (
     FunctionGenerator,
     MeasuresWaveforms,
@@ -38,6 +37,7 @@ from vcfbench.plans.steps import (
     SineResponse,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import KeptSettings, kept
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from vcfbench.analysis.rate_band import RateBand, Tone
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
+    from vcfbench.procedures.procedure import Provenance
+    from vcfbench.record.devices import Characteristics, NewEntry
 
 __all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "at_rest", "results", "sweep"]
 
@@ -62,7 +64,7 @@ Hertz = Annotated[float, Meta(ge=0.05, le=HIGHEST_HZ)]
 Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
 
 
-class BandwidthSettings(ProcedureSettings, frozen=True, kw_only=True):
+class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
     """Keys of `bandwidth`; the gyroscope is warm first, since its split moves by 3.5 mHz/K."""
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
@@ -345,6 +347,23 @@ def _made_of(quantity: Measurand) -> str:
     return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)
 
 
+def characteristics(found: Bandwidth) -> Characteristics:
+    """Return what K_Vc depends on of what a sweep found; it knows one Q of both modes."""
+    from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
+
+    return Characteristics(
+        drive_hz=Measured(value=found.drive_hz, u=found.u_drive_hz),
+        split_hz=found.split_hz.kept(),
+        q_anti_phase=found.q.kept(),
+        in_phase_share=Measured(value=found.in_phase_share, u=found.u_in_phase_share),
+    )
+
+
+def entry(settings: BandwidthSettings, found: Bandwidth, made: Provenance) -> NewEntry | None:
+    """Return what is kept of the device that was named."""
+    return kept(settings, made, "bandwidth", characteristics(found))
+
+
 BANDWIDTH = Procedure(
     name="bandwidth",
     title=BUILT_IN["bandwidth"][1],
@@ -356,6 +375,7 @@ BANDWIDTH = Procedure(
     plan=plan,
     results=results,
     report=report,
+    entry=entry,
     needs=MappingProxyType({"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage}),
     uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "rate_table": Rotates}),
 )

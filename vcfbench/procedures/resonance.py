@@ -37,9 +37,10 @@ from vcfbench.plans.steps import (
     SetVvc,
 )
 from vcfbench.plans.steps.scope import scale_v_per_div
-from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, sweep
+from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import kept
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context, Routine
+    from vcfbench.procedures.procedure import Provenance
+    from vcfbench.record.devices import NewEntry
 
 __all__ = ["RESONANCE", "CaptureDecay", "ReleaseDrive", "ResonanceSettings", "Resonances", "combined"]
 
@@ -364,6 +367,25 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
     return Report([Table(columns, rows), Text("\n".join(said))])
 
 
+def entry(settings: ResonanceSettings, found: Resonances, made: Provenance) -> NewEntry | None:
+    """Return what is kept of the device that was named: the in-phase mode as well where it was seen to ring down."""
+    from msgspec import structs  # noqa: PLC0415  # few name a device
+
+    apart = None
+    if found.in_phase_hz is not None:
+        parts = [UncertaintyPart("drive", found.drive_hz.u), UncertaintyPart("in phase", found.in_phase_hz.u)]
+        apart = measurand(found.drive_hz.value - found.in_phase_hz.value, "Hz", parts).kept()
+    seen = structs.replace(
+        characteristics(found.sweep),
+        drive_hz=found.drive_hz.kept(),
+        split_hz=found.split_ring_down_hz.kept(),
+        q_anti_phase=found.sense_q_ring_down.kept(),
+        in_phase_split_hz=apart,
+        q_in_phase=None if found.in_phase_q is None else found.in_phase_q.kept(),
+    )
+    return kept(settings, made, "resonance", seen)
+
+
 RESONANCE = Procedure(
     name="resonance",
     title=BUILT_IN["resonance"][1],
@@ -376,6 +398,7 @@ RESONANCE = Procedure(
     plan=plan,
     results=results,
     report=report,
+    entry=entry,
     needs={
         "power": PowersRails,
         "rate_source": FunctionGenerator,

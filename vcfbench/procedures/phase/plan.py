@@ -27,15 +27,20 @@ from vcfbench.plans.steps import (
     SineRecords,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import kept
 from vcfbench.procedures.phase.report import phase_report
 from vcfbench.procedures.phase.results import CaptureSense, phase_results, phases_of
 from vcfbench.procedures.phase.settings import LEAST_CYCLES, PhaseSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
 
 if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
     from vcfbench.plans.step import Routine
+    from vcfbench.procedures.phase.results import Phases
+    from vcfbench.procedures.procedure import Provenance
+    from vcfbench.record.devices import NewEntry
 
 __all__ = ["PHASE", "plan"]
 
@@ -186,6 +191,21 @@ def _rotations(
     return taken
 
 
+def entry(settings: PhaseSettings, found: Phases, made: Provenance) -> NewEntry | None:
+    """Return what is kept of the device that was named: phases against the drive's velocity."""
+    from msgspec import structs  # noqa: PLC0415  # few name a device
+
+    from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # as above
+
+    demodulator = found.demodulator_deg.kept()
+    seen = Characteristics(
+        drive_hz=Measured(value=found.drive_hz, u=found.drive_hz * SCOPE_TIME_BASE / math.sqrt(3.0)),
+        carrier_phase_deg=found.carrier_from_velocity_deg.kept(),
+        demodulator_phase_deg=structs.replace(demodulator, value=math.remainder(demodulator.value - 90.0, 180.0)),
+    )
+    return kept(settings, made, "phase", seen)
+
+
 PHASE = Procedure(
     name="phase",
     title=BUILT_IN["phase"][1],
@@ -198,6 +218,7 @@ PHASE = Procedure(
     plan=plan,
     results=phase_results,
     report=phase_report,
+    entry=entry,
     needs={
         "power": PowersRails,
         "rate_source": FunctionGenerator,

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import ProcedureSettings, rate_words
+from vcfbench.bench.settings import rate_words
+from vcfbench.procedures.kept_characteristics import KeptSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,7 +18,7 @@ __all__ = ["LEAST_CYCLES", "PhaseSettings"]
 LEAST_CYCLES: Final = 3
 
 
-class PhaseSettings(ProcedureSettings, frozen=True, kw_only=True):
+class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
     """Keys of `phase`."""
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 600.0

@@ -43,6 +43,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import kept
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
@@ -62,6 +63,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.plans.step import Routine
+    from vcfbench.procedures.procedure import Provenance
+    from vcfbench.procedures.temperature.results import TemperatureResult
+    from vcfbench.record.devices import NewEntry
     from vcfbench.record.schema import Point
 
 __all__ = ["TEMPERATURE", "AtTemperature", "plan"]
@@ -213,6 +217,24 @@ def _measured_there(settings: TemperatureSettings) -> Routine[None]:
         yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
+def entry(settings: TemperatureSettings, found: TemperatureResult, made: Provenance) -> NewEntry | None:
+    """Return what is kept of the device that was named; nothing where no frequency was measured."""
+    if found.frequency is None or found.frequency_tc is None:
+        return None
+    from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
+
+    seen = Characteristics(
+        temperature_c=Measured(value=found.reference_c, u=settings.u_temperature_k),
+        drive_hz=found.frequency.kept(),
+        drive_ppm_k=found.frequency_tc.kept(),
+        split_hz=None if found.split is None else found.split.kept(),
+        split_hz_k=None if found.split_tc is None else found.split_tc.kept(),
+        least_temperature_c=min(settings.temperatures_c),
+        most_temperature_c=max(settings.temperatures_c),
+    )
+    return kept(settings, made, "temperature", seen)
+
+
 TEMPERATURE = Procedure(
     name="temperature",
     title=BUILT_IN["temperature"][1],
@@ -225,6 +247,7 @@ TEMPERATURE = Procedure(
     plan=plan,
     results=temperature_results,
     report=temperature_report,
+    entry=entry,
     needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates, "chamber": ForcesTemperature},
 )
