@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
 __all__ = [
+    "AveragesWaveforms",
     "BeginsReadings",
     "CapturesWaveforms",
     "ForcesTemperature",
@@ -287,6 +288,15 @@ class CapturesWaveforms(Protocol):
 
     def waveform(self, channel: int, points: int = 1000) -> Waveform:
         """Download the record of `channel`."""
+        ...
+
+
+@runtime_checkable
+class AveragesWaveforms(Protocol):
+    """Takes the mean of many records by itself."""
+
+    def acquire_mean(self, count: int, *channels: int) -> None:
+        """Take the mean of `count` records of `channels`, each from its own trigger, and stop."""
         ...
 
 

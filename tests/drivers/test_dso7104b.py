@@ -130,7 +130,7 @@ def test_long_records_are_raw() -> None:
         assert scope.waveform(1, 100_000).voltage_v.shape == (100_000,)
 
 
-@pytest.mark.parametrize("fields", [(0.0,) * 9, (1.0, *(1.0,) * 9), (0.0, 0.0, 1.0, 1.0, 0.0, *(1.0,) * 5)])
+@pytest.mark.parametrize("fields", [(0.0,) * 9, (4.0, *(1.0,) * 9), (0.0, 0.0, 1.0, 1.0, 0.0, *(1.0,) * 5)])
 def test_preambles_that_are_none(fields: tuple[float, ...]) -> None:
     with pytest.raises(FramingError):
         Preamble.parse(fields)

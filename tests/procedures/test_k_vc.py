@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.parameters import BenchParameters
 
 LAB = vcfbench.load_bench("lab")
-QUICK: dict[str, Any] = {"cycles": 1, "samples": 5, "match_rates_deg_s": [20.0, 100.0, 200.0]}
+QUICK: dict[str, Any] = {"health": False, "cycles": 1, "samples": 5, "match_rates_deg_s": [20.0, 100.0, 200.0]}
 
 
 def still(bench: BenchDescription, **errors: Any) -> BenchDescription:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
 
 FIELD = vcfbench.load_bench("examples/field-bench.toml")
-QUICK: dict[str, Any] = {"cycles": 1, "samples": 5}
+QUICK: dict[str, Any] = {"health": False, "cycles": 1, "samples": 5}
 RATES = [20.0, 100.0, 200.0]
 WARM = {"warm_up_s": 3600.0}
 

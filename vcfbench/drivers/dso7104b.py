@@ -6,7 +6,7 @@ is unverified is marked.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, Self
 
 from msgspec import Struct
 
@@ -27,8 +27,11 @@ __all__ = ["Dso7104B", "Preamble"]
 
 CHANNELS: Final = (1, 2, 3, 4)
 
-_HOLE, _CLIPPED_LOW, _CLIPPED_HIGH = 0, 1, 255
-"""Codes of a BYTE record that are no samples (programmer's guides of the siblings)."""
+_HOLE, _CLIPPED_LOW = 0, 1
+"""Codes of a record that are no samples, as is the highest (programmer's guides of the siblings)."""
+
+_CODES: Final = {"BYTE": "u1", "WORD": "<u2"}
+"""What the codes of a record are by its format."""
 
 _NORMAL_RECORD = 1000
 """Longest measurement record; beyond it the raw one must be read."""
@@ -54,8 +57,8 @@ class Preamble(Struct, frozen=True):
     @classmethod
     def parse(cls, fields: tuple[float, ...]) -> Self:
         """Read ``:WAV:PRE?``: format, type, points, count, then increment, origin and reference of x and of y."""
-        if len(fields) != 10 or fields[0] != 0.0 or fields[4] <= 0.0:
-            raise FramingError(f"expected the ten fields of a BYTE preamble, came {fields}")
+        if len(fields) != 10 or fields[0] not in {0.0, 1.0} or fields[4] <= 0.0:
+            raise FramingError(f"expected the ten fields of a BYTE or WORD preamble, came {fields}")
         return cls(int(fields[2]), fields[4], fields[5], fields[6], fields[7], fields[8], fields[9])
 
     def times_s(self) -> NDArray[np.float64]:
@@ -67,7 +70,7 @@ class Preamble(Struct, frozen=True):
         ) * self.x_step_s + self.x_origin_s
         return times
 
-    def voltages_v(self, codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def voltages_v(self, codes: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float64]:
         """Return the voltages of `codes`, V."""
         import numpy as np  # noqa: PLC0415
 
@@ -86,6 +89,7 @@ class Dso7104B(ScpiInstrument):
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
         self._record_s = 1e-3
+        self._format: Literal["BYTE", "WORD"] = "BYTE"
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
@@ -118,10 +122,21 @@ class Dso7104B(ScpiInstrument):
 
     def acquire(self, *channels: int) -> None:
         """Take one record of `channels` and stop."""
+        self._digitize(channels, 1, ":ACQ:TYPE NORM")
+        self._format = "BYTE"
+
+    def acquire_mean(self, count: int, *channels: int) -> None:
+        """Take the mean of `count` records of `channels`, each from its own trigger, and stop."""
+        require_within(self, "number of averages", count, (2, 65_536), "records")
+        self._digitize(channels, count, ":ACQ:TYPE AVER", f":ACQ:COUN {count}")
+        self._format = "WORD"  # a mean has more bits than a sample
+
+    def _digitize(self, channels: tuple[int, ...], count: int, *how: str) -> None:
         sources = ",".join(self._source(channel) for channel in channels)
-        deadline = self._session.deadline(self._session.timeout_s + _AUTO_TRIGGER_S + 2.0 * self._record_s)
+        lasts_s = _AUTO_TRIGGER_S + 2.0 * self._record_s * count
+        deadline = self._session.deadline(self._session.timeout_s + lasts_s)
         with self._session.exclusive():
-            self._session.send(":ACQ:TYPE NORM", f":DIG {sources}", deadline=deadline)
+            self._session.send(*how, f":DIG {sources}", deadline=deadline)
             self._session.query_int("*OPC?", deadline)
             self._session.check_errors(deadline)
 
@@ -152,7 +167,8 @@ class Dso7104B(ScpiInstrument):
         with self._session.exclusive():
             self._session.write(
                 f":WAV:SOUR {source}",
-                ":WAV:FORM BYTE",
+                f":WAV:FORM {self._format}",
+                *([":WAV:BYT LSBF"] if self._format == "WORD" else []),
                 ":WAV:UNS 1",
                 f":WAV:POIN:MODE {'NORM' if points <= _NORMAL_RECORD else 'RAW'}",
                 f":WAV:POIN {points}",
@@ -160,18 +176,18 @@ class Dso7104B(ScpiInstrument):
             preamble = Preamble.parse(self._session.query_numbers(":WAV:PRE?"))
             # 20 Mbit/s are what VXI-11 over 100-Mbit LAN was seen to give at worst.
             deadline = self._session.deadline(self._session.timeout_s + preamble.points / 250_000.0)
-            codes = np.frombuffer(self._session.query_block(":WAV:DATA?", deadline), dtype=np.uint8)
+            codes = np.frombuffer(self._session.query_block(":WAV:DATA?", deadline), dtype=_CODES[self._format])
         self._require_whole(source, codes, preamble)
         return Waveform(preamble.times_s(), preamble.voltages_v(codes))
 
-    def _require_whole(self, source: str, codes: NDArray[np.uint8], preamble: Preamble) -> None:
+    def _require_whole(self, source: str, codes: NDArray[np.unsignedinteger[Any]], preamble: Preamble) -> None:
         if codes.size != preamble.points:
             raise FramingError(
                 f"{source}: the preamble promises {preamble.points} points, {codes.size} came",
                 instrument=self.name,
                 resource=self.resource,
             )
-        clipped = int(((codes == _CLIPPED_LOW) | (codes == _CLIPPED_HIGH)).sum())
+        clipped = int(((codes == _CLIPPED_LOW) | (codes == 256**codes.itemsize - 1)).sum())
         missing = int((codes == _HOLE).sum())
         if clipped or missing:
             raise MeasurementError(

@@ -224,6 +224,12 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     """Second order of the modulator, which acts as V + second V^2 + third V^3; 1/V."""
     modulator_third_per_v2: Measured | None = None
     """Its third order, 1/V^2."""
+    output_second_per_deg_s: Measured | None = None
+    """Second order of the output against the rate, which goes as rate + second rate^2 + third rate^3; 1/(deg/s)."""
+    output_third_per_deg_s2: Measured | None = None
+    """Its third order, 1/(deg/s)^2."""
+    sense_phase_deg: Measured | None = None
+    """Of what V_Vc does to the sense signal, less what carrier, splits and quality factors make of it."""
     positive_rail_v: Measured | None = None
     """Positive rail as it was read back, V."""
     negative_rail_v: Measured | None = None

@@ -475,6 +475,10 @@ class _Record(Struct):
             course.evaluation = evaluate(self.prepared.procedure, settings, settings.acceptance, measured)
         except (BenchError, ImportError, OSError) as error:
             course.take_error(_without_result(error))
+            return
+        refusal = getattr(course.evaluation.results, "refusal", None)
+        if callable(refusal) and (why := refusal()):
+            course.take_error(MeasurementError(why))
 
     def _footer(self, display_lost: str | None) -> dict[str, Any]:
         done, lost = self.course.as_run(), self.course.observers_lost()

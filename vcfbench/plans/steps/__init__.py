@@ -14,6 +14,7 @@ from vcfbench.plans.steps.operator import AskOperator, OperatorAnswer, move_lead
 from vcfbench.plans.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
 from vcfbench.plans.steps.scope import (
     Amplitudes,
+    CaptureMeanSines,
     CaptureRotations,
     CaptureSines,
     ConfigureScope,
@@ -66,6 +67,7 @@ __all__ = [
     "AskOperator",
     "AwaitRate",
     "AwaitTemperature",
+    "CaptureMeanSines",
     "CaptureRotations",
     "CaptureSines",
     "CheckRails",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from msgspec import Struct
 
 from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import AveragesWaveforms
 from vcfbench.plans.step import Effect, Step, StepResult
 
 if TYPE_CHECKING:
@@ -243,7 +244,7 @@ class CaptureSines(Step, Struct, frozen=True):
         from vcfbench.analysis.sine_fit import fit_sine, phase_difference  # noqa: PLC0415  # NumPy, needed here alone
 
         next_s = clock.now() + self.spacing_s
-        scope.acquire(*self.channels)
+        self.acquire(scope)
         taken = [scope.waveform(channel) for channel in self.channels]
         interval_s = float(taken[0].time_s[1] - taken[0].time_s[0])
         first = fit_sine(taken[0].voltage_v, interval_s)
@@ -257,10 +258,27 @@ class CaptureSines(Step, Struct, frozen=True):
             (0.0, *(each.phase_deg for each in others)),
         )
 
+    def acquire(self, scope: Oscilloscope) -> None:
+        """Have one record taken."""
+        scope.acquire(*self.channels)
+
     def predict(self, gyro: LinearGyro) -> SineRecords:
         """Predict what is expected."""
         del gyro
         return SineRecords(self.channels, (self.expected,) * self.count)
+
+
+class CaptureMeanSines(CaptureSines, frozen=True):
+    """The same of means of `averages` records, which the oscilloscope takes by itself where it can."""
+
+    averages: int = 1024
+
+    def acquire(self, scope: Oscilloscope) -> None:
+        """Have one mean taken."""
+        if isinstance(scope, AveragesWaveforms):
+            scope.acquire_mean(self.averages, *self.channels)
+        else:
+            CaptureSines.acquire(self, scope)
 
 
 class Amplitudes(StepResult, Struct, frozen=True):

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import Sources
     from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings
+    from vcfbench.procedures.known.k_vc_change import KvcChange
 
 __all__ = [
     "K_VC_DRIFT",
+    "K_VC_HEALTH",
     "K_VC_TEMPERATURE",
     "KvcSince",
     "charging_warning",
@@ -30,6 +32,7 @@ __all__ = [
     "k_vc_since",
 ]
 
+K_VC_HEALTH = "what was measured of K_Vc's causes"
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
 
 YEAR_DAYS = 365.25
@@ -49,11 +52,14 @@ class KvcSince:
     """What was taken, in words."""
 
 
-def k_vc_since(settings: KnownDeviceSettings) -> KvcSince:
-    """Return what became of K_Vc as far as time and temperature tell."""
+def k_vc_since(settings: KnownDeviceSettings, seen: KvcChange | None = None) -> KvcSince:
+    """Return what became of K_Vc as far as time and temperature tell; `seen`: what its causes came to, once measured.
+
+    Then temperature is one of them.
+    """
     known = settings.known
     drift = list(_drifted(settings, known))
-    ppm, warmed, said = _warmed(settings, known)
+    ppm, warmed, said = _warmed(settings, known) if seen is None else _measured(seen)
     words = [f"K_Vc: {each.u * 1e6:.3g} ppm (u) for its {_drift_words(settings)}" for each in drift]
     return KvcSince(1.0 + 1e-6 * ppm, (*drift, *warmed), (*words, *said))
 
@@ -77,6 +83,12 @@ def drift_words(known: Sources) -> str:
     """Say how far K_Vc may drift, and where that is from."""
     key = "k_vc_drift_ppm_per_year"
     return known.assumed.get(key, f"uncertainty.{key}: {known.k_vc_drift_ppm_per_year:g} ppm a year")
+
+
+def _measured(seen: KvcChange) -> tuple[float, list[UncertaintyPart], list[str]]:
+    """Return by how much K_Vc has changed, ppm, what is not known of that, and both in words."""
+    said = f"K_Vc corrected by {seen.ppm:+.1f} ppm, u {seen.u_ppm:.2g}, for what was measured of its causes (health)"
+    return seen.ppm, [UncertaintyPart(K_VC_HEALTH, 1e-6 * seen.u_ppm)], [said]
 
 
 def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, list[UncertaintyPart], list[str]]:

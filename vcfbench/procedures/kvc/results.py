@@ -14,6 +14,7 @@ from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.phases import PhaseErrors
+from vcfbench.procedures.health.found import Health, health_of, with_output_curve
 from vcfbench.procedures.known.device import UNSEEN
 from vcfbench.procedures.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.known.k_vc_since import days_until, drift_words
@@ -44,7 +45,8 @@ from vcfbench.procedures.null_comparison.blocks import (
     nulled_levels,
 )
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.record.devices import Certificate, Characteristics, CurveShare, KvcCurve, Measured, NewEntry
+from vcfbench.record.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry
+from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.typed import typed
 
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.kvc.settings import KVcSettings
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.devices import Sensitivity
@@ -155,13 +158,13 @@ class _Levels:
     noise: BlockNoise
 
 
-def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
+def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     """Return K_Vc, its curve and its uncertainty from the blocks."""
     levels = _levels(settings, points)
     left_v = levels.driven_v - levels.table_v
     matched_v, per_v = nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
     noise = block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
-    slopes, _, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
+    slopes, of_slopes, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
     per_deg_s = np.polynomial.polynomial.polyval(levels.rate, derivative_of(slopes))
     in_rate = noise / np.outer(per_deg_s, per_deg_s)
     phases = PhaseErrors.of(settings.station.sources)
@@ -186,7 +189,8 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
     of_k_vc = [_part(name, part, levels, error.owner) for name, part in parts.items()]
-    seen = _characteristics(settings, curve.curvature())
+    health = health_of(settings, points)
+    seen = with_output_curve(_characteristics(settings, curve.curvature(), health), slopes, of_slopes)
     return KVcResult(
         k_vc=measurand(curve.k_vc, K_VC_UNIT, of_k_vc, settings.station.sources.missing("k_vc")),
         characteristics=seen,
@@ -204,17 +208,18 @@ def k_vc_results(settings: KVcSettings, points: Sequence[Point]) -> KVcResult:
     )
 
 
-def _characteristics(settings: KVcSettings, curved: Curvature) -> Characteristics:
+def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | None) -> Characteristics:
     """Return what earlier runs found of the device, with what this one did."""
     near = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
-    at_c = None if settings.temperature_c is None else Measured(value=settings.temperature_c, u=near)
+    at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near)
     u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
+    known = at_temperature(typed(settings.station.characteristics, Characteristics), at_c)
     return structs.replace(
-        at_temperature(typed(settings.station.characteristics, Characteristics), at_c),
-        modulator_second_per_v=Measured(value=curved.second_per_v, u=curved.u_second_per_v),
-        modulator_third_per_v2=Measured(value=curved.third_per_v2, u=curved.u_third_per_v2),
-        positive_rail_v=Measured(value=settings.positive_rail_v, u=u_rail_v),
-        negative_rail_v=Measured(value=settings.negative_rail_v, u=u_rail_v),
+        known if health is None else health.beside(known),
+        modulator_second_per_v=Kept(value=curved.second_per_v, u=curved.u_second_per_v),
+        modulator_third_per_v2=Kept(value=curved.third_per_v2, u=curved.u_third_per_v2),
+        positive_rail_v=Kept(value=settings.positive_rail_v, u=u_rail_v),
+        negative_rail_v=Kept(value=settings.negative_rail_v, u=u_rail_v),
     )
 
 

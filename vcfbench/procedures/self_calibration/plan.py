@@ -13,6 +13,7 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.known.device import level_for
 from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.procedure import Procedure
@@ -53,11 +54,17 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
             yield from _block(settings, rate_deg_s, levels_v)
             yield DisableVvc()
     yield from _at_rest(settings)
+    yield from examined(settings, looked_for=settings.health, why_not=_nothing_to_compare(settings))
     if settings.v_vc_role == "multimeter":
         yield Note("V_Vc by the one multimeter, at every level that was used")
         yield from v_vc_on()
         yield from measured_levels(settings, levels_v.values())
     return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
+
+
+def _nothing_to_compare(settings: SelfCalibrationSettings) -> str:
+    then = settings.known.characteristics
+    return "" if then is not None and then.sense_phase_deg is not None else f"{settings.known.source} does not have it"
 
 
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:

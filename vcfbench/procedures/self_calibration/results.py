@@ -7,6 +7,7 @@ share has the same effect on both, so it cancels in their difference; a part say
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
@@ -17,8 +18,10 @@ from msgspec.structs import replace
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.phases import PhaseErrors
+from vcfbench.procedures.health.check import STILL_UNSEEN, HealthCheck, checked, health_parts
+from vcfbench.procedures.health.found import Health, health_of
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
-from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, k_vc_since
+from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, K_VC_HEALTH, k_vc_since
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
     READINGS,
@@ -43,7 +46,16 @@ from vcfbench.procedures.null_comparison.blocks import (
     noise_of,
 )
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.record.devices import NewEntry, SelfCalibration
+from vcfbench.procedures.self_calibration.shape import (
+    OUTPUT_CURVE,
+    OUTPUT_LIMIT,
+    bent,
+    has_changed,
+    orders_of,
+    output_orders,
+)
+from vcfbench.record.devices import Characteristics, NewEntry, SelfCalibration
+from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -52,6 +64,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.column import CalibrationColumn
+    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
     from vcfbench.record.devices import KvcCurve
@@ -99,6 +112,12 @@ class SelfCalibrationResult:
     noise: BlockNoise
     k_vc_from: str
     v_vc_by: str
+    health: HealthCheck | None
+    """What became of what K_Vc depends on; None where it was not measured, now or then."""
+    characteristics: Characteristics | None
+    """What was measured of that."""
+    modulator: tuple[float, float] | None
+    """Second (1/V) and third order (1/V^2) of the modulator, where its shape has changed; None: it is as it was."""
     since: tuple[str, ...]
     """What was taken to have become of K_Vc since its certificate."""
     unseen: tuple[str, ...]
@@ -129,6 +148,25 @@ class SelfCalibrationResult:
         return known if self.drift is None else {**known, "drift_ppm": self.drift.change_ppm.expanded_u}
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotStated:
+    """A self-calibration whose K_Vc cannot be stated: the bias, and what became of what K_Vc depends on."""
+
+    bias: Measurand
+    """Output at rest, generator off, V."""
+    health: HealthCheck
+    k_vc_from: str
+
+    def refusal(self) -> str:
+        """Say why nothing is stated."""
+        return f"K_Vc of {self.k_vc_from} does not hold any more: {'; '.join(self.health.refused)}"
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return what ``[acceptance]`` limits: all that rests on K_Vc could not be computed."""
+        keys = ("scale_factor_v_per_deg_s", "bias_deg_s", "nonlinearity_ppm", "drift_ppm", "e_n")
+        return {**dict.fromkeys(keys), "bias_v": self.bias.value}
+
+
 @dataclass(frozen=True, slots=True)
 class _Measured:
     """The levels: V_Vc with that of the zero first, outputs with their zeros subtracted."""
@@ -141,11 +179,19 @@ class _Measured:
     covariance_v2: Floats
     windows: int
     """Of the whole run."""
+    output_orders: Floats | None = None
+    """Second and third order of the output against the rate, where the modulator's are found from them; else None."""
 
     def rates(self, coefficients: Floats, v_vc_v: Floats) -> Floats:
         """Return the rates of the levels, from that of the zero on."""
         powers = np.polynomial.polynomial.polyval(v_vc_v, coefficients)
         return np.asarray(powers[1:] - powers[0])
+
+    def curve(self, coefficients: Floats, v_vc_v: Floats, output_v: Floats) -> Floats:
+        """Return the curve of K_Vc with the modulator as it is now."""
+        if self.output_orders is None:
+            return coefficients
+        return bent(coefficients, v_vc_v, output_v, self.covariance_v2, self.output_orders)
 
     def estimates(self, coefficients: Floats, v_vc_v: Floats, output_v: Floats) -> Floats:
         """Return scale factor, slope of the line (V/(deg/s)) and non-linearity (ppm).
@@ -153,6 +199,7 @@ class _Measured:
         The output is curved, and its zero is where this generator has its own: the slope is that at rate 0 of the
         certificate's curve, where the table's is.
         """
+        coefficients = self.curve(coefficients, v_vc_v, output_v)
         rate = self.rates(coefficients, v_vc_v)
         slopes, _, _ = polynomial_through_zero(rate, output_v, self.covariance_v2, ORDER)
         zero_deg_s = np.polynomial.polynomial.polyval(v_vc_v[0], coefficients)
@@ -163,10 +210,18 @@ class _Measured:
         return np.array([slope, line[1], 1e6 * left / abs(line[1] * np.ptp(x))])
 
 
-def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence[Point]) -> SelfCalibrationResult:
-    """Return scale factor, bias, non-linearity and drift from the levels."""
-    seen, known, since = _measured(settings, points), settings.known, k_vc_since(settings)
+def self_calibration_results(settings: SelfCalibrationSettings, points: Measured) -> SelfCalibrationResult | NotStated:
+    """Return scale factor, bias, non-linearity and drift from the levels; why not, where K_Vc cannot be stated."""
+    seen, known = _measured(settings, points), settings.known
+    health, check = _health(settings, points)
+    at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
+    if check is not None and check.refused:
+        roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
+        bias = bias_at_rest(settings, points, at_rest, seen.noise, roughly)
+        return NotStated(bias=bias, health=check, k_vc_from=known.source)
+    since = k_vc_since(settings, None if check is None else check.change)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
+    seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     parts = _parts(settings, seen, coefficients, since.parts)
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": settings.missing_without_table, "ppm": ()}
@@ -174,24 +229,56 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Sequence
         measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
         for place, (value, unit) in enumerate(zip(values, units, strict=True))
     )
-    rates = seen.rates(coefficients, seen.v_vc_v)
-    at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
+    curve = seen.curve(coefficients, seen.v_vc_v, seen.output_v)
+    rates = seen.rates(curve, seen.v_vc_v)
     bias = bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value)
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
         bias=bias,
+        health=check,
+        characteristics=None if health is None else health.beside(_stated_by_hand(settings)),
+        modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
         nonlinearity=nonlinearity,
         virtual=_column(rates, seen, line, bias),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
         noise=seen.noise,
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
-        unseen=known.unseen,
+        unseen=known.unseen if check is None else STILL_UNSEEN,
         since=since.said,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
+
+
+def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health | None, HealthCheck | None]:
+    """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
+    health, then = health_of(settings, points), settings.known.characteristics
+    return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
+
+
+def _stated_by_hand(settings: SelfCalibrationSettings) -> Characteristics:
+    """Return what was stated of the device as it is now."""
+    near_k = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
+    at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near_k)
+    return Characteristics(temperature_c=at_c)
+
+
+def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients: Floats) -> _Measured:
+    """Return the levels such that the modulator's orders are found anew, where the certificate's do not hold."""
+    then = settings.known.characteristics
+    output = output_orders(then)
+    if not settings.health or then is None or output is None or settings.v_vc_role is None:
+        return seen  # what a generator was set to has steps of its own, which look like a shape
+    orders, covariance = orders_of(coefficients, seen.v_vc_v, seen.output_v, seen.covariance_v2)
+    if (
+        settings.known.reference is not None
+    ):  # the amplifier bends by its volts, of which a rate makes more or fewer now
+        slope = float(seen.estimates(coefficients, seen.v_vc_v, seen.output_v)[0])
+        gain = slope / settings.known.reference.scale_factor_v_per_deg_s.value
+        output = output * np.array([gain, gain**2])
+    return dataclasses.replace(seen, output_orders=output) if has_changed(orders, covariance, output, then) else seen
 
 
 def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Measured:
@@ -268,11 +355,20 @@ def _parts(
         ((V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None), None),
         ((METER_GAIN, gain, None), meter.owner),
     ]
+    if seen.output_orders is not None:
+        orders = seen.output_orders
+        by_orders = _jacobian(
+            lambda at: dataclasses.replace(seen, output_orders=at).estimates(k, v, y), orders, 1e-2 * np.abs(orders)
+        )
+        u_orders = OUTPUT_LIMIT / math.sqrt(3.0) * orders
+        found.append(((OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None), None))
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
     found += [((part.source, alike * part.u, part.dof), part.of) for part in since]
     phases = PhaseErrors.of(settings.station.sources)
-    found += [((name, alike * u, None), None) for name, u in phases.u_self_calibrated.items()]
+    measured = any(part.source == K_VC_HEALTH for part in since)  # then K_Vc is that of the phases of now
+    of_phases = phases.u_scale_factor if measured else phases.u_self_calibrated
+    found += [((name, alike * u, None), None) for name, u in of_phases.items()]
     same_meter = False
     for share in shares_of(settings.known.k_vc):
         name, of, dof, covariance = share
@@ -306,9 +402,11 @@ def _signed(effect: _Effect, of: str | None, place: int) -> UncertaintyPart:
     return UncertaintyPart(name, float(u[place]), dof, of, rectangular=name == K_VC_DRIFT)
 
 
-def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, made: Provenance) -> NewEntry | None:
+def entry_of(
+    settings: SelfCalibrationSettings, results: SelfCalibrationResult | NotStated, made: Provenance
+) -> NewEntry | None:
     """Return the entry of the device that was named."""
-    if settings.dut is None:
+    if settings.dut is None or isinstance(results, NotStated):
         return None
     drift = results.drift
     last = None if drift is None else drift.last
@@ -321,6 +419,7 @@ def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, 
         bias_v=results.bias.kept(),
         nonlinearity_ppm=results.nonlinearity.kept(),
         conditions=conditions(settings, made),
+        characteristics=results.characteristics,
         drift_ppm=None if drift is None else drift.change_ppm.kept(),
         e_n=None if drift is None else drift.e_n,
         since_last_ppm=None if last is None else last.change_ppm.kept(),
@@ -332,10 +431,19 @@ def entry_of(settings: SelfCalibrationSettings, results: SelfCalibrationResult, 
     return NewEntry(record, settings.store.root)
 
 
+def _shape_words(modulator: tuple[float, float] | None) -> list[str]:
+    if modulator is None:
+        return []
+    now = f"V {modulator[0]:+.5g} V^2 {modulator[1]:+.5g} V^3"
+    return [f"the modulator's shape has changed since the certificate; it is {now}, if the output's has not: taken so"]
+
+
 def self_calibration_report(
-    settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult
+    settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult | NotStated
 ) -> Report:
     """Report the levels, the results with their budget, the drift, and what the method cannot see."""
+    if isinstance(results, NotStated):
+        return Report([*health_parts(results.health), Text(said_of("bias, generator off", results.bias))])
     columns = (Column("rate", "deg/s", ".4f"), Column("V_Vc", "V", ".6f"), Column("output - zero", "V", ".5f"))
     rows = [(level.rate_deg_s, level.v_vc_v, level.output_v) for level in results.levels]
     words = [
@@ -345,6 +453,7 @@ def self_calibration_report(
         said_of("non-linearity (max_span)", results.nonlinearity),
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
         *results.since,
+        *_shape_words(results.modulator),
         *known_words(settings),
     ]
     slope = results.line.value
@@ -353,6 +462,7 @@ def self_calibration_report(
     residuals = Series("output - line", rates, left)
     parts = [
         Table(columns, rows, "V_Vc and the rate that it stands for"),
+        *([] if results.health is None else health_parts(results.health)),
         Text("\n".join(words)),
         budget_table("the scale factor", results.scale_factor),
         *drift_parts(results.drift),

@@ -1,0 +1,184 @@
+"""What K_Vc depends on, measured without a table: each cause corrected, left to its drift, or K_Vc not stated."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import vcfbench
+from tests.procedures.test_k_vc import LAB, truth, warm
+from tests.procedures.test_self_calibration import aged
+from vcfbench.bench.simulated import physical_parameters
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.health.check import checked, health_parts
+from vcfbench.procedures.health.found import Health
+from vcfbench.procedures.measurand import UncertaintyPart, measurand
+from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
+from vcfbench.record.devices import Characteristics
+from vcfbench.record.devices import Measured as Kept
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FRESH: dict[str, tuple[float, float]] = {
+    "drive_hz": (3488.9, 1e-4),
+    "split_hz": (24.8, 1e-3),
+    "q_anti_phase": (1224.0, 1.5),
+    "in_phase_split_hz": (146.9, 0.01),
+    "q_in_phase": (1224.0, 9.0),
+    "in_phase_share": (0.147, 1e-3),
+    "carrier_phase_deg": (0.3, 3e-4),
+    "demodulator_phase_deg": (-0.5, 5e-3),
+    "v_vc_feedthrough": (0.0, 5e-6),
+    "drive_amplitude_v": (1.0, 0.0),
+    "carrier_amplitude_v": (2.0, 1e-5),
+    "sense_phase_deg": (0.0, 0.02),
+}
+
+
+def health(*, scope: str = "DSO7104B no. 1", **now: float) -> Health:
+    """Return what was found, the vertical gain of `scope` within 2 %."""
+
+    def found(name: str, value: float, u: float) -> Any:
+        parts = [UncertaintyPart("records", u)]
+        if name.endswith("amplitude_v"):
+            parts.append(UncertaintyPart(f"vertical gain, {name}", 0.0115 * value, of=scope))
+        return measurand(value, "", parts)
+
+    return Health(**{name: found(name, now.get(name, value), u) for name, (value, u) in FRESH.items()})
+
+
+THEN = health().beside(Characteristics())
+
+
+FULL = physical_parameters(LAB)
+
+
+@pytest.mark.parametrize(
+    ("now", "override"),
+    [
+        (
+            {"q_anti_phase": 612.0, "q_in_phase": 612.0},
+            {name: {"quality": 612.0} for name in ("sense_anti_phase", "sense_in_phase")},
+        ),
+        (
+            {"carrier_phase_deg": 1.3},
+            {"virtual_path": {"carrier_phase_rad": FULL.virtual_path.carrier_phase_rad + math.radians(1.0)}},
+        ),
+        (
+            {"demodulator_phase_deg": 0.5},
+            {"sense_path": {"demodulator_phase_rad": FULL.sense_path.demodulator_phase_rad + math.radians(1.0)}},
+        ),
+        ({"drive_amplitude_v": 1.005}, {"drive_loop": {"amplitude_m": 1.005 * FULL.drive_loop.amplitude_m}}),
+        ({"carrier_amplitude_v": 2.01}, {"sense_path": {"reference_amplitude_v": 2.01}}),
+    ],
+)
+def test_a_cause_that_is_seen_is_corrected(now: dict[str, float], override: dict[str, dict[str, float]]) -> None:
+    found = checked(THEN, health(**now), Characteristics())  # type: ignore[arg-type]
+    before, after = (truth(warm(physical_parameters(bench)))[1] for bench in (LAB, aged(LAB, **override)))
+    assert found.ppm == pytest.approx(1e6 * (after / before - 1.0), rel=0.05)
+    assert found.u_ppm < 20.0
+    assert not found.refused
+    assert {cause.done for cause in found.causes} == {"corrected", "explained"}
+    assert found.ppm == pytest.approx(sum(cause.ppm for cause in found.causes) + found.together_ppm)
+
+
+def test_another_oscilloscope_tells_amplitudes_too_badly_to_correct_by() -> None:
+    found = checked(THEN, health(scope="DSO7104B no. 2", carrier_amplitude_v=2.04), Characteristics())
+    assert not found.refused
+    assert found.u_ppm < 20.0  # not 16 000
+    assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["left to its drift"]
+
+
+def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() -> None:
+    larger = checked(THEN, health(scope="DSO7104B no. 2", carrier_amplitude_v=2.4), Characteristics())
+    assert "+200000 ppm" in larger.refused[0]
+    turned = checked(THEN, health(sense_phase_deg=0.4), Characteristics())
+    assert "+0.40 deg" in turned.refused[0]
+    assert "K_Vc is not stated: the phase" in health_parts(turned)[1].text  # type: ignore[union-attr]
+
+
+def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:
+    cold = checked(THEN, health(drive_hz=3487.3, split_hz=24.85), Characteristics(split_hz_k=None))
+    charged = checked(THEN, health(split_hz=25.3), Characteristics())
+    assert cold.warning is None
+    assert charged.warning is not None and "charges on the combs" in charged.warning  # noqa: PT018
+
+
+def test_a_modulator_that_has_changed_its_shape_is_found_beside_the_output() -> None:
+    output, then, now = np.array([8.4e-6, -2.6e-8]), np.array([0.2, 150.0, 1.95, 2.2]), np.array([0.2, 150.0, 1.5, 2.9])
+    v_vc_v = np.array([0.001, 0.13, -0.13, 0.7, -0.7, 1.3, -1.3])
+    rates = np.polynomial.polynomial.polyval(v_vc_v, now)
+    outputs = -0.0125 * np.polynomial.polynomial.polyval(rates, [0.0, 1.0, *output])
+    outputs, noise = outputs[1:] - outputs[0], 1e-10 * np.eye(6)
+    orders, covariance = orders_of(then, v_vc_v, outputs, noise)
+    known = [Kept(value=value, u=0.0) for value in output]
+    seen = Characteristics(output_second_per_deg_s=known[0], output_third_per_deg_s2=known[1])
+    assert has_changed(orders, covariance, output, seen)
+    found = bent(then, v_vc_v, outputs, noise, output)
+    assert found == pytest.approx(now, rel=2e-3)
+    assert not has_changed(*orders_of(found, v_vc_v, outputs, noise), output, seen)
+
+
+def test_a_dry_run_finds_nothing_that_has_changed() -> None:
+    planned = vcfbench.dry_run("kvc", LAB)
+    words = [each.step.describe() for each in planned.steps]
+    assert "oscilloscope: the sense modes ring down" in words
+    assert planned.bench_seconds - vcfbench.dry_run("kvc", LAB, settings={"health": False}).bench_seconds < 600.0
+
+
+def test_what_the_bench_cannot_measure_is_said_not_to_be(tmp_path: Path) -> None:
+    del tmp_path
+    field = vcfbench.load_bench("examples/field-bench.toml")
+    words = [
+        each.step.describe() for each in vcfbench.dry_run("self-calibration", field, settings={"k_vc": "150"}).steps
+    ]
+    assert any(word.startswith("NOT CHECKED: what K_Vc depends on") for word in words)
+
+
+@pytest.mark.exhaustive
+def test_all_that_can_be_seen_has_aged_and_k_is_right(tmp_path: Path) -> None:
+    fresh = physical_parameters(LAB)
+    settings = {"dut": "G", "devices": str(tmp_path / "devices"), "warm_up_s": 1800.0}
+    vcfbench.run("kvc", LAB, seed=1, settings=settings, runs=tmp_path)
+    modes = {name: {"quality": 0.6 * getattr(fresh, name).quality} for name in ("sense_in_phase", "sense_anti_phase")}
+    modes["sense_anti_phase"]["frequency_hz"] = fresh.sense_anti_phase.frequency_hz - 0.4
+    old = aged(
+        LAB,
+        **modes,
+        virtual_path={
+            "carrier_phase_rad": fresh.virtual_path.carrier_phase_rad + math.radians(1.0),
+            "third_order_per_v2": 1.3 * fresh.virtual_path.third_order_per_v2,
+        },
+        sense_path={
+            "demodulator_phase_rad": fresh.sense_path.demodulator_phase_rad - math.radians(1.0),
+            "v_vc_feedthrough": 5e-4,
+        },
+        thermal={"ambient_c": 32.0},
+    )
+    scale_factor, _ = truth(warm(physical_parameters(old)))
+    found = vcfbench.run("self-calibration", old, seed=1, settings=settings, runs=tmp_path)
+    assert abs(found.results.health.ppm) > 1000.0
+    assert found.results.modulator[1] == pytest.approx(1.3 * fresh.virtual_path.third_order_per_v2, rel=0.02)
+    assert abs(found.results.scale_factor.value / scale_factor - 1.0) < 2e-4
+    assert abs(found.results.scale_factor.value - scale_factor) < 3.5 * found.results.scale_factor.u
+    entry = vcfbench.load_device("G", tmp_path / "devices").self_calibrations[-1]
+    assert entry.characteristics is not None
+    assert entry.characteristics.q_anti_phase.value == pytest.approx(0.6 * 1224.0, rel=0.02)  # type: ignore[union-attr]
+    assert vcfbench.load_run(found.directory).results == found.results  # type: ignore[arg-type]
+
+
+def test_a_k_vc_that_is_refused_ends_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from vcfbench.procedures.self_calibration import results as of  # noqa: PLC0415
+
+    refused = checked(THEN, health(sense_phase_deg=0.4), Characteristics())
+    monkeypatch.setattr(of, "_health", lambda _settings, _points: (health(), refused))
+    settings = {"k_vc": "150", "cycles": 1, "samples": 2, "virtual_rates_deg_s": [20.0, 100.0, 200.0]}
+    with pytest.raises(MeasurementError, match=r"does not hold any more: the phase of the sense signal") as ended:
+        vcfbench.run("self-calibration", "examples/field-bench.toml", settings=settings, runs=tmp_path)
+    assert ended.value.exit_code == 3
+    assert ended.value.run is not None
+    assert not hasattr(ended.value.run.results, "scale_factor")

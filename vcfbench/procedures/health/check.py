@@ -1,0 +1,175 @@
+"""What has become of K_Vc, cause by cause: corrected, left to its drift, or such that K_Vc cannot be stated."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, Literal
+
+from msgspec import Struct, structs
+
+from vcfbench.procedures.known.k_vc_change import KvcChange, KvcPart, k_vc_change
+from vcfbench.procedures.known.k_vc_since import charging_warning
+from vcfbench.record.devices import Characteristics
+from vcfbench.record.devices import Measured as Kept
+from vcfbench.report.document import Column, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.procedures.health.found import Health
+
+__all__ = ["STILL_UNSEEN", "Cause", "HealthCheck", "checked", "health_parts"]
+
+WORTH_PPM = 100.0
+"""What is known of a cause to less than this corrects K_Vc; a correction that is worth less makes it no better."""
+SEEN = 3.0
+"""A change by so many of its standard uncertainties is one."""
+UNEXPLAINED_DEG = 0.15
+"""Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows."""
+STILL_UNSEEN = (
+    "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
+    "the modulator's gain of small signals",
+    "masses and their shares in the modes",
+    "the drive's pick-off: its gain is read as the drive's amplitude, its phase as that of carrier and demodulator",
+)
+"""What of K_Vc no bench without a table sees: it is in its drift."""
+_DRIVE_PPM_K = -30.0
+"""Of silicon, where nobody measured it."""
+_CARRIER, _DRIVE = "carrier_amplitude_v", "drive_amplitude_v"
+_NAMES: Final = {
+    "drive_hz": "drive frequency (temperature)",
+    "split_hz": "mode split",
+    "q_anti_phase": "Q of the anti-phase mode",
+    "in_phase_split_hz": "split of the in-phase mode",
+    "q_in_phase": "Q of the in-phase mode",
+    "carrier_phase_deg": "phase of the carrier",
+    "demodulator_phase_deg": "phase of the demodulator",
+    "v_vc_feedthrough": "V_Vc that comes through",
+    "temperature_c": "temperature",
+    "rails_v": "rails",
+}
+
+Done = Literal["corrected", "left to its drift", "refused", "explained"]
+
+
+class Cause(Struct, frozen=True):
+    """One cause: what it was and is, what that does to K_Vc (ppm, with its u), and what was done about it."""
+
+    cause: str
+    unit: str
+    then: float
+    now: float
+    ppm: float
+    u_ppm: float
+    done: Done
+
+
+class HealthCheck(Struct, frozen=True, kw_only=True):
+    """What became of K_Vc since its certificate; `ppm` is by how much it is larger, with its standard uncertainty.
+
+    `together_ppm` is what all causes do beyond the sum of each alone; it is in `ppm`. `refused` says why K_Vc cannot be
+    stated; nothing there: it can. `warning` is of what cannot be seen but may be suspected.
+    """
+
+    causes: tuple[Cause, ...]
+    ppm: float
+    u_ppm: float
+    together_ppm: float
+    refused: tuple[str, ...]
+    warning: str | None
+
+    @property
+    def change(self) -> KvcChange:
+        """What K_Vc is corrected by."""
+        return KvcChange(self.ppm, self.u_ppm, (), self.together_ppm)
+
+
+def checked(then: Characteristics, now: Health, by_hand: Characteristics) -> HealthCheck:
+    """Return what of K_Vc's causes has changed, and what is done about each; `by_hand` is what was stated of now."""
+    seen = structs.replace(
+        now.beside(by_hand), in_phase_share=None
+    )  # force and pick-off of either mode stay as they were
+    amplitudes = k_vc_change(
+        then, Characteristics(drive_amplitude_v=seen.drive_amplitude_v, carrier_amplitude_v=seen.carrier_amplitude_v)
+    )
+    worth = amplitudes.u_ppm <= WORTH_PPM
+    whole = k_vc_change(
+        then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
+    )
+    causes = [_of_part(part) for part in whole.parts if part.quantity not in {_CARRIER, _DRIVE}]
+    causes += [*_of_amplitudes(then, seen, amplitudes, worth=worth), *_of_phase(then.sense_phase_deg, now)]
+    return HealthCheck(
+        causes=tuple(sorted(causes, key=lambda cause: -abs(cause.ppm))),
+        ppm=whole.ppm,
+        u_ppm=whole.u_ppm,
+        together_ppm=whole.together_ppm,
+        refused=tuple(_why(cause) for cause in causes if cause.done == "refused"),
+        warning=_charged(then, seen),
+    )
+
+
+def _charged(then: Characteristics, now: Characteristics) -> str | None:
+    """Return the warning that combs may have charged; the drive's frequency is the thermometer."""
+    if then.drive_hz is None or now.drive_hz is None:
+        return charging_warning(then, now)
+    per_k = _DRIVE_PPM_K if then.drive_ppm_k is None else then.drive_ppm_k.value
+    rise_k = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0) / per_k
+    at = [Kept(value=each, u=0.0) for each in (0.0, rise_k)]
+    return charging_warning(structs.replace(then, temperature_c=at[0]), structs.replace(now, temperature_c=at[1]))
+
+
+def _of_part(part: KvcPart) -> Cause:
+    name = _NAMES.get(part.quantity, part.quantity)
+    return Cause(name, part.unit, part.then, part.now, part.ppm, part.u_ppm, "corrected")
+
+
+def _of_amplitudes(then: Characteristics, now: Characteristics, change: KvcChange, *, worth: bool) -> Iterator[Cause]:
+    """Yield what both amplitudes did, of which the ratio alone counts; nothing where they were not measured then."""
+    if not change.parts:
+        return
+    done: Done = "corrected" if worth else "left to its drift"
+    if not worth and abs(change.ppm) > SEEN * change.u_ppm:
+        done = "refused"
+    yield Cause("carrier over drive, amplitudes", "", _ratio(then), _ratio(now), change.ppm, change.u_ppm, done)
+
+
+def _ratio(of: Characteristics) -> float:
+    carrier, drive = of.carrier_amplitude_v, of.drive_amplitude_v
+    return carrier.value / drive.value if carrier and drive else math.nan
+
+
+def _of_phase(then: Kept | None, now: Health) -> Iterator[Cause]:
+    """Yield what of the sense signal's phase nothing explains: K_Vc would change by the tangent of what it is."""
+    if then is None:
+        return
+    phase = now.sense_phase_deg
+    moved_deg, u_deg = phase.value - then.value, math.hypot(phase.u, then.u)
+    beyond = abs(moved_deg) > max(SEEN * u_deg, UNEXPLAINED_DEG)
+    done: Done = "refused" if beyond else "explained"
+    yield Cause("phase of the sense signal that nothing explains", "deg", then.value, phase.value, 0.0, 0.0, done)
+
+
+def _why(cause: Cause) -> str:
+    if cause.unit == "deg":
+        moved_deg = cause.now - cause.then
+        return (
+            f"the phase of the sense signal has changed by {moved_deg:+.2f} deg that carrier, splits and Q explain not"
+        )
+    return (
+        f"the carrier's amplitude over the drive's has changed: K_Vc by {cause.ppm:+.0f} ppm, which another scope "
+        f"than the certificate's tells to {cause.u_ppm:.0f} ppm (u) alone"
+    )
+
+
+def health_parts(found: HealthCheck) -> list[Table | Text]:
+    """Return the table of all causes, and what they come to."""
+    columns = (
+        *(Column("cause", align="left"), Column("then", format=".7g"), Column("now", format=".7g")),
+        *(Column("unit", align="left"), Column("K_Vc", "ppm", "+.1f"), Column("u", "ppm", ".2g")),
+        Column("done", align="left"),
+    )
+    rows = [(each.cause, each.then, each.now, each.unit, each.ppm, each.u_ppm, each.done) for each in found.causes]
+    together = f"{found.ppm:+.1f} ppm, u {found.u_ppm:.2g}, of which {found.together_ppm:+.1f} ppm beyond the sum"
+    words = [f"K_Vc has changed by {together}", *(f"K_Vc is not stated: {why}" for why in found.refused)]
+    words += [] if found.warning is None else [f"warning: {found.warning}"]
+    return [Table(columns, rows, "Health: what K_Vc depends on, at the certificate and now"), Text("\n".join(words))]

@@ -1,0 +1,240 @@
+"""What the oscilloscope's records say of a device: modes, phases, feed-through and amplitudes, with uncertainties."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from statistics import fmean, stdev, variance
+from typing import TYPE_CHECKING, TypeAlias
+
+from msgspec import Struct, structs
+
+from vcfbench.errors import MeasurementError
+from vcfbench.plans.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
+from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
+from vcfbench.procedures.health.plan import CaptureFar, level_v
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
+from vcfbench.procedures.resonance import SenseDecay
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.record.devices import Characteristics
+from vcfbench.record.devices import Measured as Kept
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.plans.measured import Measured
+    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+
+    Floats: TypeAlias = "NDArray[np.float64]"
+
+__all__ = ["Health", "health_of", "with_output_curve"]
+
+_SKEW_S = 1e-10
+"""DSO7104B: delay of a channel, either way (unverified), rectangular."""
+_GAIN = 0.02
+"""DSO7104B: vertical gain, of full scale (unverified), rectangular."""
+_FLAT = 0.05
+"""By which a feed-through may differ between the frequencies where it shows and that of the drive (assumed)."""
+_ROUNDS = 5
+
+
+class Health(Struct, frozen=True, kw_only=True):
+    """What was measured of what K_Vc depends on, by the names that :class:`.Characteristics` has for it.
+
+    `sense_phase_deg` is by how much the phase of what V_Vc does to the sense signal is ahead of what carrier, splits
+    and quality factors make of it: 0 where nothing else is at work.
+    """
+
+    drive_hz: Measurand
+    split_hz: Measurand
+    q_anti_phase: Measurand
+    in_phase_split_hz: Measurand
+    q_in_phase: Measurand
+    in_phase_share: Measurand
+    carrier_phase_deg: Measurand
+    demodulator_phase_deg: Measurand
+    v_vc_feedthrough: Measurand
+    drive_amplitude_v: Measurand
+    carrier_amplitude_v: Measurand
+    sense_phase_deg: Measurand
+
+    def beside(self, known: Characteristics) -> Characteristics:
+        """Return it as it is kept of a device, beside what else is `known`."""
+        return structs.replace(known, **{name: each.kept() for name, each in structs.asdict(self).items()})
+
+
+class _AtRest(Struct, frozen=True):
+    """What a steady V_Vc does to the sense signal: amplitude, V a volt, and phase against the drive's velocity."""
+
+    per_v: float
+    phase_deg: float
+    u_phase_deg: float
+    dof: float
+
+
+def health_of(settings: KnownVvcSettings, measured: Measured) -> Health | None:
+    """Return what K_Vc depends on, as the steps of :mod:`.plan` saw it; None where they were not done.
+
+    Raises:
+        MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
+    """
+    decays = [found for _, found in measured.found(SenseDecay)]
+    if not decays:
+        return None
+    placed = settings.station.instruments["oscilloscope"]
+    scope = placed.owner
+    pairs = [modes_of(each) for each in decays]
+    middle = middle_of(pairs)
+    at_rest = _at_rest(measured)
+    taken = [found for step, found in measured.found(SineRecords) if isinstance(step, CaptureMeanSines)]
+    means = [each for found in taken for each in found.records]
+    skew = UncertaintyPart("skew of two channels", math.sqrt(2.0 / 3.0) * 360.0 * middle.drive_hz * _SKEW_S, of=scope)
+    carrier = _mean([math.remainder(each.phases_deg[1] - 90.0, 180.0) for each in means], "deg", skew)
+    share, beyond_deg = _share(pairs, at_rest, level_v(settings), carrier.value)
+    drive_v = fmean(each.amplitudes_v[0] for each in means)
+    carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
+    unexplained = UncertaintyPart("records", at_rest.u_phase_deg, at_rest.dof)
+
+    def frequency(values_hz: Sequence[float]) -> Measurand:
+        u_hz = SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz))
+        return _mean(values_hz, "Hz", UncertaintyPart("time base", u_hz, of=scope))
+
+    def gain(node: str, amplitude_v: float) -> UncertaintyPart:
+        # so large an error cancels only where it is beyond doubt that the specimen is the same
+        whose = scope if placed.station is None else None
+        return UncertaintyPart(f"vertical gain, {node}", _GAIN / math.sqrt(3.0) * amplitude_v, of=whose)
+
+    return Health(
+        drive_hz=frequency([each.drive_hz for each in pairs]),
+        split_hz=frequency([each.drive_hz - each.anti_phase.frequency_hz for each in pairs]),
+        q_anti_phase=_mean([each.anti_phase.q for each in pairs], ""),
+        in_phase_split_hz=frequency([each.drive_hz - each.in_phase.frequency_hz for each in pairs]),
+        q_in_phase=_mean([each.in_phase.q for each in pairs], ""),
+        in_phase_share=share,
+        carrier_phase_deg=carrier,
+        demodulator_phase_deg=_demodulator(measured, skew),
+        v_vc_feedthrough=_feedthrough(settings, measured, middle, share.value, at_rest),
+        drive_amplitude_v=measurand(drive_v, "V", [gain("drive", drive_v)]),
+        carrier_amplitude_v=_mean(carrier_v, "V", gain("carrier", fmean(carrier_v))),
+        sense_phase_deg=measurand(beyond_deg, "deg", [unexplained, skew]),
+    )
+
+
+def _mean(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measurand:
+    scatter = UncertaintyPart("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
+    return measurand(fmean(values), unit, [scatter, *others])
+
+
+def _at_rest(measured: Measured) -> _AtRest:
+    """Return what V_Vc does at rest, from half the difference of the sense signal's phasors at both signs."""
+    plus, minus = (
+        [
+            sense_phasor(each) / abs(step.v_vc_v)
+            for step, found in measured.found(SineRecords)
+            if isinstance(step, CaptureSense) and not step.rate_deg_s and sign * step.v_vc_v > 0.0
+            for each in found.records
+        ]
+        for sign in (1.0, -1.0)
+    )
+    moved = 0.5 * (sum(plus) / len(plus) - sum(minus) / len(minus))
+    if abs(moved) < 1e-3 * max(map(abs, plus)):
+        raise MeasurementError("V_Vc of either sign does not move the sense signal", instrument="oscilloscope")
+    across = [0.25 * variance((each / moved).imag for each in state) / len(state) for state in (plus, minus)]
+    phase_deg = math.degrees(cmath.phase(moved)) - 90.0
+    return _AtRest(abs(moved), phase_deg, math.degrees(math.sqrt(sum(across))), len(plus) + len(minus) - 2)
+
+
+def _share(pairs: Sequence[Modes], at_rest: _AtRest, level: float, carrier_deg: float) -> tuple[Measurand, float]:
+    """Return the part of the in-phase mode, and what phase of the sense signal it leaves unexplained, deg.
+
+    Amplitudes of a ring-down are those when its record begins; when V_Vc went off the amplitude at rest tells. Whether
+    the in-phase mode is seen with the sign of the other, the phase tells.
+    """
+    expected = []
+    for sign in (1.0, -1.0):
+        shares = [_one_share(each, sign, at_rest.per_v * level) for each in pairs]
+        share = fmean(shares)
+        phase_deg = carrier_deg + math.degrees(cmath.phase(middle_of(pairs).answer(share, 0.0)))
+        left_deg = math.remainder(at_rest.phase_deg - phase_deg, 180.0)
+        expected.append((abs(left_deg), left_deg, shares))
+    _, left_deg, shares = min(expected)
+    return _mean(shares, ""), left_deg
+
+
+def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
+    answers, modes = pair.answers(0.0), (pair.anti_phase, pair.in_phase)
+    late_s = 0.0
+    forces = [1.0, 0.0]
+    for _ in range(_ROUNDS):
+        forces = [
+            each * mode.amplitude_v * math.exp(math.pi * mode.frequency_hz / mode.q * late_s) / abs(answer)
+            for each, mode, answer in zip((1.0, sign), modes, answers, strict=True)
+        ]
+        moved_v = abs(forces[0] * answers[0] + forces[1] * answers[1])
+        late_s += pair.anti_phase.q / (math.pi * pair.anti_phase.frequency_hz) * math.log(at_rest_v / moved_v)
+    static = [force / (1.0 / answer).real for force, answer in zip(forces, answers, strict=True)]
+    return static[1] / (static[0] + static[1])
+
+
+def _demodulator(measured: Measured, skew: UncertaintyPart) -> Measurand:
+    from vcfbench.analysis.rotating import Rotation, reference_phase  # noqa: PLC0415  # NumPy, needed here alone
+
+    found = reference_phase(
+        [
+            Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v)
+            for step, each in measured.found(Rotations)
+            if not isinstance(step, CaptureFar)
+            for r in each.records
+        ]
+    )
+    parts = [UncertaintyPart("records", found.u_phase_deg, found.dof), skew]
+    return measurand(math.remainder(found.phase_deg - 90.0, 180.0), "deg", parts)
+
+
+def _feedthrough(
+    settings: KnownVvcSettings, measured: Measured, modes: Modes, share: float, at_rest: _AtRest
+) -> Measurand:
+    """Return what comes through without motion over what the modes answer at rest.
+
+    Far above and far below the drive the modes answer with opposite signs, the feed-through with one: of the two
+    amplitudes one is larger by it, the other smaller.
+    """
+    above, below = (
+        [
+            each
+            for step, found in measured.found(Rotations)
+            if isinstance(step, CaptureFar) and sign * step.difference_hz > 0.0
+            for each in found.records
+        ]
+        for sign in (1.0, -1.0)
+    )
+    found = [_through(pair, modes, share, level_v(settings) * at_rest.per_v) for pair in zip(above, below, strict=True)]
+    value = _mean(found, "")
+    flat = UncertaintyPart("the same at all frequencies", _FLAT / math.sqrt(3.0) * abs(value.value))
+    return measurand(value.value, "", [*value.parts, flat])
+
+
+def _through(records: tuple[RotationRecord, RotationRecord], modes: Modes, share: float, at_rest_v: float) -> float:
+    """Return it from one record above and one below; the sine's line is half its peak, which is twice the level."""
+    static = abs(modes.answer(share, 0.0))
+    answers = [modes.answer(share, each.difference_hz).real / static for each in records]
+    seen = [each.turning_v / at_rest_v for each in records]
+    gain = (seen[0] + seen[1]) / (answers[1] - answers[0])
+    return seen[1] / gain - answers[1]
+
+
+def with_output_curve(known: Characteristics, slopes: Floats, covariance: Floats) -> Characteristics:
+    """Return what is `known` with the output's second and third order against the rate, as a cubic had them.
+
+    `slopes` are its coefficients from the first order on, `covariance` is theirs.
+    """
+    first = slopes[0]
+    second, third = (
+        Kept(value=float(slopes[order] / first), u=math.sqrt(covariance[order, order]) / abs(float(first)))
+        for order in (1, 2)
+    )
+    return structs.replace(known, output_second_per_deg_s=second, output_third_per_deg_s2=third)

@@ -1,0 +1,40 @@
+"""With what a bench can measure what K_Vc depends on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, Literal
+
+from vcfbench.errors import ConfigError
+from vcfbench.interfaces import SetsSine, lacking
+
+if TYPE_CHECKING:
+    from vcfbench.bench.parts import Node
+    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+
+__all__ = ["HEALTH", "NODES", "way_of"]
+
+HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
+NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
+"""What the oscilloscope must see."""
+
+
+def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope"] | None, str]:
+    """Return with what the bench measures it; None and why not, where it cannot."""
+    wiring = settings.station.oscilloscope
+    if wiring is None:
+        return None, "the bench has no oscilloscope"
+    unseen = [node for node in NODES if wiring.channel_of(node) is None]
+    if unseen:
+        return None, f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)"
+    if lacking(_driver_class(settings), SetsSine):
+        return None, "the generator makes no sines"
+    return "oscilloscope", ""
+
+
+def _driver_class(settings: KnownVvcSettings) -> type:
+    from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
+
+    try:
+        return find_driver(settings.station.instruments["rate_source"].model).driver_class
+    except ConfigError:
+        return type(None)
