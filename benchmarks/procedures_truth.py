@@ -17,6 +17,7 @@ A procedure is a row of STUDIES: a function of a seed and a directory that yield
 from __future__ import annotations
 
 import argparse
+import cmath
 import json
 import math
 import os
@@ -70,13 +71,20 @@ def stated(name: str, found: Any, truth: float) -> Iterator[Stated]:
     yield Stated(name, found.value, truth, found.u, next((each for each in halves if each is not None), None))
 
 
-def drawn_bench(seed: int, *, base: BenchDescription = LAB, told: Mapping[str, Any] | None = None) -> BenchDescription:
+def drawn_bench(
+    seed: int,
+    *,
+    base: BenchDescription = LAB,
+    told: Mapping[str, Any] | None = None,
+    more: Mapping[str, Mapping[str, Any]] | None = None,
+) -> BenchDescription:
     """Return the bench of a seed: its gyroscope and all instruments drawn, none as the program draws them.
 
     Args:
         seed: of the draw.
         base: the bench whose instruments, limits and settings there are.
         told: keys of [uncertainty] of its bench file that are changed.
+        more: parameters of the gyroscope besides, by group.
     """
     draw = np.random.default_rng([20260723, seed])
 
@@ -106,6 +114,7 @@ def drawn_bench(seed: int, *, base: BenchDescription = LAB, told: Mapping[str, A
             "rate_error": 1e-5 * float(draw.uniform(-1.0, 1.0)),
             "ripple_phase_rad": draw.uniform(-3, 3, 2).tolist(),
         },
+        **(more or {}),
     }
     assert base.simulation is not None  # noqa: S101 - as above
     errors = structs.replace(
@@ -254,12 +263,284 @@ def characterize(seed: int, where: str) -> Iterator[Stated]:
             yield Stated(f"{row.procedure}: {row.quantity}, {row.unit}", row.value, truth, row.u, row.u95)
 
 
+class Modes(NamedTuple):
+    """The modes of a warm gyroscope: drive, anti-phase and in-phase sense mode, and what each shows of V_Vc."""
+
+    drive_hz: float
+    drive_q: float
+    sense_hz: tuple[float, float]
+    sense_q: tuple[float, float]
+    shown: tuple[float, float]
+    shown_of_rate: tuple[float, float]
+    carrier_rad: float
+    demodulator_rad: float
+    low_pass: tuple[float, int]
+
+    @classmethod
+    def of(cls, bench: BenchDescription, ambient_c: float | None = None) -> Modes:
+        """Return those of the parameters at the temperature after the warm-up."""
+        of = physical_parameters(bench)
+        ambient_c = of.thermal.ambient_c if ambient_c is None else ambient_c
+        rise_k = ambient_c + of.thermal.self_heating_k - of.thermal.reference_c
+        sense, virtual = (of.sense_anti_phase, of.sense_in_phase), of.virtual_path
+        drive, *hz = (
+            each.frequency_hz * (1.0 + each.frequency_coefficient_per_k * rise_k) for each in (of.drive_mode, *sense)
+        )
+        drive_q, *q = (
+            each.quality * (1.0 + each.quality_coefficient_per_k * rise_k) for each in (of.drive_mode, *sense)
+        )
+        combs = [
+            each.left_participation * virtual.left_comb_n_per_v2
+            + each.right_participation * virtual.right_comb_n_per_v2
+            for each in sense
+        ]
+        shares = [each.left_participation + each.right_participation for each in sense]
+        picks = [each.pick_off_v_per_m for each in sense]
+        return cls(
+            drive,
+            drive_q,
+            (hz[0], hz[1]),
+            (q[0], q[1]),
+            (picks[0] * combs[0], picks[1] * combs[1]),
+            (picks[0] * shares[0], picks[1] * shares[1]),
+            virtual.carrier_phase_rad,
+            of.sense_path.demodulator_phase_rad,
+            (of.sense_path.low_pass_hz, of.sense_path.low_pass_order),
+        )
+
+    @property
+    def split_hz(self) -> float:
+        """Drive less anti-phase sense frequency."""
+        return self.drive_hz - self.sense_hz[0]
+
+    @property
+    def in_phase_share(self) -> float:
+        """Part of the in-phase mode in the static response to V_Vc, each mode by its stiffness."""
+        anti, inner = (k / (hz**2 - self.drive_hz**2) for k, hz in zip(self.shown, self.sense_hz, strict=True))
+        return inner / (anti + inner)
+
+    def answer(self, shown: tuple[float, float], side_hz: float) -> complex:
+        """Return the sense signal of a unit force at a frequency, any unit."""
+        modes = zip(shown, self.sense_hz, self.sense_q, strict=True)
+        return sum(k / complex(hz**2 - side_hz**2, side_hz * hz / q) for k, hz, q in modes)
+
+    def gain(self, frequency_hz: float) -> float:
+        """Return the response to a sine on V_Vc over that to a level, without the filter: both side bands."""
+        turn = cmath.exp(1j * (self.carrier_rad - self.demodulator_rad))
+
+        def passed(at_hz: float) -> complex:
+            above, below = (self.answer(self.shown, self.drive_hz + each) for each in (at_hz, -at_hz))
+            return above * turn + (below * turn).conjugate()
+
+        return abs(passed(frequency_hz) / passed(0.0))
+
+    def filtered(self, frequency_hz: float) -> float:
+        """Return the same behind the low-pass filter."""
+        corner_hz, order = self.low_pass
+        return self.gain(frequency_hz) / math.sqrt(1.0 + (frequency_hz / corner_hz) ** (2 * order))
+
+    def peak_hz(self) -> float:
+        """Return where the response is largest, to a millihertz or better."""
+        low, high = 0.8 * self.split_hz, 1.2 * self.split_hz
+        for _ in range(80):
+            inner = low + (high - low) / 3.0, high - (high - low) / 3.0
+            low, high = (inner[0], high) if self.gain(inner[0]) < self.gain(inner[1]) else (low, inner[1])
+        return 0.5 * (low + high)
+
+    def crossing_hz(self, level: float, low_hz: float, high_hz: float) -> float:
+        """Return where the response passes a level between two frequencies."""
+        rising = self.gain(high_hz) > self.gain(low_hz)
+        for _ in range(80):
+            middle = 0.5 * (low_hz + high_hz)
+            low_hz, high_hz = (low_hz, middle) if (self.gain(middle) > level) == rising else (middle, high_hz)
+        return 0.5 * (low_hz + high_hz)
+
+
+def bandwidth(seed: int, where: str) -> Iterator[Stated]:
+    """The response to sines on V_Vc."""
+    bench = drawn_bench(seed)
+    found = run("bandwidth", bench, seed, where).results
+    yield from _band(found, Modes.of(bench))
+
+
+def _band(found: Any, true: Modes) -> Iterator[Stated]:
+    peak_hz = true.peak_hz()
+    yield from stated("split_hz", found.split_hz, true.split_hz)
+    yield from stated("q", found.q, true.sense_q[0])
+    yield from stated("plus_3_db_hz", found.plus_3_db_hz, true.crossing_hz(math.sqrt(2.0), 0.0, peak_hz))
+    yield from stated("peak_hz", found.peak_hz, peak_hz)
+    yield from stated("peak_gain", found.peak_gain, true.gain(peak_hz))
+    yield from stated("minus_3_db_hz", found.minus_3_db_hz, true.crossing_hz(math.sqrt(0.5), peak_hz, 1.8 * peak_hz))
+    share, u = found.in_phase_share, found.u_in_phase_share
+    yield Stated("in_phase_share", share, true.in_phase_share, u, 1.96 * u)
+
+
+def resonance(seed: int, where: str) -> Iterator[Stated]:
+    """Ring-downs and sweep."""
+    bench = drawn_bench(seed)
+    found, true = run("resonance", bench, seed, where).results, Modes.of(bench)
+    truths = {
+        "drive_hz": true.drive_hz,
+        "drive_ring_down_hz": true.drive_hz,
+        "drive_q": true.drive_q,
+        "sense_hz": true.sense_hz[0],
+        "sense_q_ring_down": true.sense_q[0],
+        "sense_q_sweep": true.sense_q[0],
+        "split_ring_down_hz": true.split_hz,
+        "split_sweep_hz": true.split_hz,
+        "in_phase_hz": true.sense_hz[1],
+        "in_phase_q": true.sense_q[1],
+    }
+    for name, truth in truths.items():
+        yield from stated(name, getattr(found, name), truth)
+    e_n = max(found.e_n_drive_hz or 0.0, found.e_n_sense_q, found.e_n_split)
+    yield Stated("largest E_n of the two ways, below 1", 1.0, e_n)
+
+
+def phase(seed: int, where: str) -> Iterator[Stated]:
+    """The phases, of a carrier and a demodulator that are up to 3 deg off."""
+    draw = np.random.default_rng([20260724, seed])
+    carrier, demodulator = (math.pi + math.radians(each) for each in draw.uniform(-3.0, 3.0, 2))
+    more = {"virtual_path": {"carrier_phase_rad": carrier}, "sense_path": {"demodulator_phase_rad": demodulator}}
+    bench = drawn_bench(seed, more=more)
+    found, true = run("phase", bench, seed, where).results, Modes.of(bench)
+    coriolis = math.degrees(cmath.phase(true.answer(true.shown_of_rate, true.drive_hz))) - 90.0
+    virtual = math.degrees(cmath.phase(true.answer(true.shown, true.drive_hz)) + carrier) + 90.0
+    reference = math.degrees(demodulator) + 90.0
+    seen, aside = (math.cos(math.radians(each - reference)) for each in (virtual, coriolis))
+    truths = {
+        "carrier_deg": math.degrees(carrier) + 90.0,
+        "coriolis_deg": coriolis,
+        "virtual_deg": virtual,
+        "demodulator_deg": reference,
+        "k_vc_error_ppm": 1e6 * (abs(seen / aside) - 1.0),
+        "carrier_from_velocity_deg": math.remainder(math.degrees(carrier), 180.0),
+        "virtual_from_coriolis_deg": math.remainder(virtual - coriolis, 180.0),
+        "demodulator_from_coriolis_deg": math.remainder(reference - coriolis, 180.0),
+    }
+    for name, truth in truths.items():
+        each = getattr(found, name)
+        turned = 180.0 if name == "demodulator_deg" else 360.0
+        near = truth if "ppm" in name else each.value - math.remainder(each.value - truth, turned)
+        yield from stated(name, each, near)
+
+
+def vibration(seed: int, where: str) -> Iterator[Stated]:
+    """A sine of the second generator; what is told of split, Q and in-phase mode is off by its u."""
+    bench = drawn_bench(seed)
+    true, draw = Modes.of(bench), np.random.default_rng([20260725, seed])
+    told = {"split_hz": (true.split_hz, 0.02), "q": (true.sense_q[0], 10.0)}
+    told["in_phase_share"] = (true.in_phase_share, 0.01)
+    settings = {name: value + u * float(draw.standard_normal()) for name, (value, u) in told.items()}
+    settings |= {f"u_{name}": u for name, (_, u) in told.items()}
+    done = run("vibration", bench, seed, where, **settings)
+    found, at_v = done.results, 0.05
+    output = true_output(bench, at_input=True)
+    at_rest = (output(0.0, at_v) - output(0.0, -at_v)) / (2.0 * at_v)
+    yield from stated("static_v_per_v", found.static_v_per_v, at_rest)
+    for each in found.responses:
+        truth = true.filtered(each.frequency_hz)
+        yield from stated(f"response, {each.frequency_hz:g} Hz", each.response, truth)
+        yield from stated(f"expected, {each.frequency_hz:g} Hz", each.expected, truth)
+    yield Stated("largest_e_n, below 1", 1.0, found.largest_e_n)
+
+
+def temperature(seed: int, where: str) -> Iterator[Stated]:
+    """The cycle over temperature, with V_Vc."""
+    yield from _over_temperature(seed, where, "v-vc")
+
+
+def temperature_by_table(seed: int, where: str) -> Iterator[Stated]:
+    """The cycle over temperature, with the table."""
+    yield from _over_temperature(seed, where, "table")
+
+
+def _over_temperature(seed: int, where: str, by: str) -> Iterator[Stated]:
+    bench = drawn_bench(seed)
+    true = Truth.of(bench)
+    settings = {"by": by, "scale_factor_v_per_deg_s": true.scale_factor}
+    flicker_deg_h = 3600.0 * physical_parameters(bench).noise.bias_instability_deg_s
+    done = run("temperature", bench, seed, where, **settings, bias_instability_deg_h=flicker_deg_h)
+    found = done.results
+    levels = done.header["settings"]["temperatures_c"]
+    level_v = 200.0 / done.header["settings"]["k_vc_guess_deg_s_per_v"]
+    slopes, biases, drives = [], [], []
+    for each_c in levels:
+        output = true_output(at_ambient(bench, each_c))
+        plus_minus = (200.0, None, 400.0) if by == "table" else (0.0, level_v, 2.0 * level_v)
+        signs = [output(sign * plus_minus[0], None if by == "table" else sign * level_v) for sign in (1.0, -1.0)]
+        slopes.append((signs[0] - signs[1]) / plus_minus[2])
+        biases.append(output(0.0, None) / true.scale_factor if by != "table" else output(0.0, None))
+        drives.append(Modes.of(bench, each_c).drive_hz)
+    if by == "table":
+        biases = [each / float(np.mean(slopes)) for each in biases]
+
+    def parabola(values: Sequence[float]) -> list[float]:
+        return np.polynomial.polynomial.polyfit(np.array(levels) - 20.0, values, 2).tolist()  # type: ignore[no-any-return]
+
+    factor, bias, drive = parabola(slopes), parabola(biases), parabola(drives)
+    ppm, ppm_hz = 1e6 / float(np.mean(slopes)), 1e6 / float(np.mean(drives))
+    yield from stated("scale_factor", found.scale_factor, factor[0])
+    yield from stated("scale_factor_tc", found.scale_factor_tc, ppm * factor[1])
+    yield from stated("scale_factor_tc2", found.scale_factor_tc2, ppm * factor[2])
+    yield from stated("scale_factor_hysteresis", found.scale_factor_hysteresis, 0.0)
+    yield from stated("bias", found.bias, bias[0])
+    yield from stated("bias_tc", found.bias_tc, bias[1])
+    yield from stated("bias_hysteresis", found.bias_hysteresis, 0.0)
+    yield from stated("frequency", found.frequency, drive[0])
+    yield from stated("frequency_tc", found.frequency_tc, ppm_hz * drive[1])
+    yield from stated("frequency_hysteresis", found.frequency_hysteresis, 0.0)
+
+
+def at_ambient(bench: BenchDescription, ambient_c: float) -> BenchDescription:
+    """Return a bench in air of another temperature."""
+    assert bench.simulation is not None  # noqa: S101 - as above
+    override = {**bench.simulation.override}
+    override["thermal"] = {**override.get("thermal", {}), "ambient_c": ambient_c}
+    return structs.replace(bench, simulation=structs.replace(bench.simulation, override=override))
+
+
+def power(seed: int, where: str) -> Iterator[Stated]:
+    """Sensitivities to the rails of a gyroscope whose drive follows the weaker one."""
+    bench = drawn_bench(seed)
+    true = Truth.of(bench)
+    done = run("power", bench, seed, where, scale_factor_v_per_deg_s=true.scale_factor)
+    found, step_v = done.results, 0.2
+    level_v = 200.0 / done.header["settings"]["k_vc_guess_deg_s_per_v"]
+
+    def at(rails: str, off_v: float) -> tuple[float, float]:
+        positive, negative = (off_v if rails in {each, "both"} else 0.0 for each in ("positive", "negative"))
+        output = true_output(bench, rails_v=(10.0 + positive, -10.0 - negative))
+        return (output(0.0, level_v) - output(0.0, -level_v)) / (2.0 * level_v), output(0.0, None) / true.scale_factor
+
+    for effect in found.effects:
+        low, here, high = (at(effect.rails, off_v) for off_v in (-step_v, 0.0, step_v))
+        halves = {"lowered": (low, here, step_v), "raised": (here, high, step_v), "": (low, high, 2.0 * step_v)}
+        for half, (first, second, apart_v) in halves.items():
+            name = f"_{half}" if half else ""
+            factor = 1e6 * (second[0] / here[0] - first[0] / here[0]) / apart_v
+            yield from stated(f"{effect.rails}: scale_factor{name}", getattr(effect, f"scale_factor{name}"), factor)
+            bias = (second[1] - first[1]) / apart_v
+            yield from stated(f"{effect.rails}: bias{name}", getattr(effect, f"bias{name}"), bias)
+    quiescent_a = physical_parameters(bench).supply.quiescent_a
+    for rail in found.rails:
+        yield from stated(f"current, {rail.rail}", rail.current, quiescent_a)
+    yield from stated("power", found.power, 20.0 * quiescent_a)
+
+
 STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
     "kvc": kvc,
     "self-calibration": self_calibration,
     "characterize": characterize,
+    "bandwidth": bandwidth,
+    "resonance": resonance,
+    "phase": phase,
+    "vibration": vibration,
+    "temperature": temperature,
+    "temperature-by-table": temperature_by_table,
+    "power": power,
 }
 
 
