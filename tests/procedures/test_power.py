@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec import structs
 
 import vcfbench
 from vcfbench.bench.description import Limits
@@ -16,6 +17,7 @@ from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged
 from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
+from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
     from vcfbench.plans.step import Step
@@ -128,3 +130,20 @@ def test_the_rails_end_where_they_were_and_stay_within_the_step() -> None:
 def test_what_the_limits_do_not_bear_is_refused(settings: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         vcfbench.dry_run("power", "lab", settings=settings)
+
+
+def test_an_imbalance_of_the_rails_is_taken_out_of_the_halves() -> None:
+    """Of a drive that follows the weaker rail, on a supply whose outputs are 30 mV apart; the closed form, balanced."""
+    bench = simulated("lab", overrides={"drive_loop": {"amplitude_supply_coefficient_per_v": 5e-3}})
+    assert bench.simulation is not None
+    errors = structs.replace(bench.simulation.errors, power={"p25v": {"programming_offset_v": 0.03}})
+    bench = structs.replace(bench, simulation=structs.replace(bench.simulation, errors=errors))
+    found = vcfbench.run("power", bench, seed=5, settings={"rails_varied": ["positive", "negative"]}).results
+    for effect, apart_v in zip(found.effects, (0.03, -0.03), strict=True):
+        assert effect.imbalance_v == pytest.approx(apart_v, abs=3e-3)
+        truth = {"lowered": 1e4 * (1.0 - 0.001), "raised": 0.0}
+        for half, true in truth.items():
+            value = getattr(effect, f"scale_factor_{half}")
+            assert abs(value.value - true) < 3.0 * value.u
+            assert any(part.source == "imbalance of the rails" for part in value.parts)
+            assert value.u < 400.0  # what 30 mV of 200 mV would do is 1500

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from statistics import fmean, stdev
+from statistics import NormalDist, fmean, stdev
 from typing import TYPE_CHECKING
 
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
@@ -43,11 +43,16 @@ _A_STATE = 3
 _STEP_V, _STEP_A = 1.5e-3, 1e-4
 """Resolution of the read-backs where the supply has no data sheet here: that of an E3631A (User's Guide p. 186)."""
 
+_MOST_OFF = 0.5
+"""Of the step: rails that are further apart than this are taken as so far, and the halves then hold a part of that."""
+
 NOT_HELD = (
     "The largest current at power-on is the largest that was read: a supply reads some ten times a second, the first "
     "time 0.2 s after the command, and what is over sooner is not seen. Its u and those of the steady currents hold "
     "the accuracy of the supply's own ammeter. The sensitivities hold noise, flicker and the read-back of the step; a "
-    "linear drift cancels. They do not hold the scale factor that turns volts into deg/s."
+    "linear drift cancels. Those of a single rail are for rails of one size: where the weaker one decides, the "
+    "supply's own imbalance moves part of one half to the other; it is taken out as read back, and its u is counted. "
+    "They do not hold the scale factor that turns volts into deg/s."
 )
 
 
@@ -119,11 +124,13 @@ class RailEffect:
     """What moving rails does: `rails` by `step_v` either way (read back, positive is larger in size).
 
     The slope is that from the lower to the higher level; `lowered` and `raised` are those of either half, which differ
-    where the weaker rail alone decides.
+    where the weaker rail alone decides. They hold for rails of one size: by `imbalance_v` the rail that is moved is the
+    larger one, as read back, and what that does to the halves is taken out. Of both rails together it is 0.
     """
 
     rails: str
     step_v: float
+    imbalance_v: float
     scale_factor: Measurand
     scale_factor_lowered: Measurand
     scale_factor_raised: Measurand
@@ -296,9 +303,10 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
     for number, rails in enumerate(settings.rails_varied):
         of = slice(number * settings.cycles, (number + 1) * settings.cycles)
         step = _step_v(settings, rails, blocks[of])
-        bias = _three([each.bias for each in blocks[of]], bias_noise, step, ("(deg/s)/V", 1.0))
-        slope = _three(slopes[of], slope_noise, step, ("ppm/V", 1e6))
-        yield RailEffect(rails, step[0], *slope, *bias)
+        beside = _imbalance_v(settings, rails, blocks[of])
+        bias = _three([each.bias for each in blocks[of]], bias_noise, step, beside, ("(deg/s)/V", 1.0))
+        slope = _three(slopes[of], slope_noise, step, beside, ("ppm/V", 1e6))
+        yield RailEffect(rails, step[0], beside[0], *slope, *bias)
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,28 +354,69 @@ def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tu
     return step_v, parts
 
 
+def _imbalance_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, float]:
+    """Return by how much the rail that is moved is the larger one, V, as read back, and the standard uncertainty."""
+    if rails == "both":
+        return 0.0, 0.0
+    of = dict(_outputs(settings))
+    own, other = of[rails], of["negative" if rails == "positive" else "positive"]
+    rest = [block.rails[place] for block in blocks for place, sign in enumerate(CHOPPED) if sign == 0]
+    beside_v = fmean(abs(each[own]) - abs(each[other]) for each in rest)
+    variance = 2.0 * _STEP_V**2 / 12.0
+    sheet = _sheet(settings)
+    if sheet is not None:
+        for output in (own, other):
+            gain, offset_v = sheet.voltage.get(output, (0.0, 0.0))
+            limits_v = gain * fmean(abs(each[output]) for each in rest), offset_v
+            variance += sum(limit_v**2 for limit_v in limits_v) / (sheet.limit_sigmas or math.sqrt(3.0)) ** 2
+    return beside_v, math.sqrt(variance)
+
+
+def _balanced(half: float, other: float, share: float) -> float:
+    """Return the slope of a half on rails of one size, where the weaker decides.
+
+    Of this half the part `share` next to the middle has the slope of the other half, since there the rail that is moved
+    is not yet, or no longer, the weaker one.
+    """
+    return half if share <= 0.0 else (half - share * other) / (1.0 - share)
+
+
 def _three(
     blocks: Sequence[Block],
     noise: BlockNoise,
     step: tuple[float, list[UncertaintyPart]],
+    imbalance_v: tuple[float, float],
     unit_and_factor: tuple[str, float],
 ) -> tuple[Measurand, Measurand, Measurand]:
-    """Return the slope over both halves, over the lower, over the upper."""
+    """Return the slope over both halves, over the lower, over the upper, of rails of one size."""
     unit, factor = unit_and_factor
     step_v, step_parts = step
-    plus = fmean(block.differences_v[0] for block in blocks)
-    minus = fmean(block.differences_v[1] for block in blocks)
-    (of_plus, both), (_, of_minus) = noise.covariance_v2
-    found = (
-        ((plus - minus) / (2.0 * step_v), math.sqrt(of_plus + of_minus - 2.0 * both) / (2.0 * step_v)),
-        (-minus / step_v, math.sqrt(of_minus) / step_v),
-        (plus / step_v, math.sqrt(of_plus) / step_v),
-    )
+    plus = fmean(block.differences_v[0] for block in blocks) / step_v
+    minus = -fmean(block.differences_v[1] for block in blocks) / step_v
+    share = max(-_MOST_OFF, min(_MOST_OFF, imbalance_v[0] / step_v))
+    (of_plus, both), (_, of_minus) = (tuple(each / step_v**2 for each in row) for row in noise.covariance_v2)
+    covariance = ((of_minus, -both), (-both, of_plus))
+    lowered, raised = _balanced(minus, plus, share), _balanced(plus, minus, -share)
+    stretched = 1.0 / (1.0 - abs(share))
+    on_lowered = (stretched, 1.0 - stretched) if share > 0.0 else (1.0, 0.0)
+    on_raised = (1.0 - stretched, stretched) if share < 0.0 else (0.0, 1.0)
+    on_both = tuple(0.5 * (one + other) for one, other in zip(on_lowered, on_raised, strict=True))
+    found = ((0.5 * (lowered + raised), on_both), (lowered, on_lowered), (raised, on_raised))
+    kinked = abs(lowered - raised) * imbalance_v[1] / step_v
+    below = NormalDist().cdf(imbalance_v[0] / imbalance_v[1]) if imbalance_v[1] else 0.0
+    kept = 0.5, math.sqrt(below), math.sqrt(1.0 - below)  # the corner is in the lower half, or else in the upper
     made = []
-    for value, u in found:
-        readings = UncertaintyPart("readings and flicker", abs(factor) * u / math.sqrt(len(blocks)), noise.dof)
+    for (value, weights), share_of_it in zip(found, kept, strict=True):
+        variance = sum(
+            one * other * covariance[row][column]
+            for row, one in enumerate(weights)
+            for column, other in enumerate(weights)
+        )
+        readings = UncertaintyPart("readings and flicker", abs(factor) * math.sqrt(variance / len(blocks)), noise.dof)
         of_step = [UncertaintyPart(each.source, abs(factor * value) * each.u, each.dof, each.of) for each in step_parts]
-        made.append(measurand(factor * value, unit, [readings, *of_step]))
+        of_imbalance = UncertaintyPart("imbalance of the rails", abs(factor) * share_of_it * kinked)
+        held = [readings, *of_step, *([of_imbalance] if imbalance_v[1] else [])]
+        made.append(measurand(factor * value, unit, held))
     return made[0], made[1], made[2]
 
 
@@ -389,12 +438,13 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
     rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in results.quantities()]
     halves = Table(
         (
-            *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("", align="left")),
+            *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("imbalance", "V", "+.4f")),
+            Column("", align="left"),
             *(Column("lowered", format=".4g"), Column("u", format=".2g"), Column("raised", format=".4g")),
             *(Column("u", format=".2g"), Column("unit", align="left")),
         ),
         [
-            (effect.rails, effect.step_v, name, low.value, low.u, high.value, high.u, low.unit)
+            (effect.rails, effect.step_v, effect.imbalance_v, name, low.value, low.u, high.value, high.u, low.unit)
             for effect in results.effects
             for name, low, high in (
                 ("scale factor", effect.scale_factor_lowered, effect.scale_factor_raised),
