@@ -55,7 +55,8 @@ class Case:
     """A procedure with its settings on an embedded bench, cold or warm."""
 
     def __init__(self, procedure: str, bench: str = "paper", **settings: Any) -> None:
-        self.procedure, self.bench, self.settings = procedure, bench, settings
+        self.procedure, self.settings = procedure, settings
+        self.bench: Any = bench
         said = "".join(f" {key}={value}" for key, value in settings.items() if key not in {"warm_up_s", "dut"})
         self.name = f"{procedure} {bench}{said}"
 
@@ -127,7 +128,7 @@ def values_of(results: Any) -> dict[str, tuple[float, float]]:
 def run(case: Case, seed: int, devices: str, observers: Sequence[Any] = ()) -> Any:
     """Return the results of a run, or the error that ended it."""
     settings = dict(case.settings)
-    if case.procedure in {"kvc", "self-calibration"}:
+    if case.procedure in {"kvc", "self-calibration", "online"}:
         settings |= {"dut": "G", "devices": devices}
     try:
         return vcfbench.run(
@@ -173,7 +174,7 @@ def jumps(only: str, share: int, had: set[str], seed: int = 3) -> Iterator[Line]
             continue
         with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as devices:
             if case.procedure == "self-calibration":
-                vcfbench.run("kvc", case.bench, seed=1, settings={"dut": "G", "devices": devices}, runs=None)
+                vcfbench.run("kvc", case.bench, seed=1, settings={"dut": "G", "devices": devices}, runs=devices)
             seen = Windows()
             first = run(case, seed, devices, [seen])
             if isinstance(first, BenchError):
@@ -185,6 +186,102 @@ def jumps(only: str, share: int, had: set[str], seed: int = 3) -> Iterator[Line]
                     continue
                 with spoilt(with_fault(fault)):
                     yield {"case": case.name, "fault": name, **judged(run(case, seed, devices), clean)}
+
+
+class _Unfed:
+    """The World behind the leads of a supply that go nowhere."""
+
+    def __init__(self, world: Any) -> None:
+        self._world = world
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._world, name)
+
+    def move_rail(self, *_: Any) -> None:
+        pass
+
+    def set_ripple(self, *_: Any) -> None:
+        pass
+
+    def rail_current_a(self, *_: Any) -> float:
+        return 0.0
+
+
+def _no_supply(bench: SimulatedBench) -> None:
+    for output in bench.devices["power"].device.outputs.values():  # type: ignore[attr-defined]
+        output._world = _Unfed(output._world)  # noqa: SLF001 - the leads end there
+
+
+def _no_lead(role: str, name: str) -> Prepare:
+    return lambda bench: bench.world.leads[role].connect(name, None)
+
+
+def _no_source(generator: str) -> Prepare:
+    def undone(bench: SimulatedBench) -> None:
+        connect = bench.world._connect  # noqa: SLF001 - both generators come through it
+
+        def through(who: str, source: Any) -> None:
+            connect(who, None if who == generator else source)
+
+        setattr(bench.world, "_connect", through)  # noqa: B010 - in place of a method
+
+    return undone
+
+
+def _nothing(_bench: SimulatedBench) -> None:
+    pass
+
+
+DEAD: dict[str, tuple[Prepare, dict[str, Any]]] = {
+    "output lead off": (_no_lead("multimeter", "input"), {}),
+    "supply's leads off": (_no_supply, {}),
+    "no demodulator": (_nothing, {"sense_path": {"multiplier_per_v": 0.0}}),
+    "V_Vc lead off": (_no_source("rate"), {}),
+    "no carrier": (_nothing, {"virtual_path": {"left_comb_n_per_v2": 0.0, "right_comb_n_per_v2": 0.0}}),
+    "V_Vc meter's lead off": (_no_lead("v_vc_meter", "input"), {}),
+    "vibration lead off": (_no_source("vibration"), {}),
+    **{f"scope channel {n} off": (_no_lead("oscilloscope", f"channel_{n}"), {}) for n in (1, 2, 3, 4)},
+}
+"""What does not work, what makes it so, and which parameters."""
+ALL: dict[str, dict[str, Any]] = {
+    "turntable": {},
+    "virtual-coriolis": {},
+    "kvc": {"cycles": 1},
+    "self-calibration": {"cycles": 1},
+    "zero": {"powered_s": 60.0, "duration_s": 300.0},
+    "warmup": {"shortest_s": 300.0, "longest_s": 600.0},
+    "bandwidth": {"warm_up_s": 60.0},
+    "resonance": {"warm_up_s": 60.0},
+    "phase": {},
+    "power": {},
+    "temperature": {"temperatures_c": [20.0, 25.0, 30.0]},
+    "vibration": {},
+    "polarity": {},
+    "online": {},
+}
+"""All procedures, short."""
+
+
+def dead(only: str, had: set[str]) -> Iterator[Line]:
+    """Yield how each run ended in which something did not work from the first reading to the last."""
+    plain = vcfbench.load_bench("lab")
+    blind = structs.replace(plain, oscilloscope=None)
+    for procedure, settings in ALL.items():
+        for where, bench in (("lab", plain), ("no scope", blind)):
+            with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as devices:
+                if procedure in {"self-calibration", "online"}:
+                    vcfbench.run("kvc", plain, seed=1, settings={"dut": "G", "devices": devices}, runs=devices)
+                for name, (prepare, override) in {"nothing": (_nothing, {}), **DEAD}.items():
+                    case = Case(procedure, "lab", **settings)
+                    label = f"{procedure}, {where} / {name}"
+                    if only not in label or label in had or (bench is blind and "scope" in name):
+                        continue
+                    assert bench.simulation is not None  # noqa: S101 - its file has one
+                    case.bench = structs.replace(bench, simulation=structs.replace(bench.simulation, override=override))
+                    with spoilt(prepare):
+                        ended = run(case, 3, devices)
+                    line = judged(ended, {}) if isinstance(ended, BenchError) else {"end": "complete"}
+                    yield {"case": f"{procedure}, {where}", "fault": name, **line}
 
 
 def drawn(seed: int, name: str) -> Any:
@@ -251,7 +348,7 @@ def summary(lines: Sequence[Line]) -> list[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["jumps", "clean"])
+    parser.add_argument("what", choices=["jumps", "dead", "clean"])
     parser.add_argument("--only", default="", help="cases whose names hold this")
     parser.add_argument("--share", type=int, default=1, help="of jumps: one in so many")
     parser.add_argument("--start", type=int, default=0)
@@ -265,6 +362,8 @@ def main() -> int:
         had = {f"{line['case']} / {line['fault']}" for line in lines}
         if asked.what == "jumps":
             new = jumps(asked.only, asked.share, had)
+        elif asked.what == "dead":
+            new = dead(asked.only, had)
         else:
             new = clean(asked.start, asked.count, asked.only, had)
         for line in new:
@@ -272,6 +371,11 @@ def main() -> int:
             if asked.lines:
                 with asked.lines.open("a", encoding="utf-8") as out:
                     print(json.dumps(line), file=out)
+    if asked.what == "dead":
+        print(
+            "\n".join(f"{line['case']:28} {line['fault']:24} {line['end']:9} {line.get('why', '')}" for line in lines)
+        )
+        return 0
     print("\n".join(summary(lines)))
     return int(any(line.get("off", 0.0) > 1.0 for line in lines))
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct, to_builtins
 
-from vcfbench.errors import Aborted, BenchError
-from vcfbench.plans.step import Context, Effect, abandon, nobody
+from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError
+from vcfbench.plans.step import LOOK_AT_SIGNALS, Context, Effect, abandon, nobody
 from vcfbench.plans.steps.supply import supply_behind
 from vcfbench.record.schema import Status
 
@@ -322,7 +322,7 @@ class Executor:
         error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
         error = Aborted.behind(error) or error
         if step.effect in {Effect.MEASURES, Effect.CHECKS}:
-            error = supply_behind(error, self._context)
+            error = _as_measured(supply_behind(error, self._context))
         if error.step is None:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
@@ -366,3 +366,12 @@ def _stop() -> Step:
 
 def _error_fields(error: BenchError) -> dict[str, Any]:
     return {"error_kind": type(error).__name__, "error": str(error)}
+
+
+def _as_measured(error: BenchError) -> BenchError:
+    """Return what an analysis that finds nothing in what was measured means: a bench that does not answer."""
+    if not isinstance(error, ConfigError):
+        return error
+    failed = MeasurementError(f"nothing answers: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)
+    failed.__cause__ = error.__cause__
+    return failed

@@ -37,6 +37,12 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
+LOOK_AT_SIGNALS = (
+    "look at the leads of the output, of V_Vc and of the oscilloscope, at the carrier, the demodulator and the rails "
+    "at the PCB"
+)
+"""The hint of a measurement that finds nothing to measure."""
+
 
 class Effect(Enum):
     """What a step does: sets something, lets time pass, measures, checks the bench, or nothing at all.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from vcfbench.errors import MeasurementError
 from vcfbench.plans.drive_check import check_drive
-from vcfbench.plans.step import answer
+from vcfbench.plans.step import LOOK_AT_SIGNALS, answer
 from vcfbench.plans.steps import (
     Acquire,
     AwaitRate,
@@ -119,6 +120,25 @@ def take_reference(settings: ProcedureSettings, step: int) -> Routine[Point]:
     """Average one window at zero and return what it gives; it is for comparison and no point of the run."""
     verify = VerifyZero(step, 0.0, 0.0, 0.0, **window_of(settings))
     return answer((yield verify), Window).point
+
+
+def require_alive(settings: ProcedureSettings, point: Point) -> None:
+    """See that a record at rest is that of a gyroscope: the noise of one is more than the meter's last digit.
+
+    `expected.reading_noise_v` of the bench file takes the place of this.
+
+    Raises:
+        MeasurementError: its readings scatter by less.
+    """
+    quiet = 0.0 < point.std_v < settings.meter_resolution_v  # none at all: nobody measured, or a bench without noise
+    if quiet and settings.expected.reading_noise_v is None:
+        raise MeasurementError(
+            f"the output does not answer: it stands at {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
+            f"less than the meter's last digit of {settings.meter_resolution_v:g} V",
+            instrument="multimeter",
+            step=str(point.step),
+            hint=f"{LOOK_AT_SIGNALS}; of a gyroscope that is so quiet expected.reading_noise_v says so",
+        )
 
 
 def window_of(settings: ProcedureSettings) -> dict[str, Any]:

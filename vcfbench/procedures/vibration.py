@@ -50,6 +50,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
+from vcfbench.procedures.steady.walk import require_answer
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -196,15 +197,17 @@ def _static(settings: VibrationSettings) -> Routine[None]:
     yield from v_vc_on()
     asked_v = level_v = 0.0
     tolerance_v = 1.25 * generator_sheet(settings).limit_v(settings.static_v_vc_v)
+    points = []
     for sign in ABBA_SIGNS:
         if asked_v != sign * settings.static_v_vc_v:
             asked_v = sign * settings.static_v_vc_v
             level_v = yield from set_v_vc(settings, asked_v)
         if settings.v_vc_is_measured:
             window = AcquireWithVvc(_STATIC, 0.0, level_v, None, v_vc_tolerance_v=tolerance_v, **window_of(settings))
-            answer((yield window), Window)
+            points.append(answer((yield window), Window).point)
         else:
-            yield from take(settings, _STATIC, rate_deg_s=0.0, v_vc_v=level_v)
+            points.append((yield from take(settings, _STATIC, rate_deg_s=0.0, v_vc_v=level_v)))
+    require_answer(settings, points)
     yield SetVvc(0.0)
 
 

@@ -14,6 +14,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
 from vcfbench.plans.executor import Executor, StepStarted
+from vcfbench.plans.step import LOOK_AT_SIGNALS
 from vcfbench.record.export import points_csv, write_result, write_text
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.record.schema import Status
@@ -290,7 +291,7 @@ def _as_bench_error(error: BaseException) -> BenchError:
 def _without_result(error: Exception) -> BenchError:
     """Return why there is no result; what results are made with is loaded late: no file may be left, or no package."""
     if isinstance(error, BenchError):
-        failed = MeasurementError(f"the points give no result: {error.what}")
+        failed = MeasurementError(f"the points give no result: {error.what}", hint=error.hint or LOOK_AT_SIGNALS)
         failed.__cause__ = error.__cause__
         return failed
     return BenchError(

@@ -44,6 +44,7 @@ from vcfbench.procedures.routines import (
     take,
     v_vc_on,
 )
+from vcfbench.procedures.steady.walk import require_answer
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
@@ -218,18 +219,20 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
     yield from _set_rails(settings)
     held = settings.station.limits.max_rate_deg_s is not None
     table_deg_s = 0.0 if held else None
-    yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s)
+    points = [(yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s))]
     level = settings.level_deg_s
     if settings.by is ScaleFactorBy.TABLE:
         for rate_deg_s, previous_deg_s in ((level, 0.0), (-level, level)):
             yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-            yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
+            points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
         yield from go_to_rate(settings, 0.0, previous_deg_s=-level)
+        require_answer(settings, points)
         return
     yield from v_vc_on()
     for rate_deg_s, wanted_v in ((level, settings.level_v), (-level, -settings.level_v)):
         v_vc_v = yield from set_v_vc(settings, wanted_v)
-        yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)
+        points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)))
+    require_answer(settings, points)
     yield DisableVvc()
     yield Settle(settings.settle_s, "gyro settles, generator off")
 

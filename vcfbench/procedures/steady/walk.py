@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING
 from msgspec import Struct, field
 
 from vcfbench.errors import MeasurementError
+from vcfbench.plans.step import LOOK_AT_SIGNALS
 from vcfbench.plans.steps import Acquire, DisableVvc, EnableVvc, VerifyZero, Window
 from vcfbench.procedures.sweep.schedule import Order, SweepSettings
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = ["Limits", "Seen", "Walk", "sigmas"]
+__all__ = ["Limits", "Seen", "Walk", "require_answer", "sigmas"]
 
 _SIGMAS = 6.0
 """Two means of one setting may differ by so many standard uncertainties: 1000 runs of 100 comparisons, one in 5000."""
@@ -213,3 +216,25 @@ class Walk(Struct):
     def measured(self) -> bool:
         """Whether somebody measured; a plan that is only looked at has no scatter at all."""
         return any(each.point.std_v for each in self.windows)
+
+
+def require_answer(settings: ProcedureSettings, points: Sequence[Point]) -> None:
+    """See that the means at rest and at a rate (or V_Vc) of both signs are farther apart than noise puts them.
+
+    Raises:
+        MeasurementError: they are not.
+    """
+    outputs, dof = [point.output_v for point in points], sum(point.n - 1 for point in points)
+    if not any(point.std_v for point in points):  # a plan that is only looked at, or a bench without noise
+        return
+    variance = math.fsum((point.n - 1) * point.std_v**2 for point in points) / dof / min(point.n for point in points)
+    u_v = math.sqrt(variance + settings.meter_resolution_v**2 / 12.0 + Limits.of(settings).flicker_v ** 2)
+    if max(outputs) - min(outputs) < 1.5 * sigmas(dof) * u_v:
+        raise MeasurementError(
+            f"the output does not answer to {'V_Vc' if any(point.v_vc_v for point in points) else 'the rate'}: from "
+            f"{min(outputs):+.6g} to {max(outputs):+.6g} V in {len(points)} windows, "
+            f"where one mean is known to {u_v:.1g} V",
+            instrument="multimeter",
+            step=str(points[-1].step),
+            hint=LOOK_AT_SIGNALS,
+        )

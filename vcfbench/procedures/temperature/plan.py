@@ -56,6 +56,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
+from vcfbench.procedures.steady.walk import require_answer
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 
@@ -199,13 +200,15 @@ def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
 def _measured_there(settings: TemperatureSettings) -> Routine[None]:
     for _ in range(settings.cycles):
         previous, v_vc_v = 0.0, 0.0
+        points: list[Point] = []
         for sign in CHOPPED:
             if sign != previous:
                 v_vc_v = yield from _level(settings, float(sign), previous)
             rate_deg_s = sign * settings.level_deg_s
             table_deg_s = _table_deg_s(settings, float(sign))
-            yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)
+            points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)))
             previous = float(sign)
+        require_answer(settings, points)
     if settings.station.oscilloscope is not None:
         drive = settings.drive
         expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))

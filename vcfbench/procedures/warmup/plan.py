@@ -29,7 +29,14 @@ from vcfbench.plans.steps import (
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import held_at_rest, look_at_drive, off_afterwards, rails_of, source_off
+from vcfbench.procedures.routines import (
+    held_at_rest,
+    look_at_drive,
+    off_afterwards,
+    rails_of,
+    require_alive,
+    source_off,
+)
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
 
 if TYPE_CHECKING:
@@ -157,6 +164,7 @@ def _until_steady(settings: WarmupSettings) -> Routine[Outcome]:
         points.append(answer((yield window), Window).point)
         elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
         steady = is_steady(points[-3:], window.physical_s, _instability_v(settings))
+        require_alive(settings, points[-1])
         if elapsed_s >= settings.shortest_s and steady:
             return Outcome(f"steady after {len(points)} means")
         if elapsed_s + window.physical_s > settings.longest_s:

@@ -16,6 +16,7 @@ from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.step import answer
 from vcfbench.plans.steps import (
     Acquire,
     AcquireGapless,
@@ -24,6 +25,7 @@ from vcfbench.plans.steps import (
     Outcome,
     Plan,
     Settle,
+    Window,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
@@ -34,6 +36,7 @@ from vcfbench.procedures.routines import (
     off_afterwards,
     rails_of,
     rails_on,
+    require_alive,
     source_off,
 )
 from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
@@ -201,9 +204,10 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
     }
     if settings.mode is Mode.GAPLESS:
         burst = settings.burst_readings // settings.readings_a_mean * settings.readings_a_mean
-        yield AcquireGapless(**common, interval_s=settings.aperture_s, burst=burst)
+        taken = yield AcquireGapless(**common, interval_s=settings.aperture_s, burst=burst)
     else:
-        yield Acquire(**common, interval_s=settings.sample_interval_s)
+        taken = yield Acquire(**common, interval_s=settings.sample_interval_s)
+    require_alive(settings, answer(taken, Window).point)
     return Outcome(f"static record of {settings.duration_s:g} s")
 
 
