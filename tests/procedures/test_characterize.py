@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.bench.settings import Sources, Station
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import (
     Acquire,
@@ -26,7 +28,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import sheet_rows
-from vcfbench.procedures.characterize.plan import PARTS, BeginPart, _kept_on, _Session
+from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.measurand import UncertaintyPart as Source
 from vcfbench.procedures.measurand import measurand
@@ -347,3 +349,13 @@ def test_the_conditions_say_how_v_vc_is_known(bench: str, known: str) -> None:
     (part,) = [each for each in PARTS if each.name == "virtual-coriolis"]
     own = settings_of(procedure, parse_bench(embedded_text(bench), bench), asked_in_python({}))
     assert part.conditions(own).endswith(f"V_Vc {known}")
+
+
+def test_later_parts_are_budgeted_as_warm_as_they_are() -> None:
+    """After half an hour, six time constants, nothing is left but what 10 s without power before `power` cool."""
+    station = Station(sources=Sources(warm_up_k=0.3, warm_up_time_s=300.0))
+    settings = CharacterizeSettings(parts=("warmup", "polarity", "power", "zero"), station=station)
+    left_k = [settings.of(name).station.sources.warm_up_k for name in settings.parts]
+    warm = math.exp(-6.0)
+    cooled = warm + 1.0 - math.exp(-10.0 / 300.0)
+    assert left_k == pytest.approx([0.3, 0.3 * warm, 0.3 * cooled, 0.3 * cooled])

@@ -7,6 +7,7 @@ the power come. What the bench cannot do is left out, and it is said why.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -59,7 +60,9 @@ __all__ = [
 
 _OFF_S = 10.0
 """Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""
-_SCALE_FACTOR = "scale_factor_v_per_deg_s"
+_TWO_SIDED = 1.96
+_SEE_POWER_COME = frozenset({"warmup", "power"})
+_SCALE_FACTOR, _U_SCALE_FACTOR = "scale_factor_v_per_deg_s", "scale_factor_u_v_per_deg_s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +189,21 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             Layer(self.given(name), _naming(name)),
         ]
         own: ProcedureSettings = chosen_settings(kind, layers)
-        return structs.replace(own, station=self._station_of(own))
+        return structs.replace(own, station=self._warm(name, self._station_of(own)))
+
+    def _warm(self, name: str, station: Station) -> Station:
+        """Return the place as a part finds it: warm by what the first part has waited, cooled by power cuts since.
+
+        How long the parts between take is not counted, so a little too much is left.
+        """
+        known, before = station.sources, self.parts[: self.parts.index(name)] if name in self.parts else ()
+        if not before or known.warm_up_k is None:
+            return station
+        left = math.exp(-self.of(self.parts[0]).warm_again_s / known.warm_up_time_s)
+        cuts = sum(each in _SEE_POWER_COME for each in (*before[1:], name))
+        left += cuts * -math.expm1(-_OFF_S / known.warm_up_time_s)
+        sources = structs.replace(known, warm_up_k=known.warm_up_k * min(1.0, left))
+        return structs.replace(station, sources=sources)
 
     def _station_of(self, own: ProcedureSettings) -> Station:
         """Return what the place gives a part: what its meter promises goes by its own range and integration time."""
@@ -452,7 +469,10 @@ def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) 
         tell = getattr(part.results, "acceptance_values", None)
         value = tell().get(_SCALE_FACTOR) if tell is not None else None
         if value:
-            return structs.replace(own, **{_SCALE_FACTOR: value})
+            tell_u95 = getattr(part.results, "acceptance_u95", None)
+            expanded = tell_u95().get(_SCALE_FACTOR) if tell_u95 is not None else None
+            u = {_U_SCALE_FACTOR: expanded / _TWO_SIDED} if expanded and hasattr(own, _U_SCALE_FACTOR) else {}
+            return structs.replace(own, **{_SCALE_FACTOR: value}, **u)
     return own
 
 

@@ -61,6 +61,10 @@ class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
         Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
         Meta(description="of this gyroscope; default that of a record, else what is expected, else the paper's"),
     ] = None
+    scale_factor_u_v_per_deg_s: Annotated[
+        Annotated[float, Meta(ge=0.0, le=1e3)] | None,
+        Meta(description="its standard uncertainty; without it a bias in deg/s is incomplete"),
+    ] = None
     scale_factor_from: Annotated[
         str,
         Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
@@ -142,7 +146,7 @@ def read_scale_factor(settings: AtRestSettings) -> Routine[None]:
 def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
     """Return the scale factor that turns volts into rates, and whence it is."""
     if settings.scale_factor_v_per_deg_s is not None:
-        return ScaleFactor(settings.scale_factor_v_per_deg_s, None, "settings")
+        return ScaleFactor(settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s, "settings")
     for _, read in measured.found(ScaleFactorRead):
         return ScaleFactor(read.value, read.u, read.source)
     expected = settings.expected.scale_factor_v_per_deg_s is not None

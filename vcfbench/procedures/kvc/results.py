@@ -13,6 +13,7 @@ from msgspec import structs
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.found import Health, health_of, with_output_curve
 from vcfbench.procedures.known.device import UNSEEN
@@ -101,6 +102,8 @@ class KVcResult:
     """On the table, of small signals, V/(deg/s)."""
     bias: Measurand
     """Output at rest, generator off, V; the Earth's rate is in it."""
+    bias_deg_s: Measurand
+    """The same as a rate."""
     noise: BlockNoise
     characteristics: Characteristics
     """What is known of what K_Vc depends on."""
@@ -119,7 +122,7 @@ class KVcResult:
         return {
             "scale_factor_v_per_deg_s": scale_factor,
             "bias_v": bias_v,
-            "bias_deg_s": bias_v / scale_factor if scale_factor else None,
+            "bias_deg_s": self.bias_deg_s.value,
             "k_vc_deg_s_per_v": self.k_vc.value,
         }
 
@@ -128,6 +131,7 @@ class KVcResult:
         return {
             "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
             "bias_v": self.bias.expanded_u,
+            "bias_deg_s": self.bias_deg_s.expanded_u,
             "k_vc_deg_s_per_v": self.k_vc.expanded_u,
         }
 
@@ -187,6 +191,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
     scale_factor = _scale_factor(settings, levels, noise, len(points))
     at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
+    bias = bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value)
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
     of_k_vc = [_part(name, part, levels, error.owner) for name, part in parts.items()]
     health = health_of(settings, points)
@@ -201,7 +206,8 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         curvature=curve.curvature(),
         pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
         scale_factor=scale_factor,
-        bias=bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value),
+        bias=bias,
+        bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
         noise=levels.noise,
         v_vc_by=_known_by(settings, error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.check import STILL_UNSEEN, HealthCheck, checked, health_parts
 from vcfbench.procedures.health.found import Health, health_of
@@ -101,9 +102,11 @@ class SelfCalibrationResult:
     scale_factor: Measurand
     """Of small signals: the slope of a cubic at rate 0 of the certificate's curve, V/(deg/s)."""
     line: Measurand
-    """Slope of the least-squares line through all levels, V/(deg/s)."""
+    """Slope of the least-squares line through all levels and their zero, V/(deg/s)."""
     bias: Measurand
     """Output at rest, generator off, V."""
+    bias_deg_s: Measurand
+    """The same as a rate."""
     nonlinearity: Measurand
     """Largest residual about the line over the span, ppm (max_span)."""
     virtual: CalibrationColumn
@@ -132,7 +135,7 @@ class SelfCalibrationResult:
         values: dict[str, float | None] = {
             "scale_factor_v_per_deg_s": scale_factor,
             "bias_v": self.bias.value,
-            "bias_deg_s": self.bias.value / scale_factor if scale_factor else None,
+            "bias_deg_s": self.bias_deg_s.value,
             "nonlinearity_ppm": self.nonlinearity.value,
         }
         drift = {} if self.drift is None else self.drift.acceptance_values()
@@ -143,6 +146,7 @@ class SelfCalibrationResult:
         known = {
             "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
             "bias_v": self.bias.expanded_u,
+            "bias_deg_s": self.bias_deg_s.expanded_u,
             "nonlinearity_ppm": self.nonlinearity.expanded_u,
         }
         return known if self.drift is None else {**known, "drift_ppm": self.drift.change_ppm.expanded_u}
@@ -239,6 +243,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         health=check,
         characteristics=None if health is None else health.beside(_stated_by_hand(settings)),
         modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
+        bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
         nonlinearity=nonlinearity,
         virtual=_column(rates, seen, line, bias),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
@@ -456,10 +461,8 @@ def self_calibration_report(
         *_shape_words(results.modulator),
         *known_words(settings),
     ]
-    slope = results.line.value
-    rates = [level.rate_deg_s for level in results.levels]
-    left = [1e3 * (level.output_v - slope * level.rate_deg_s) for level in results.levels]
-    residuals = Series("output - line", rates, left)
+    rates = [*(level.rate_deg_s for level in results.levels), 0.0]
+    residuals = Series("output - line", rates, [1e3 * left_v for left_v in results.virtual.residuals_v])
     parts = [
         Table(columns, rows, "V_Vc and the rate that it stands for"),
         *([] if results.health is None else health_parts(results.health)),

@@ -100,7 +100,7 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     zeros: Annotated[
         Zeros,
         Meta(
-            description="zeros about each series or each rate, their drift off",
+            description="zeros about each series or each rate, their drift off; u grows by ends in the order paper",
             extra={"option": "--zero"},
         ),
     ] = Zeros.NONE
@@ -245,6 +245,8 @@ def sweep_words(settings: SweepSettings) -> str:
         Zeros.ENDS: "a zero before and after each series",
         Zeros.BRACKET: "a zero before and after each rate",
     }[settings.zeros]
+    if settings.zeros is Zeros.ENDS and settings.order is Order.PAPER:
+        zeros += " (two zeros know a drift less well than rates that fall or rise count it: u grows; abba, bracket)"
     words = [f"order {settings.order.value}", zeros]
     words += ["whole turns"] if settings.whole_turns else []
     words += [f"{settings.repeat} times"] if settings.repeat > 1 else []
