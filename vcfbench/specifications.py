@@ -24,6 +24,7 @@ __all__ = [
     "KEYSIGHT_34465A",
     "KEYSIGHT_E3631A",
     "KEYSIGHT_E36312A",
+    "ROOM_C",
     "WORST_OF_CLASS",
     "Accuracy",
     "Assumed",
@@ -116,18 +117,30 @@ class VoltmeterSpecification(Struct, frozen=True):
         return part * range_v + volts
 
 
-def accuracy_at(sheet: VoltmeterSpecification, range_v: float, age_days: float) -> tuple[Accuracy, float | None]:
+def accuracy_at(
+    sheet: VoltmeterSpecification, range_v: float, age_days: float, outside_k: float = 0.0
+) -> tuple[Accuracy, float | None]:
     """Return the largest error on a range so long after a calibration, and how many sigmas it is, whatever is known.
 
     Beyond the ages of the data sheet its last limits are taken to grow on with time. On a range that it has nothing of,
-    they are those of a 34401A, the worst of these meters, and any error within is as likely.
+    they are those of a 34401A, the worst of these meters, and any error within is as likely. `outside_k` is how far
+    the room may be outside of 18 to 28 degC.
     """
     of = sheet if range_v in sheet.accuracy else HP_34401A
     promised, oldest = of.known_accuracy(range_v, age_days), max(of.accuracy[range_v])
     if promised is None:
         last, grown = of.accuracy[range_v][oldest], age_days / oldest
         promised = Accuracy(last.reading * grown, last.range * grown)
-    return promised, of.limit_sigmas if of is sheet else None
+    by = TEMPERATURE_COEFFICIENTS.get(range_v, _USUAL_COEFFICIENT)
+    warmer = Accuracy(promised.reading + outside_k * by.reading, promised.range + outside_k * by.range)
+    return warmer, of.limit_sigmas if of is sheet else None
+
+
+_USUAL_COEFFICIENT: Final = Accuracy(5e-6, 1e-6)
+TEMPERATURE_COEFFICIENTS: Final = MappingProxyType({0.1: Accuracy(5e-6, 5e-6)})
+"""What each kelvin outside of 18 to 28 degC adds, by range: 34401A, User's Guide p. 216; assumed of the others."""
+ROOM_C: Final = (18.0, 28.0)
+"""Where data sheets of voltmeters hold."""
 
 
 class LevelSpecification(Struct, frozen=True):

@@ -54,6 +54,7 @@ def full_file() -> dict[str, Any]:
     """A bench file with every key written out that can stand beside the others."""
     raw = full_template()
     del raw["served"]
+    del raw["multimeter"]["calibration"]  # an array of tables: it has its own tests
     raw["simulation"]["errors"]["power"] = "none"
     return raw
 
@@ -98,7 +99,8 @@ def refusal(raw: dict[str, Any]) -> str:
 
 FULL = full_file()
 LEAVES = leaves(FULL)
-KEYS = {key for path in LEAVES for key in path} | set(FULL)
+KEYS = {key for path in LEAVES for key in path} | set(FULL) | {"calibration"}
+KEYS |= {*full_template()["multimeter"]["calibration"][0]}
 VC = ("virtual-coriolis",)
 REQUIRED = [
     *((role, key) for role in ("power", "rate_source", "multimeter", "oscilloscope") for key in ("model", "resource")),

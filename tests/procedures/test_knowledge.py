@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from functools import cache
@@ -17,6 +18,7 @@ from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
 from vcfbench.record.plain import plain
+from vcfbench.runs.results import evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -96,3 +98,51 @@ def test_a_file_that_says_nothing_is_marked_and_its_assumptions_are_said() -> No
     assert [each.complete for each in silent.values] == [False, False, False, True]
     assert sum("assumed" in each for each in silent.known_from) == 8, silent.known_from
     assert plain(silent)["missing"] == ["temperature", "demodulator phase"]
+
+
+CERTIFICATE = """
+[[multimeter.calibration]]
+range_v = 10
+level_v = 0
+correction_v = 20e-6
+expanded_v = 10e-6
+
+[[multimeter.calibration]]
+range_v = 10
+level_v = 10
+correction_v = 220e-6
+expanded_v = 40e-6
+
+[[multimeter.calibration]]
+range_v = 10
+level_v = -10
+correction_v = -180e-6
+expanded_v = 40e-6
+"""
+
+
+def test_a_certificate_corrects_the_readings_and_stands_for_the_data_sheet() -> None:
+    """Its gain of 20 ppm and offset of 20 uV are added; u is its own and the drift since by the data sheet."""
+    run, text = run_of("turntable"), embedded_text("paper")
+    known = tomllib.loads(text + CERTIFICATE)
+    plain_run, certified = (
+        evaluate(PROCEDURES["turntable"], settings_of(PROCEDURES["turntable"], bench), (), Measured(run.points)).results
+        for bench in (checked_bench(tomllib.loads(text), ""), checked_bench(known, ""))
+    )
+    assert certified.scale_factor.value == pytest.approx(plain_run.scale_factor.value * (1.0 + 20e-6), rel=1e-9)
+    assert certified.bias.value == pytest.approx(plain_run.bias.value * (1.0 + 20e-6) + 20e-6, rel=1e-9)
+    sources = settings_of(PROCEDURES["turntable"], checked_bench(known, "")).station.sources
+    assert sources.meter_gain == pytest.approx(math.hypot(2e-6, (35e-6 - 15e-6) / 4.0))
+    assert sources.meter_offset_v == pytest.approx(math.hypot(5e-6, 10.0 * (5e-6 - 4e-6) / 4.0))
+    assert certified.uncertainty.value("scale_factor").u < plain_run.uncertainty.value("scale_factor").u
+    assert "certificate, 3 levels on 10 V" in certified.uncertainty.known_from[0]
+
+
+@pytest.mark.parametrize(("room", "gain"), [("[18.0, 28.0]", 35e-6), ("[15.0, 30.0]", 50e-6), ("[20.0, 33.0]", 60e-6)])
+def test_a_room_beyond_18_to_28_degc_counts_by_the_kelvin(room: str, gain: float) -> None:
+    """34401A, 10 V: 5 ppm of the reading and 1 ppm of the range each kelvin, User's Guide p. 216."""
+    text = embedded_text("paper").replace("mains_hz = 50", f"mains_hz = 50\nambient_c = {room}")
+    known = settings_of(PROCEDURES["turntable"], checked_bench(tomllib.loads(text), "")).station.sources
+    assert known.meter_gain == pytest.approx(gain)
+    silent = settings_of(PROCEDURES["turntable"], checked_bench(tomllib.loads(embedded_text("paper")), ""))
+    assert "room assumed within 18 to 28 degC" in silent.station.sources.meter_age_from

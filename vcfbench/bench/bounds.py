@@ -53,6 +53,7 @@ __all__ = [
     "RateTolerance",
     "RateWindow",
     "Rates",
+    "RoomWindow",
     "Samples",
     "ScaleFactorCoefficient",
     "Seconds",
@@ -83,6 +84,8 @@ Seconds = Annotated[float, Meta(ge=1e-3, le=86_400.0)]
 """s, time-outs: no exchange is over sooner than a millisecond; nobody waits for longer than a day."""
 Temperature = Annotated[float, Meta(ge=-99.9, le=225.0)]
 """degC, settings of streams of air."""
+RoomWindow = tuple[Annotated[float, Meta(ge=-50.0, le=60.0)], Annotated[float, Meta(ge=-50.0, le=60.0)]]
+"""degC, lowest and highest of the room."""
 TemperatureRamp = Annotated[float, Meta(ge=0.1, le=9999.0)]
 """K/min, what can be set there."""
 Pause = Annotated[float, Meta(ge=0.0, le=60.0)]

@@ -30,6 +30,7 @@ from vcfbench.bench.bounds import (
     PhaseLimit,
     PpmPerDegree,
     PpmPerYear,
+    RoomWindow,
     ScaleFactorCoefficient,
     Seconds,
     StepsPerDegree,
@@ -53,6 +54,7 @@ __all__ = [
     "CALIBRATION_KEYS",
     "AcceptanceLimits",
     "BenchDescription",
+    "CalibrationPoint",
     "ChamberRole",
     "Expected",
     "FunctionGeneratorRole",
@@ -108,7 +110,7 @@ class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
     inventory_number: Text | None = None
 
 
-CALIBRATION_KEYS = _Calibrated.__struct_fields__
+CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration")
 """What of a role no driver is told."""
 
 
@@ -136,10 +138,24 @@ class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
     model: Model
 
 
+class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
+    """A line of a voltmeter's certificate: on a range and at a level, what is to be added to a reading, and its U.
+
+    `expanded_v` is `k` times the standard uncertainty.
+    """
+
+    range_v: Annotated[float, Meta(ge=1e-3, le=1e4)]
+    level_v: Annotated[float, Meta(ge=-1e4, le=1e4)]
+    correction_v: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
+    expanded_v: Annotated[float, Meta(ge=0.0, le=1.0)]
+    k: Annotated[float, Meta(ge=1.0, le=15.0)] = 2.0
+
+
 class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
-    """A voltmeter: of the output V_open, or of V_Vc."""
+    """A voltmeter: of the output V_open, or of V_Vc; `calibration` is what its certificate says."""
 
     model: Model
+    calibration: tuple[CalibrationPoint, ...] = ()
 
 
 class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
@@ -177,10 +193,11 @@ class Wiring(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Site(BenchFileTable, frozen=True, kw_only=True):
-    """Where the bench stands: for the Earth's rate, and for the voltmeter's integration time."""
+    """Where the bench stands: for the Earth's rate, the voltmeter's integration time, and the room's temperature."""
 
     latitude_deg: Latitude
     mains_hz: Literal[50, 60] = 50
+    ambient_c: RoomWindow | None = None
 
 
 class Laboratory(BenchFileTable, frozen=True, kw_only=True):

@@ -56,7 +56,7 @@ def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
     """Return what the bench file says of `role`, and what the driver needs to know of the station besides."""
     settings = structs.asdict(getattr(description, role))
     for key in CALIBRATION_KEYS:
-        del settings[key]
+        settings.pop(key, None)
     if role in {"multimeter", "v_vc_meter"}:
         return {**settings, "mains_hz": float(description.site.mains_hz)}
     if role == "rate_table":

@@ -195,6 +195,10 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     v_vc_gain: float | None = None
     v_vc_offset_v: float | None = None
     v_vc_sigmas: float | None = None
+    meter_gain_correction: float = 0.0
+    meter_offset_correction_v: float = 0.0
+    v_vc_gain_correction: float = 0.0
+    v_vc_offset_correction_v: float = 0.0
     v_vc_meter_age_days: float = 365.0
     v_vc_meter_age_from: str = "assumed"
     table_rate: float | None = None
@@ -216,6 +220,14 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bias_deg_s_demodulator_deg: float | None = None
     k_vc_drift_ppm_per_year: float = 0.0
     assumed: dict[str, str] = field(default_factory=dict)
+
+    def corrected(self, output_v: float) -> float:
+        """Return a reading of the multimeter with what its certificate adds to it, V."""
+        return output_v + self.meter_gain_correction * output_v + self.meter_offset_correction_v
+
+    def v_vc_corrected(self, v_vc_v: float) -> float:
+        """Return a reading of the meter on V_Vc likewise."""
+        return v_vc_v + self.v_vc_gain_correction * v_vc_v + self.v_vc_offset_correction_v
 
     def gaps(self) -> Iterator[Gap]:
         """Yield what nothing is known of."""

@@ -81,6 +81,10 @@ class Measured(Sequence[Point]):
     def __getitem__(self, index: int | slice) -> Point | tuple[Point, ...]:
         return self._points[index]
 
+    def with_points(self, points: Iterable[Point]) -> Measured:
+        """Return the same with other points."""
+        return Measured(points, self._lines)
+
     def __len__(self) -> int:
         return len(self._points)
 
