@@ -18,6 +18,7 @@ from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureRea
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.known.scale_factor import scale_factor_used
+from vcfbench.procedures.known.v_vc import meter_error
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
 from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
@@ -44,11 +45,11 @@ _MEASURED = 1
 
 NOT_HELD = (
     "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), the "
-    "temperatures (u_temperature_k, the same at all; u_each_temperature_k), and of a scale factor by V_Vc the gain of "
-    "the generator, which its coefficients do not see. They do not hold: the accuracy of multimeter and table, the "
-    "scale factor that turns volts into deg/s, what the soak left, a sensor whose error changes with temperature, the "
-    "gyroscope's own heat (it is warmer than the air, by as much at all temperatures), lack of fit, and what drift "
-    "other than flicker does to the bias."
+    "temperatures (u_temperature_k, the same at all; u_each_temperature_k), and what is the same at all of them, which "
+    "the coefficients do not see: gain and offset of the multimeter and, of a scale factor, rate and angle of the "
+    "table or the gain of the generator. They do not hold: the scale factor that turns volts into deg/s, what the soak "
+    "left, a sensor whose error changes with temperature, the gyroscope's own heat (it is warmer than the air, by as "
+    "much at all temperatures), lack of fit, and what drift other than flicker does to the bias."
 )
 BY_V_VC = (
     "The scale factor is that to V_Vc (V/V). K_Vc goes with 1 / drive frequency, so that to the rate has the "
@@ -218,12 +219,18 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
     of_slope = _Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
     mean = fmean(slopes)
-    level = [] if table else [_of_level(settings, mean)]
-    factor = _found(settings, seen, slopes, [of_slope, *level], ("V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean))
+    factor = _found(
+        settings,
+        seen,
+        slopes,
+        [of_slope, *_of_instruments(settings, mean)],
+        ("V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean),
+    )
     volts = mean if table else scale.value
     biases = [each.zero_v / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
-    bias = _found(settings, seen, biases, _of_bias(settings, seen, u_bias, noise), ("deg/s", "deg/s", 1.0))
+    offset = _at_all(settings, "offset of the multimeter", meter_error(settings, "multimeter").u_offset_v / abs(volts))
+    bias = _found(settings, seen, biases, [*_of_bias(settings, seen, u_bias, noise), offset], ("deg/s", "deg/s", 1.0))
     frequency = _of_frequency(settings, seen)
     split = _of_split(settings, seen)
     return TemperatureResult(
@@ -298,13 +305,25 @@ def _noise(settings: TemperatureSettings, seen: Sequence[_Seen], points: Sequenc
     return block_noise(blocks, std_v, settings.samples, window_s, max(slot_s, window_s))
 
 
-def _of_level(settings: TemperatureSettings, slope: float) -> _Cause:
-    """Return what the generator's accuracy does to a scale factor by V_Vc as it is set: the same at all temperatures.
+def _of_instruments(settings: TemperatureSettings, slope: float) -> list[_Cause]:
+    """Return what the instruments do to a scale factor, the same at all temperatures: their offsets cancel.
 
-    Both signs are of one range, whose offset cancels in their difference.
+    By V_Vc as it is set both signs are of one range of the generator. By the table its rate and the angle count.
     """
-    u = generator_sheet(settings).setting / math.sqrt(3.0) * abs(slope)
-    return _Cause("V_Vc: gain of the generator", np.zeros((len(settings.temperatures_c),) * 2), None, u)
+    known = settings.station.sources
+    relative = {"gain of the multimeter": meter_error(settings, "multimeter").u_gain}
+    if settings.by.value == "table":
+        relative["rate of the table"] = (known.table_rate or 0.0) / math.sqrt(3.0)
+        angle = math.radians(known.misalignment_deg or 0.0)
+        relative["angle to the table's axis"] = (1.0 - math.cos(angle)) / math.sqrt(3.0)
+    else:
+        relative["V_Vc: gain of the generator"] = generator_sheet(settings).setting / math.sqrt(3.0)
+    return [_at_all(settings, source, u * abs(slope)) for source, u in relative.items()]
+
+
+def _at_all(settings: TemperatureSettings, source: str, u: float) -> _Cause:
+    """Return a cause that is the same at all temperatures, so that no coefficient sees it."""
+    return _Cause(source, np.zeros((len(settings.temperatures_c),) * 2), None, u)
 
 
 def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[_Cause]:
