@@ -13,7 +13,7 @@ from tests.procedures.test_k_vc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.check import checked, health_parts
+from vcfbench.procedures.health.check import checked, health_parts, not_measured
 from vcfbench.procedures.health.found import Health
 from vcfbench.procedures.measurand import UncertaintyPart, measurand
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
@@ -137,6 +137,15 @@ def test_what_the_bench_cannot_measure_is_said_not_to_be(tmp_path: Path) -> None
         each.step.describe() for each in vcfbench.dry_run("self-calibration", field, settings={"k_vc": "150"}).steps
     ]
     assert any(word.startswith("NOT CHECKED: what K_Vc depends on") for word in words)
+
+
+def test_what_is_not_measured_widens_by_what_it_may_have_done() -> None:
+    found = {part.source: 1e6 * part.u for part in not_measured(THEN)}
+    assert math.hypot(*found.values()) > 750.0  # a degree of the carrier is 1270 ppm
+    assert found["not measured: Q (to 50 %, assumed)"] == pytest.approx(254.0 / math.sqrt(3.0), rel=0.05)
+    nothing_known = {part.source: 1e6 * part.u for part in not_measured(None)}
+    assert math.hypot(*nothing_known.values()) > math.hypot(*found.values())
+    assert len(not_measured(THEN, but=["Q"])) == len(found) - 1
 
 
 @pytest.mark.exhaustive

@@ -238,6 +238,9 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
 
     `k_vc_drift_ppm_per_year` is the most by which K_Vc may drift in a year through what nobody sees without a table:
     combs, their gap and charges, masses. Without it the class of the device counts (assumed).
+
+    `k_vc_not_measured_ppm` is the most by which K_Vc may have changed through what a self-calibration could have
+    measured and did not (Q, modes, phases, feed-through). Without it each counts as far as ageing goes (assumed).
     """
 
     meter_age_days: MeterAge | None = None
@@ -260,6 +263,7 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     scale_factor_ppm_demodulator_deg: PpmPerDegree = 1000.0
     bias_deg_s_demodulator_deg: BiasPerDegree | None = None
     k_vc_drift_ppm_per_year: PpmPerYear | None = None
+    k_vc_not_measured_ppm: PpmPerYear | None = None
 
 
 class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):

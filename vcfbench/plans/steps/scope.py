@@ -271,7 +271,7 @@ class CaptureSines(Step, Struct, frozen=True):
 class CaptureMeanSines(CaptureSines, frozen=True):
     """The same of means of `averages` records, which the oscilloscope takes by itself where it can."""
 
-    averages: int = 1024
+    averages: int = 4096
 
     def acquire(self, scope: Oscilloscope) -> None:
         """Have one mean taken."""

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from msgspec import Struct, structs
 
-from vcfbench.procedures.known.k_vc_change import KvcChange, KvcPart, k_vc_change
+from vcfbench.procedures.known.k_vc_change import ASSUMED, KvcChange, KvcPart, k_vc_change
 from vcfbench.procedures.known.k_vc_since import charging_warning
+from vcfbench.procedures.measurand import UncertaintyPart
 from vcfbench.record.devices import Characteristics
 from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Column, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator, Mapping
 
     from vcfbench.procedures.health.found import Health
 
-__all__ = ["STILL_UNSEEN", "Cause", "HealthCheck", "checked", "health_parts"]
+__all__ = ["NOT_MEASURED", "STILL_UNSEEN", "Cause", "HealthCheck", "checked", "health_parts", "not_measured"]
 
 WORTH_PPM = 100.0
 """What is known of a cause to less than this corrects K_Vc; a correction that is worth less makes it no better."""
@@ -26,6 +27,7 @@ SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
 UNEXPLAINED_DEG = 0.15
 """Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows."""
+NOT_MEASURED = "not measured"
 STILL_UNSEEN = (
     "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
     "the modulator's gain of small signals",
@@ -48,6 +50,16 @@ _NAMES: Final = {
     "temperature_c": "temperature",
     "rails_v": "rails",
 }
+
+_MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
+    ("Q", {"q_anti_phase": -0.5, "q_in_phase": -0.5}, "to 50 %"),
+    ("mode split", {"split_hz": 0.5}, "by 0.5 Hz"),
+    ("in-phase mode", {"in_phase_split_hz": 5.0}, "by 5 Hz"),
+    ("phase of the carrier", {"carrier_phase_deg": 1.0}, "by 1 deg"),
+    ("phase of the demodulator", {"demodulator_phase_deg": 1.0}, "by 1 deg"),
+    ("V_Vc that comes through", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
+)
+"""What may have changed where nobody looks, as wide as a leak and ageing of electronics go (assumed); of Q a share."""
 
 Done = Literal["corrected", "left to its drift", "refused", "explained"]
 
@@ -159,6 +171,33 @@ def _why(cause: Cause) -> str:
         f"the carrier's amplitude over the drive's has changed: K_Vc by {cause.ppm:+.0f} ppm, which another scope "
         f"than the certificate's tells to {cause.u_ppm:.0f} ppm (u) alone"
     )
+
+
+def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> list[UncertaintyPart]:
+    """Return what may have become of K_Vc where nothing was measured now, relative parts by cause, as far as `but`.
+
+    Each is the limit of what may have changed times what the device makes of it; what the certificate does not know of
+    the device counts as wide as its class.
+    """
+    known = {name: getattr(then, name, None) or each for name, each in ASSUMED.items()}
+    device = structs.replace(Characteristics(), **known)
+    found = []
+    for name, moved, by in _MAY_HAVE:
+        if name not in but:
+            ends = [k_vc_change(device, _moved(known, moved, sign)) for sign in (1.0, -1.0)]
+            worst = max(ends, key=lambda end: abs(end.ppm))
+            u = 1e-6 * math.hypot(worst.ppm / math.sqrt(3.0), worst.u_ppm)
+            found.append(UncertaintyPart(f"{NOT_MEASURED}: {name} ({by}, assumed)", u, rectangular=True))
+    return found
+
+
+def _moved(known: Mapping[str, Kept], moved: Mapping[str, float], sign: float) -> Characteristics:
+    """Return what has moved, as surely known as before; a leak has one direction."""
+    values = {
+        name: known[name].value * (1.0 + by) if name.startswith("q_") else known[name].value + sign * by
+        for name, by in moved.items()
+    }
+    return structs.replace(Characteristics(), **{name: Kept(value=value, u=0.0) for name, value in values.items()})
 
 
 def health_parts(found: HealthCheck) -> list[Table | Text]:

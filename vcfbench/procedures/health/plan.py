@@ -51,9 +51,10 @@ _LEVEL_V = 0.7
 _LARGEST_V = 10.0
 """What no node of the PCB exceeds: its rails."""
 _RING_DOWNS = 6
-_RING_DOWN_RECORD = (0.05, 10_000)
-"""Time base (s/div) and points: half a second."""
-_MEANS = 12
+_RING_DOWN_RECORD = (0.02, 5_000)
+"""Time base (s/div) and points: a fifth of a second, twice the time constant of a good mode."""
+_MEANS, _PERIODS = 12, 3.0
+"""Means of drive and carrier, and periods in their records: short ones come the faster."""
 _STATES = (1.0, -1.0, -1.0, 1.0)
 _RECORDS = 4
 _SPACING_S = 0.5
@@ -174,7 +175,9 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
         shown_v = max(shown_v, found.amplitudes_v[:3], key=lambda seen: seen[2])  # type: ignore[assignment]
     amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
     expected = SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
+    yield ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), channels[0])
     yield CaptureMeanSines(channels[:2], shown_v[:2], _MEANS, expected)
+    yield ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     for sign in _STATES:
         yield SetVvc(sign * level_v(settings))
         yield Settle(settings.settle_s, "gyro settles after the V_Vc step")

@@ -34,7 +34,8 @@ def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope"] | None, 
 def _driver_class(settings: KnownVvcSettings) -> type:
     from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
 
+    placed = settings.station.instruments.get("rate_source")
     try:
-        return find_driver(settings.station.instruments["rate_source"].model).driver_class
+        return type(None) if placed is None else find_driver(placed.model).driver_class
     except ConfigError:
         return type(None)

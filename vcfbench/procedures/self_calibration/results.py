@@ -19,7 +19,14 @@ from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.budget.phases import PhaseErrors
-from vcfbench.procedures.health.check import STILL_UNSEEN, HealthCheck, checked, health_parts
+from vcfbench.procedures.health.check import (
+    NOT_MEASURED,
+    STILL_UNSEEN,
+    HealthCheck,
+    checked,
+    health_parts,
+    not_measured,
+)
 from vcfbench.procedures.health.found import Health, health_of
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
 from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, K_VC_HEALTH, k_vc_since
@@ -227,7 +234,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     coefficients = np.array(known.k_vc.coefficients) * since.factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
-    parts = _parts(settings, seen, coefficients, since.parts)
+    parts = _parts(settings, seen, coefficients, [*since.parts, *([] if check else _not_measured(settings))])
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": settings.missing_without_table, "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
@@ -261,6 +268,21 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health
     """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
     health, then = health_of(settings, points), settings.known.characteristics
     return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
+
+
+def _not_measured(settings: SelfCalibrationSettings) -> list[UncertaintyPart]:
+    """Return what may have become of K_Vc unmeasured; limits of the phases that the bench file has count elsewhere."""
+    stated, known = settings.station.sources, settings.known
+    if stated.k_vc_not_measured_ppm is not None:
+        u = 1e-6 * stated.k_vc_not_measured_ppm / math.sqrt(3.0)
+        return (
+            [UncertaintyPart(f"{NOT_MEASURED} (uncertainty.k_vc_not_measured_ppm)", u, rectangular=True)] if u else []
+        )
+    limits = {
+        "phase of the carrier": stated.carrier_phase_deg,
+        "phase of the demodulator": stated.demodulator_phase_deg,
+    }
+    return not_measured(known.characteristics, but=[name for name, limit in limits.items() if limit is not None])
 
 
 def _stated_by_hand(settings: SelfCalibrationSettings) -> Characteristics:
@@ -404,7 +426,9 @@ def _u_of(by: Floats, covariance: Floats) -> Floats:
 
 def _signed(effect: _Effect, of: str | None, place: int) -> UncertaintyPart:
     name, u, dof = effect
-    return UncertaintyPart(name, float(u[place]), dof, of, rectangular=name == K_VC_DRIFT)
+    return UncertaintyPart(
+        name, float(u[place]), dof, of, rectangular=name == K_VC_DRIFT or name.startswith(NOT_MEASURED)
+    )
 
 
 def entry_of(
