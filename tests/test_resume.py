@@ -186,6 +186,15 @@ def test_settings_that_were_changed_are_found_at_the_first_step_that_differs(who
         vcfbench.resume(directory)
 
 
+def test_a_step_that_was_changed_is_refused(whole: Run, tmp_path: Path) -> None:
+    """With its key left as it was it was sent to the table."""
+    directory = cut(whole, tmp_path, 2)
+    journal = directory / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(b'"rate_deg_s":10.0', b'"rate_deg_s":800.0', 1))
+    with pytest.raises(PlanError, match=r"step \d+ of the record was changed: it says .*800\.0.*, its key is .*10\.0"):
+        vcfbench.resume(directory)
+
+
 def test_other_instruments_are_refused_and_nothing_is_recorded(whole: Run, tmp_path: Path) -> None:
     def swapped(header: dict[str, Any]) -> None:
         header["identities"]["multimeter"]["serial"] = "MY41000001"
@@ -303,7 +312,7 @@ def _what_could_not_be_kept_is_kept_later(run: Run, devices: Path) -> None:
     added = CliRunner().invoke(app, ["device", "--add", str(run.directory), "--devices", str(devices)])
     assert (added.exit_code, added.stdout) == (0, f"{entry.path}\n"), added.output
     (again,) = vcfbench.load_device("G-1", devices).entries
-    same = {"issued": entry.record.issued, "valid_until": entry.record.valid_until}
+    same = {name: getattr(entry.record, name) for name in ("issued", "valid_until", "u95_until")}
     assert structs.replace(again.record, **same) == entry.record
     assert abs(again.record.issued - entry.record.issued) < timedelta(minutes=5)
 

@@ -72,7 +72,7 @@ def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
     the drive signal after which nothing was measured is left out: it waits for something that begins anew.
 
     Raises:
-        PlanError: a step or result is of a kind that is not known here, or of another version.
+        PlanError: a step or result is of a kind that is not known here, or of another version, or was changed.
     """
     failed = record.errors[0]["n"] if record.errors else None
     chunks = defaultdict(list)
@@ -85,6 +85,8 @@ def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
 
 def _taken(line: Mapping[str, Any], chunks: tuple[Mapping[str, Any], ...]) -> TakenOver:
     step, result = step_of(line), result_of(line)
+    if isinstance(step, Step) and step.key != line["key"]:
+        raise PlanError(f"step {line['n']} of the record was changed: it says {step.key}, its key is {line['key']}")
     if isinstance(step, Step) and isinstance(result, StepResult):
         return TakenOver(step, result, line, chunks)
     unknown = line["result_kind"] if isinstance(step, Step) else line["step_kind"]

@@ -18,7 +18,7 @@ from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
@@ -181,14 +181,37 @@ class BrokenOff:
             description = typed(header.get("bench"), BenchDescription)
         except ValidationError as error:
             raise ConfigError(f"its bench is not that of this version: {error}") from None
-        if asked.bench is not None:
-            description = with_settings(described(asked.bench), settings)
+        station = asked.bench
+        if station is None and not description.simulated:  # its limits count, whatever the record says of them
+            station = _file_of_station(header)
+        if station is not None:
+            description = with_settings(described(station), settings)
             differing = list(_differences(header.get("bench"), to_builtins(description)))
             if differing:
                 raise ConfigError(f"the bench is not that of {self.directory.run}: {'; '.join(differing)}")
         if profile_of(description).get("table_profile") != header.get("table_profile"):
             raise ConfigError(f"the profile of the rate table is not that of {self.directory.run} any more")
         return description
+
+
+def _file_of_station(header: Mapping[str, Any]) -> Path | None:
+    """Return the bench file that the run was given; None where a script gave it a description.
+
+    Raises:
+        ConfigError: it is not there any more.
+    """
+    from vcfbench.bench.file import EMBEDDED  # noqa: PLC0415
+
+    options = header.get("options")
+    given = options.get("bench") if isinstance(options, dict) else None
+    if not isinstance(given, str) or given in EMBEDDED:
+        return None
+    if not Path(given).is_file():
+        raise ConfigError(
+            f"{shown(given)}: the bench file of the run is not there, and its limits are what counts",
+            hint="name it: vcfbench resume RUN --bench FILE",
+        )
+    return Path(given)
 
 
 def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[str]:
@@ -215,13 +238,15 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             PlanError: the plan asks for other steps than the record has.
             ConfigError: the plan ends by itself where the record ends: what was measured is refused.
         """
-        from vcfbench.plans.dry_run import PlannedStep, walk  # noqa: PLC0415
+        from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
+        from vcfbench.plans.dry_run import PlannedStep, dry_run  # noqa: PLC0415
 
         whole = Prepared.planned(self)
         if not self._is_left():
             return DryRun(whole.procedure, ())
         with blamed_on(self.procedure):
-            again = [*walk(self._start_up(), self.settings.expected_gyro())]
+            gyro, limits = self.settings.expected_gyro(), LimitChecks.of(self.description)
+            again = dry_run(self._start_up_plan(), gyro, limits)
         came_s = again[-1].t_s + again[-1].step.duration_s if again else 0.0
         left = whole.steps[len(self.taken) :]
         later = (PlannedStep(each.number, came_s + each.t_s - left[0].t_s, each.step) for each in left)
@@ -306,6 +331,10 @@ class Resumed(Prepared, frozen=True, kw_only=True):
                 f"{self.earlier.directory.run} cannot be resumed, it would end again as it did: {error}",
                 hint="run it anew",
             ) from error
+
+    def _start_up_plan(self) -> Plan:
+        yield from self._start_up()
+        return Outcome("started up")
 
     def _start_up(self) -> Routine[None]:
         from vcfbench.plans.replay import start_up_again  # noqa: PLC0415
