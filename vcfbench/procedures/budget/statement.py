@@ -124,7 +124,7 @@ def statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    not_in_u, known_from = _not_in_u(settings), _known_from(settings, levels_by, flicker)
+    not_in_u, known_from = _not_in_u(settings, levels_by), _known_from(settings, levels_by, flicker)
     return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
 
 
@@ -255,10 +255,12 @@ _OUTSIDE = (
 )
 
 
-def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
+def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
     """Say what the uncertainties do not hold."""
     yield from (f"MISSING {gap.words}" for gap in settings.station.sources.gaps())
     yield from _OUTSIDE
+    if levels_by == "generator":
+        yield "breaks of the generator's errors within a range: its levels are taken to share gain and offset there"
     if earth_left_deg_s(settings) is None:
         yield "Earth's rate: it is in the bias"
 
