@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from msgspec import Struct
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class LinearGyro(Struct):
@@ -22,3 +27,13 @@ class LinearGyro(Struct):
         """Return the output with the table at `table_deg_s`, V."""
         rate_deg_s = table_deg_s + (self.k_vc * self.v_vc_v if self.v_vc_on else 0.0)
         return self.bias_v + self.scale_factor * rate_deg_s
+
+    def noise_v(self, after_s: float) -> float:
+        """Return the noise of one reading, V, that begins so long after its step: on this paper there is none."""
+        del after_s
+        return 0.0
+
+    def record_noise_v(self, count: int, interval_s: float, aperture_s: float) -> Sequence[float]:
+        """Return the noise of `count` readings, V, one every `interval_s`, each over `aperture_s`; none here."""
+        del interval_s, aperture_s
+        return (0.0,) * count

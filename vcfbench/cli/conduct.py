@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
-from msgspec import Struct, structs
+from msgspec import Struct, structs, to_builtins
 
 from vcfbench.cli.answer import given, print_json, print_report
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.layering import Layer
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.report.shielded import NoProgress
     from vcfbench.runs.asked import Asked, Beginning, DryRun
     from vcfbench.runs.conduct import Preparing
+    from vcfbench.runs.expected import Expectation
     from vcfbench.runs.run import Run
 
 __all__ = ["RunOptions", "conduct", "resume"]
@@ -198,10 +199,22 @@ def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> N
         return
     for each in planned.steps:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
+    typer.echo("\n".join(_expected_lines(planned.expected)))
     typer.echo(
         f"estimated bench time {planned.bench_seconds:.0f} s, {planned.physical_minimum_s:.0f} s of it windows, "
         "ramps and settling"
     )
+
+
+def _expected_lines(expected: Expectation) -> Iterator[str]:
+    """Say for each result what U95 is expected, and by what."""
+    if expected.why_none is not None:
+        yield f"expected U95: not known before the run: {expected.why_none}"
+        return
+    yield f"expected with {expected.noise}:"
+    for each in expected.values:
+        causes = ", ".join(f"{source} {u:.2g}" for source, u in each.causes)
+        yield f"  {each.name}: U95 {each.u95:.2g} {each.unit}".rstrip() + (f"; u of {causes}" if causes else "")
 
 
 def _dry_run_json(planned: DryRun) -> dict[str, Any]:
@@ -214,4 +227,5 @@ def _dry_run_json(planned: DryRun) -> dict[str, Any]:
             {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
             for each in planned.steps
         ],
+        "expected": to_builtins(planned.expected),
     }

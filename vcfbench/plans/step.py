@@ -235,6 +235,11 @@ class StepResult:
         """The point that the step adds to the run, None when it adds none."""
         return None
 
+    @property
+    def unpredicted(self) -> str:
+        """What of it no dry run knows, in words, so that results of it have no expected uncertainty; empty: nothing."""
+        return ""
+
     def as_json(self) -> dict[str, Any]:
         """Return the fields as they are in the journal."""
         return dict(to_builtins(self))

@@ -90,6 +90,11 @@ class SenseDecay(StepResult):
     drive_hz: float
     modes: tuple[RingingMode, ...]
 
+    @property
+    def unpredicted(self) -> str:
+        """Say what of it no dry run knows."""
+        return "the noise of a mode that rings down is not known beforehand"
+
     def describe(self) -> str:
         """Name the modes."""
         return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
@@ -145,6 +150,11 @@ class DriveDecay(StepResult):
     frequency_hz: float
     q: float
     trouble: str = ""
+
+    @property
+    def unpredicted(self) -> str:
+        """Say what of it no dry run knows."""
+        return "the noise of a mode that rings down is not known beforehand"
 
     def describe(self) -> str:
         """Name the mode, or the trouble."""

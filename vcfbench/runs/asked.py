@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Operator, Plan
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.schema import Point
+    from vcfbench.runs.expected import Expectation
 
     Display = Callable[["Beginning"], AbstractContextManager[Observer]]
     """Makes a display, told what is about to begin."""
@@ -124,7 +125,7 @@ class Prepared(Struct, frozen=True):
 
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))
-        return DryRun(self.procedure.name, tuple(steps))
+        return DryRun(self.procedure.name, tuple(steps), self)
 
     def now_s(self) -> float | None:
         """Return the bench time at this moment, None where it is for the bench to begin one."""
@@ -157,6 +158,16 @@ class DryRun(Struct, frozen=True):
 
     procedure: str
     steps: tuple[PlannedStep, ...]
+    _prepared: Prepared | None = None
+
+    @property
+    def expected(self) -> Expectation:
+        """What the run is expected to state: U95 of every result and its largest causes; worked out when asked for."""
+        from vcfbench.runs.expected import Expectation, expectation  # noqa: PLC0415  # loads numpy
+
+        if self._prepared is None:
+            return Expectation((), "", "it goes on with another run")
+        return expectation(self._prepared.procedure, self._prepared.settings, self._prepared.plan())
 
     @property
     def bench_seconds(self) -> float:

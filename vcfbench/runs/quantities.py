@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from vcfbench.runs.run import Run
 
-__all__ = ["ResultValue", "values_of"]
+__all__ = ["ResultValue", "named_values", "values_of"]
 
 _USUAL_FACTOR = 2.0
 """Coverage factor for 95 % where only the standard uncertainty is told: that of a normal distribution."""
@@ -34,6 +34,8 @@ class ResultValue:
     stated_u95: float | None = None
     of: str = ""
     missing: tuple[str, ...] = ()
+    causes: tuple[tuple[str, float], ...] = ()
+    """Sources and what each puts into `u`, the largest first; none where the results do not say."""
 
     @property
     def u95(self) -> float | None:
@@ -54,7 +56,12 @@ def values_of(run: Run) -> dict[str, ResultValue]:
     Where there is a statement of uncertainties (`results.uncertainty`), its values come before those of the same name:
     they have U95.
     """
-    results = {} if run.results is None else plain(run.results)
+    return {} if run.results is None else named_values(run.results)
+
+
+def named_values(of_run: Any) -> dict[str, ResultValue]:
+    """Return the numbers of the results of a run by name, as :func:`values_of`."""
+    results = plain(of_run)
     if not isinstance(results, dict):
         return {}
     found = {each.name: each for each in _stated(results)}
@@ -70,7 +77,7 @@ def _stated(results: Mapping[str, Any]) -> Iterator[ResultValue]:
         if isinstance(each, dict) and isinstance(each.get("name"), str) and _number(each.get("value")) is not None:
             uncertainties = (_number(each.get("u")), _number(each.get("u95")))
             words = str(each.get("unit", "")), *uncertainties, str(each.get("of", ""))
-            yield ResultValue(each["name"], each["value"], *words, tuple(each.get("missing", ())))
+            yield ResultValue(each["name"], each["value"], *words, tuple(each.get("missing", ())), _causes(each))
 
 
 def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
@@ -81,10 +88,16 @@ def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
             yield ResultValue(name, number)
         elif isinstance(value, dict) and (number := _number(value.get("value"))) is not None:
             u95 = next((value[each] for each in ("u95", "expanded_u") if _number(value.get(each)) is not None), None)
-            missing = tuple(value.get("missing", ()))
-            yield ResultValue(name, number, str(value.get("unit", "")), _number(value.get("u")), u95, "", missing)
+            missing, unit = tuple(value.get("missing", ())), str(value.get("unit", ""))
+            yield ResultValue(name, number, unit, _number(value.get("u")), u95, "", missing, _causes(value))
         elif isinstance(value, dict) and "value" not in value and key != "uncertainty":
             yield from _named(value, f"{name}.")
+
+
+def _causes(value: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
+    """Return what an uncertainty is made of: the contributions of a statement, the parts of a measurand."""
+    parts = value.get("contributions") or value.get("parts") or ()
+    return tuple(sorted(((each["source"], abs(each["u"])) for each in parts), key=lambda each: -each[1]))
 
 
 def _number(value: object) -> float | None:

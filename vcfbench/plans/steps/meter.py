@@ -154,14 +154,15 @@ class Acquire(Step, Struct, frozen=True):
         return window
 
     def predict(self, gyro: LinearGyro) -> Window:
-        """Predict a window without noise."""
+        """Predict a window, with the noise that `gyro` has."""
         output_v = gyro.output_v(self.table_deg_s or 0.0)
         rails = tuple(map(predicted_rail, self.rails))
         tally = self._new_tally()
         if not fits_one_chunk(self.samples, self.interval_s):
             tally.count, tally.mean_v = self.samples, output_v
             return self._window((), tally, self.table_deg_s, rails)
-        readings = tuple(self._predicted(number * self.interval_s, output_v) for number in range(self.samples))
+        times_s = [number * self.interval_s for number in range(self.samples)]
+        readings = tuple(self._predicted(t_s, output_v + gyro.noise_v(t_s)) for t_s in times_s)
         self._add(tally, readings)
         return self._window(readings, tally, self.table_deg_s, rails)
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Context
 
 
+_PREDICTED_APERTURE_S = 0.004
+"""Of a reading of 0.2 power-line cycles, as meters sample a sine."""
+
+
 class SineResponse(StepResult, Struct, frozen=True):
     """What the multimeter sampled while V_Vc was a sine: voltages (V) in the order in which they were taken.
 
@@ -28,6 +32,11 @@ class SineResponse(StepResult, Struct, frozen=True):
     interval_s: float
     aperture_s: float
     voltages_v: tuple[float, ...]
+
+    @property
+    def unpredicted(self) -> str:
+        """Say what of it no dry run knows."""
+        return "how its own sense mode responds is not known beforehand"
 
     def describe(self) -> str:
         """Name about how large the sine is."""
@@ -78,12 +87,15 @@ class SampleSine(Step, Struct, frozen=True):
         return SineResponse(self.interval_s, meter.aperture_s, meter.sampled_voltages_v())
 
     def predict(self, gyro: LinearGyro) -> SineResponse:
-        """Predict a sine without noise, with the gain of a mode at `split_hz`."""
+        """Predict a sine with the gain of a mode at `split_hz`, and the noise that `gyro` has."""
         ratio = self.frequency_hz / self.split_hz
         gain = 1.0 / math.hypot(1.0 - ratio**2, 0.1 * ratio)
         amplitude_v = gyro.scale_factor * gyro.k_vc * self.amplitude_v * gain
         step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
-        voltages_v = tuple(gyro.bias_v + amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
+        noise_v = gyro.record_noise_v(self.samples, self.interval_s, _PREDICTED_APERTURE_S)
+        voltages_v = tuple(
+            gyro.bias_v + amplitude_v * math.cos(n * step_rad) + noise for n, noise in enumerate(noise_v)
+        )
         return SineResponse(self.interval_s, 0.0, voltages_v)
 
 
@@ -177,12 +189,14 @@ class SampleModulated(Step, Struct, frozen=True):
         return _Begun(meter, began_s, began_s + lasts_s + (1e-3 * self.samples if gaps else 0.0))
 
     def predict(self, gyro: LinearGyro) -> ModulatedRecord:
-        """Predict a sine without noise, the modes following at once."""
+        """Predict a sine, the modes following at once, and the noise that `gyro` has."""
         step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
         rate_deg_s = self.table_deg_s or 0.0
         swing_v = gyro.scale_factor * gyro.k_vc
         v_vc_v = tuple(self.amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
-        output_v = tuple(gyro.bias_v + gyro.scale_factor * rate_deg_s + swing_v * each for each in v_vc_v)
+        middle_v = gyro.bias_v + gyro.scale_factor * rate_deg_s
+        noise_v = gyro.record_noise_v(self.samples, self.interval_s, self.interval_s)
+        output_v = tuple(middle_v + swing_v * each + noise for each, noise in zip(v_vc_v, noise_v, strict=True))
         sampled = self.of
         return ModulatedRecord(
             self.interval_s,

@@ -96,6 +96,11 @@ class SwitchedOn(StepResult):
     t_s: float
     log: tuple[Reading, ...]
 
+    @property
+    def unpredicted(self) -> str:
+        """Say what of it no dry run knows."""
+        return "how the output warms up is not known beforehand"
+
     def describe(self) -> str:
         """Say how long it was followed."""
         return f"{len(self.log)} readings from power-on"

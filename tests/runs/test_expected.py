@@ -1,0 +1,46 @@
+"""What a dry run expects of U95, beside what runs on the simulated bench then state."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+import vcfbench
+from vcfbench.cli.main import app
+from vcfbench.runs.quantities import values_of
+
+NUMBER = {"k_vc": "150", "k_vc_u_deg_s_per_v": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("procedure", "settings"), [("turntable", {}), ("self-calibration", NUMBER)], ids=["turntable", "self-calibration"]
+)
+def test_the_u95_that_is_stated_is_that_expected_within_20_percent(procedure: str, settings: dict[str, Any]) -> None:
+    expected = vcfbench.dry_run(procedure, "lab", settings=settings).expected
+    stated = values_of(vcfbench.run(procedure, "lab", seed=7, settings=settings, runs=None))
+    assert {each.name for each in expected.values} >= {"scale_factor", "bias"}
+    for each in expected.values:
+        assert each.u95 == pytest.approx(stated[each.name].u95, rel=0.2), each.name
+        assert list(each.causes) == sorted(each.causes, key=lambda cause: -cause[1])
+        assert {source for source, _ in each.causes} <= {source for source, _ in stated[each.name].causes}
+
+
+def test_noise_that_the_bench_file_tells_is_taken_and_said() -> None:
+    lab = vcfbench.load_bench("lab")
+    noisy = structs.replace(lab, expected=structs.replace(lab.expected, reading_noise_v=(1e-3, 3e-3)))
+    assumed, told = (vcfbench.dry_run("turntable", bench).expected for bench in (lab, noisy))
+    assert "0.21 deg/sqrt(h), the paper's (assumed" in assumed.noise
+    assert "scatter by 0.002 V (expected.reading_noise_v)" in told.noise
+    assert told.values[0].u95 > 2.0 * assumed.values[0].u95
+
+
+def test_the_command_says_it_and_says_why_it_does_not_know() -> None:
+    text = CliRunner().invoke(app, ["run", "turntable", "--bench", "lab", "--dry-run"]).stdout
+    assert "\n  scale_factor: U95 5." in text
+    answer = json.loads(CliRunner().invoke(app, ["run", "phase", "--bench", "lab", "--dry-run", "--json"]).stdout)
+    assert answer["expected"]["values"] == []
+    assert "the noise of the oscilloscope's records is not known beforehand" in answer["expected"]["why_none"]
