@@ -19,7 +19,16 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.health.found import Health
 
-__all__ = ["NOT_MEASURED", "STILL_UNSEEN", "Cause", "HealthCheck", "checked", "health_parts", "not_measured"]
+__all__ = [
+    "AMPLITUDES",
+    "NOT_MEASURED",
+    "STILL_UNSEEN",
+    "Cause",
+    "HealthCheck",
+    "checked",
+    "health_parts",
+    "not_measured",
+]
 
 WORTH_PPM = 100.0
 """What is known of a cause to less than this corrects K_Vc; a correction that is worth less makes it no better."""
@@ -27,6 +36,7 @@ SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
 UNEXPLAINED_DEG = 0.15
 """Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows."""
+AMPLITUDES = "carrier over drive, amplitudes"
 NOT_MEASURED = "not measured"
 STILL_UNSEEN = (
     "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
@@ -142,7 +152,7 @@ def _of_amplitudes(then: Characteristics, now: Characteristics, change: KvcChang
     done: Done = "corrected" if worth else "left to its drift"
     if not worth and abs(change.ppm) > SEEN * change.u_ppm:
         done = "refused"
-    yield Cause("carrier over drive, amplitudes", "", _ratio(then), _ratio(now), change.ppm, change.u_ppm, done)
+    yield Cause(AMPLITUDES, "", _ratio(then), _ratio(now), change.ppm, change.u_ppm, done)
 
 
 def _ratio(of: Characteristics) -> float:

@@ -20,6 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.check import (
+    AMPLITUDES,
     NOT_MEASURED,
     STILL_UNSEEN,
     HealthCheck,
@@ -235,7 +236,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     parts = _parts(settings, seen, coefficients, [*since.parts, *([] if check else _not_measured(settings))])
-    units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": settings.missing_without_table, "ppm": ()}
+    units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": _missing(settings, check), "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
         for place, (value, unit) in enumerate(zip(values, units, strict=True))
@@ -268,6 +269,14 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health
     """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
     health, then = health_of(settings, points), settings.known.characteristics
     return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
+
+
+def _missing(settings: SelfCalibrationSettings, check: HealthCheck | None) -> tuple[str, ...]:
+    """Return what a scale factor is incomplete without: also the ratio of amplitudes, for which no figure stands."""
+    measured = check is not None and any(each.cause == AMPLITUDES and each.done == "corrected" for each in check.causes)
+    if measured or settings.station.sources.k_vc_not_measured_ppm is not None:
+        return settings.missing_without_table
+    return (*settings.missing_without_table, AMPLITUDES)
 
 
 def _not_measured(settings: SelfCalibrationSettings) -> list[UncertaintyPart]:
