@@ -536,8 +536,14 @@ def self_calibrated(life: Life, name: str) -> Line:
 
 def stated(found: Any, true: Gyroscope, before: Gyroscope) -> Line:
     """Return z of every value that a self-calibration states, and what it says of the causes."""
+    if not hasattr(found, "scale_factor"):
+        return {"refused": found.refusal()}
     rates = [0.0, *(level.rate_deg_s for level in found.levels)]
-    line: Line = {"refused": None, "verdict": None if found.drift is None else found.drift.verdict}
+    line: Line = {
+        "refused": None,
+        "missing": list(found.scale_factor.missing),
+        "verdict": None if found.drift is None else found.drift.verdict,
+    }
     values = {
         "scale_factor": (found.scale_factor, true.scale_factor),
         "line": (found.line, true.line_slope(rates)),
