@@ -19,6 +19,7 @@ from vcfbench.procedures.measurand import UncertaintyPart, measurand
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.record.devices import Characteristics
 from vcfbench.record.devices import Measured as Kept
+from vcfbench.sim.gyro.warm_output import warm_output
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -168,7 +169,8 @@ def test_all_that_can_be_seen_has_aged_and_k_is_right(tmp_path: Path) -> None:
         },
         thermal={"ambient_c": 32.0},
     )
-    scale_factor, _ = truth(warm(physical_parameters(old)))
+    output_v = warm_output(physical_parameters(old))
+    scale_factor = (output_v(0.01, None) - output_v(-0.01, None)) / 0.02
     found = vcfbench.run("self-calibration", old, seed=1, settings=settings, runs=tmp_path)
     assert abs(found.results.health.ppm) > 1000.0
     assert found.results.modulator[1] == pytest.approx(1.3 * fresh.virtual_path.third_order_per_v2, rel=0.02)
@@ -176,7 +178,7 @@ def test_all_that_can_be_seen_has_aged_and_k_is_right(tmp_path: Path) -> None:
     assert abs(found.results.scale_factor.value - scale_factor) < 3.5 * found.results.scale_factor.u
     entry = vcfbench.load_device("G", tmp_path / "devices").self_calibrations[-1]
     assert entry.characteristics is not None
-    assert entry.characteristics.q_anti_phase.value == pytest.approx(0.6 * 1224.0, rel=0.02)  # type: ignore[union-attr]
+    assert entry.characteristics.q_anti_phase.value == pytest.approx(0.6 * 1224.0, rel=0.03)  # type: ignore[union-attr]
     assert vcfbench.load_run(found.directory).results == found.results  # type: ignore[arg-type]
 
 
