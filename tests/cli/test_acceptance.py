@@ -91,6 +91,7 @@ def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
         ("scale_factor_v_per_deg_s = [0.012, 0.013]", "the scale factor is -0.0125"),
         ("bias_v = [0.0, 0.1]", "the bias is -0.041"),
         ("reading_noise_v = [0.001, 0.002]", "the bench file expects 0.001 to 0.002 V"),
+        ("nonlinearity_ppm = 50", "ppm of the span, the bench file expects at most 50 ppm"),
         ("zero_drift_v = 0.0\nreading_noise_v = [0.0, 1e-6]", "the readings scatter by"),
     ],
 )

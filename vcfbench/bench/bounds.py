@@ -29,6 +29,7 @@ __all__ = [
     "Horizon",
     "Interval",
     "Kelvins",
+    "LargestPpm",
     "Latitude",
     "LeastRail",
     "LevelError",
@@ -156,6 +157,8 @@ RateWindow = tuple[Rate, Rate]
 """deg/s: as rates."""
 PpmWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]
 """ppm: from straight to as large as what it is a part of."""
+LargestPpm = Annotated[float, Meta(ge=0.0, le=1e6)]
+"""ppm: as those windows."""
 DriftWindow = tuple[Annotated[float, Meta(ge=-1e6, le=1e6)], Annotated[float, Meta(ge=-1e6, le=1e6)]]
 """ppm: from gone to twice what it was."""
 EnWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]

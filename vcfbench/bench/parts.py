@@ -9,6 +9,7 @@ from vcfbench.bench.bounds import (
     Current,
     DriftWindow,
     EnWindow,
+    LargestPpm,
     LeastRail,
     NoiseWindow,
     OutputDrift,
@@ -116,6 +117,7 @@ class Expected(BenchFileTable, frozen=True, kw_only=True):
     k_vc_deg_s_per_v: SlopeWindow | None = None
     reading_noise_v: NoiseWindow | None = None
     zero_drift_v: OutputDrift | None = None
+    nonlinearity_ppm: LargestPpm | None = None
 
 
 class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):

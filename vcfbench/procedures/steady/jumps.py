@@ -19,7 +19,7 @@ from msgspec import Struct
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.known.levels import generator_sheet, has_v_vc_meter
 from vcfbench.procedures.steady.walk import sigmas
-from vcfbench.procedures.sweep.schedule import Order, SweepSettings
+from vcfbench.procedures.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,6 +46,7 @@ _HALF = 0.5
 """Patterns are fewer than comparisons, and each has the noise of many windows: 5.5 is a chance of 2e-6 a run."""
 _ANSWERS = 8.0
 """Standard uncertainties that the slope must be away from zero."""
+_NO_SWEEP = frozenset({ZERO_TABLE, ZERO_DRIVEN, SEARCH})
 _CURVED = 0.2
 """Of the span: what a line may leave over before the output answers to something else than the rate."""
 
@@ -229,12 +230,45 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
             f"the output does not answer to {what}: from {output.min():+.6g} to {output.max():+.6g} V in all windows, "
             f"where one mean is known to {u_v:.1g} V",
         )
+    bound = walk.settings.expected.nonlinearity_ppm
+    if bound is not None:
+        _require_straight(windows, bound)
     if left_v > _CURVED * span_v:
         raise _no_answer(
             windows,
             f"the output does not follow {what}: a line through {len(windows)} windows leaves {left_v:.3g} V over, of "
             f"a span of {span_v:.3g} V",
         )
+
+
+def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
+    """See that what a line through the last sweep's means leaves over is within what the bench file expects.
+
+    Raises:
+        MeasurementError: a residual is larger, in ppm of the span of the line (max_span).
+    """
+    last = max(each.point.step for each in windows if not each.reference and each.point.step not in _NO_SWEEP)
+    swept = [each for each in windows if each.point.step == last and not each.reference]
+    if len({each.setting for each in swept}) < 3:
+        return
+    x, output = _abscissa(swept), np.array([each.point.output_v for each in swept])
+    line = np.polynomial.Polynomial.fit(x, output, 1)
+    means_v: dict[float, float] = {}
+    for level in set(x.tolist()):
+        means_v[level] = float(np.mean((output - line(x))[x == level]))
+    worst = max(means_v, key=lambda level: abs(means_v[level]))
+    ends_v = line(np.array([x.min(), x.max()]))
+    found_ppm = 1e6 * abs(means_v[worst]) / max(1e-12, abs(float(ends_v[1] - ends_v[0])))
+    if found_ppm <= bound_ppm:
+        return
+    where = swept[int(np.argmax(x == worst))]
+    raise MeasurementError(
+        f"the non-linearity is {found_ppm:.4g} ppm of the span, the bench file expects at most {bound_ppm:g} ppm "
+        f"(expected.nonlinearity_ppm): the output is {means_v[worst]:+.3g} V off the line at {where.describe()}",
+        instrument="multimeter",
+        step=str(where.point.step),
+        hint="look at the leads, at the rails at the PCB, and whether this is the gyroscope that is expected",
+    )
 
 
 def _no_answer(windows: Sequence[Seen], what: str) -> MeasurementError:
