@@ -17,9 +17,10 @@ from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import Limit, ProcedureSettings, rate_words
+from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.plans.drive_check import check_drive
-from vcfbench.plans.step import answer
+from vcfbench.plans.step import LOOK_AT_SIGNALS, answer
 from vcfbench.plans.steps import (
     AcquireWithVvc,
     ConfigureVvcMeter,
@@ -160,10 +161,12 @@ def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
     yield Note("At rest, generator off")
     yield Settle(settings.settle_s, "gyro settles")
     yield from take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
+    points: list[Point] = []
     if settings.has_table:
-        yield from under_servo(settings, _turned(settings))
+        points += yield from under_servo(settings, _turned(settings))
         yield Settle(settings.settle_s, "gyro settles")
-    yield from _driven(settings)
+    points += yield from _driven(settings)
+    _require_responses(settings, points)
     return Outcome("both ways")
 
 
@@ -191,50 +194,58 @@ def _carrier_sign(settings: PolaritySettings, phase_deg: float) -> Literal[-1, 0
     return 1 if within[0] else -1 if within[1] else 0
 
 
-def _turned(settings: PolaritySettings) -> Routine[None]:
+def _turned(settings: PolaritySettings) -> Routine[list[Point]]:
     yield Note(f"The table, {settings.polarity_rate_deg_s:g} deg/s both ways")
-    previous_deg_s = 0.0
+    previous_deg_s, points = 0.0, []
     for sign in ABBA_SIGNS:
         rate_deg_s = sign * settings.polarity_rate_deg_s
         if rate_deg_s != previous_deg_s:
             yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        yield from take(settings, TURNED, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
+        points.append((yield from take(settings, TURNED, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
         previous_deg_s = rate_deg_s
+    return points
 
 
-def _driven(settings: PolaritySettings) -> Routine[None]:
+def _driven(settings: PolaritySettings) -> Routine[list[Point]]:
     yield Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
     measured = "v_vc_meter" in settings.station.instruments
     if measured:
         yield ConfigureVvcMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from v_vc_on()
     asked_v = level_v = 0.0
+    points: list[Point] = []
     for sign in ABBA_SIGNS:
         if asked_v != sign * settings.polarity_v_vc_v:
             asked_v = sign * settings.polarity_v_vc_v
             level_v = yield from set_v_vc(settings, asked_v)
         if measured:
             window = AcquireWithVvc(DRIVEN, 0.0, level_v, None, v_vc_tolerance_v=_ANY_V, **window_of(settings))
-            answer((yield window), Window)
+            points.append(answer((yield window), Window).point)
         else:
-            yield from take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)
+            points.append((yield from take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)))
     yield DisableVvc()
+    return points
+
+
+def _require_responses(settings: PolaritySettings, points: Sequence[Point]) -> None:
+    """See that there are signs at all.
+
+    Raises:
+        MeasurementError: the output, or the meter on V_Vc, does not answer.
+    """
+    silent = [each.what for each in _responses(settings, points) if not each.found]
+    if silent:
+        raise MeasurementError(
+            "; ".join(_silence(silent)),
+            instrument="v_vc_meter" if silent == ["meter on V_Vc"] else "multimeter",
+            step=str(points[-1].step),
+            hint=LOOK_AT_SIGNALS,
+        )
 
 
 def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     """Return the signs, and what explains those that are wrong."""
-    gyro = settings.expected_gyro()
-    driven = [point for point in points if point.step == DRIVEN]
-    signs = [
-        _sign("V_Vc", [(p.v_vc_v, p.output_v, _u(p)) for p in driven], gyro.scale_factor * gyro.k_vc, "V/V"),
-    ]
-    if settings.has_table:
-        turned = [(p.rate_deg_s, p.output_v, _u(p)) for p in points if p.step == TURNED]
-        signs.insert(0, _sign("table", turned, gyro.scale_factor, "V/(deg/s)"))
-    seen = [(p.v_vc_v, p.v_vc_measured_v, _u_v_vc(p)) for p in driven if p.v_vc_measured_v is not None]
-    if seen:
-        signs.append(_sign("meter on V_Vc", seen, 1.0, "V/V"))
-    signs += _bias(settings, points)
+    signs = [*_responses(settings, points), *_bias(settings, points)]
     if _carrier_has_a_sign(settings):
         *_, (_, drive) = points.found(DriveReading)
         found = _carrier_sign(settings, drive.phase_deg)
@@ -249,6 +260,22 @@ def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     default = f"the paper's gyroscope: {', '.join(missing)}" if missing else ""
     expected_from = "; ".join(each for each in (source, default) if each)
     return PolarityResult(tuple(signs), len(wrong), causes, look_alikes, expected_from)
+
+
+def _responses(settings: PolaritySettings, points: Sequence[Point]) -> list[Sign]:
+    """Return the signs of what was turned and driven."""
+    gyro = settings.expected_gyro()
+    driven = [point for point in points if point.step == DRIVEN]
+    signs = [
+        _sign("V_Vc", [(p.v_vc_v, p.output_v, _u(p)) for p in driven], gyro.scale_factor * gyro.k_vc, "V/V"),
+    ]
+    if settings.has_table:
+        turned = [(p.rate_deg_s, p.output_v, _u(p)) for p in points if p.step == TURNED]
+        signs.insert(0, _sign("table", turned, gyro.scale_factor, "V/(deg/s)"))
+    seen = [(p.v_vc_v, p.v_vc_measured_v, _u_v_vc(p)) for p in driven if p.v_vc_measured_v is not None]
+    if seen:
+        signs.append(_sign("meter on V_Vc", seen, 1.0, "V/V"))
+    return signs
 
 
 def _u(point: Point) -> float:

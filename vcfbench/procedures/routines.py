@@ -116,9 +116,9 @@ def take(
     return answer((yield acquire), Window).point
 
 
-def take_reference(settings: ProcedureSettings, step: int) -> Routine[Point]:
-    """Average one window at zero and return what it gives; it is for comparison and no point of the run."""
-    verify = VerifyZero(step, 0.0, 0.0, 0.0, **window_of(settings))
+def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) -> Routine[Point]:
+    """Average one window at rest, V_Vc as it is, and return what it gives; it is for comparison and no point."""
+    verify = VerifyZero(step, 0.0, v_vc_v, 0.0, **window_of(settings))
     return answer((yield verify), Window).point
 
 

@@ -62,7 +62,7 @@ class Window(StepResult, Struct, frozen=True):
 
 
 class ZeroWindow(Window, frozen=True):
-    """A window at zero that is compared with earlier ones, and is no point of the run."""
+    """A window that is compared with earlier ones, and is no point of the run."""
 
     @property
     def recorded_point(self) -> None:
@@ -256,11 +256,12 @@ def _volts(readings: Sequence[Reading]) -> list[float]:
 
 
 class VerifyZero(Acquire, frozen=True):
-    """Take the zero before or after everything else: a window that is compared, and is no point."""
+    """Take the zero before or after everything else, or a level again: a window that is compared, and is no point."""
 
     def describe(self) -> str:
         """Say what the window is for."""
-        return f"the zero, to compare: {self.samples} readings, one every {self.interval_s:g} s"
+        at = f"V_Vc of {self.v_vc_v:+.6g} V again" if self.v_vc_v else "the zero"
+        return f"{at}, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 
     def _window(
         self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]

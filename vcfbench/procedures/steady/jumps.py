@@ -123,9 +123,10 @@ def _abscissa(windows: Sequence[Seen]) -> Floats:
         levels: dict[float, list[float]] = {}
         for each in windows:
             point = each.point
-            known = point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v
-            levels.setdefault(point.v_vc_v, []).append(known)
-        x = np.array([math.fsum(levels[each.point.v_vc_v]) / len(levels[each.point.v_vc_v]) for each in windows])
+            if point.v_vc_measured_v is not None:
+                levels.setdefault(point.v_vc_v, []).append(point.v_vc_measured_v)
+        known = {level_v: math.fsum(seen) / len(seen) for level_v, seen in levels.items()}
+        x = np.array([known.get(each.point.v_vc_v, each.point.v_vc_v) for each in windows])
     else:
         x = np.array([each.table_deg_s for each in windows])
     return np.asarray(x / max(float(np.abs(x).max()), 1e-12))

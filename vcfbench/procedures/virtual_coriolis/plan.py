@@ -15,7 +15,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven
+from vcfbench.procedures.known.levels import has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.routines import (
     go_to_rate,
@@ -197,8 +197,21 @@ def _virtual_sweep(
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
         require_steady_slope(points[-2:], reference)
     require_steady_slope(points, reference)
+    yield from _ends_again(settings, points)
     yield from set_v_vc(settings, 0.0)
     yield from take_reference(settings, 4)
+
+
+def _ends_again(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> Routine[None]:
+    """Take the outermost levels again that were visited once, where V_Vc is measured.
+
+    The modulator is so curved that one window at an end that is off looks like the next orders of its curve.
+    """
+    levels = [point.v_vc_v for point in points] if has_v_vc_meter(settings) else []
+    for end_v in (max(levels, default=0.0), min(levels, default=0.0)):
+        if levels.count(end_v) == 1:
+            level_v = yield from set_v_vc(settings, end_v)
+            yield from take_reference(settings, 4, level_v)
 
 
 def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
