@@ -39,6 +39,21 @@ def test_without_any_noise_nothing_is_doubted() -> None:
     assert first_doubt(one_count) == ""
 
 
+def test_a_table_may_ripple_under_a_gyroscope_without_noise() -> None:
+    moved_v = np.linspace(2.5, -2.5, WINDOWS)
+    ripple = 4e-5 * np.sin(np.arange(WINDOWS * N)).reshape(WINDOWS, N)
+    readings = np.round(moved_v[:, None] * (1.0 + ripple) / RESOLUTION_V) * RESOLUTION_V
+
+    def doubts(*, turning: bool) -> bool:
+        seen = NoiseSeen(RESOLUTION_V)
+        for _ in range(20):
+            seen.doubt([0.0] * N)
+        return any(seen.doubt(window.tolist(), turning=turning) for window in readings)
+
+    assert not doubts(turning=True)
+    assert doubts(turning=False)
+
+
 @pytest.mark.parametrize("window", [0, 1, 20, 42])
 @pytest.mark.parametrize("reading", [0, 4, 9])
 @pytest.mark.parametrize("off_v", [-1.503, 0.5, 0.01, -0.0015])

@@ -41,6 +41,12 @@ _NEVER = 5.9
 _STILL = 0.5
 """Steps of the last digit by which readings of something that stands still may scatter."""
 
+_TABLE = 5e-5
+"""Of what the table's rate moves the output: by so much its ripple and flutter may make the readings scatter besides.
+
+Rate tables promise stabilities of 10 to 100 ppm; seen is only a gyroscope of less noise than that.
+"""
+
 _COUNTS = 5.0
 """Readings that are off by no more than so many steps of the meter's last digit are not looked at."""
 
@@ -48,8 +54,9 @@ _COUNTS = 5.0
 class Scatter(Struct, frozen=True):
     """The scatter of one window about its straight line: sum of squares (V^2) with its degrees of freedom, its extreme.
 
-    `farthest` is the number of the reading that stands farthest, from 1; `distance_v` how far it stands from the line
-    through the others, and `leverage` how much it would have drawn that line to itself.
+    `table_v2` is what the table may add to the variance of one reading. `farthest` is the number of the reading that
+    stands farthest, from 1; `distance_v` how far it stands from the line through the others, and `leverage` how much it
+    would have drawn that line to itself.
     """
 
     n: int
@@ -58,6 +65,7 @@ class Scatter(Struct, frozen=True):
     farthest: int
     residual_v: float
     leverage: float
+    table_v2: float = 0.0
 
     @property
     def std_v(self) -> float:
@@ -70,7 +78,7 @@ class Scatter(Struct, frozen=True):
         return self.residual_v / (1.0 - self.leverage)
 
     @classmethod
-    def of(cls, readings_v: Sequence[float]) -> Scatter | None:
+    def of(cls, readings_v: Sequence[float], table_v2: float = 0.0) -> Scatter | None:
         """Return the scatter of equally spaced readings; None of fewer than four, which tell nothing of themselves."""
         n = len(readings_v)
         if n < 4:
@@ -82,7 +90,7 @@ class Scatter(Struct, frozen=True):
         leverages = [1.0 / n + (i - middle) ** 2 / spread for i in range(n)]
         far = max(range(n), key=lambda i: residuals[i] ** 2 / (1.0 - leverages[i]))
         squares = math.fsum(residual * residual for residual in residuals)
-        return cls(n, squares, n - 2, far + 1, residuals[far], leverages[far])
+        return cls(n, squares, n - 2, far + 1, residuals[far], leverages[far], table_v2)
 
 
 class NoiseSeen(Struct):
@@ -93,25 +101,32 @@ class NoiseSeen(Struct):
     _extremes: dict[str, tuple[int, Scatter]] = field(default_factory=dict)
     _squares_v2: float = 0.0
     _degrees: int = 0
+    _table_squares_v2: float = 0.0
+    _rest_v: float | None = None
 
     @property
     def std_v(self) -> float | None:
         """Standard deviation of one reading in all windows so far, V."""
         return math.sqrt(self._squares_v2 / self._degrees) if self._degrees else None
 
-    def doubt(self, readings_v: Sequence[float]) -> str:
+    def doubt(self, readings_v: Sequence[float], *, turning: bool = False) -> str:
         """Take the readings of one more window; say what is wrong with it or with an earlier one, empty if nothing is.
 
         An earlier window is looked at again, for the first ones had little to be held against: the one with the reading
-        that stands farthest, the one that scatters most, the one that scatters least.
+        that stands farthest, the one that scatters most, the one that scatters least. On a table that is `turning` the
+        readings may scatter by its ripple besides, of the output's distance from the first window at rest.
         """
-        scatter = Scatter.of(readings_v)
+        if self._rest_v is None and not turning:
+            self._rest_v = math.fsum(readings_v) / len(readings_v)
+        moved_v = math.fsum(readings_v) / len(readings_v) - (self._rest_v or 0.0) if turning else 0.0
+        scatter = Scatter.of(readings_v, (_TABLE * moved_v) ** 2)
         if scatter is None:
             return ""
         earlier = tuple(self._extremes.values())
         self._remember(scatter)
         self._squares_v2 += scatter.squares_v2
         self._degrees += scatter.degrees
+        self._table_squares_v2 += scatter.degrees * scatter.table_v2
         if said := self._complaint(scatter):
             return said
         for number, window in earlier:
@@ -138,7 +153,8 @@ class NoiseSeen(Struct):
         """Hold the farthest reading against the scatter of all other readings of the run (Student's t)."""
         off_v2 = _off_v2(window)
         degrees = self._degrees - 1
-        std_v = max(math.sqrt(max(0.0, self._squares_v2 - off_v2) / degrees), self.resolution_v)
+        std_v = math.sqrt(max(0.0, self._squares_v2 - off_v2) / degrees + window.table_v2)
+        std_v = max(std_v, self.resolution_v)
         if abs(window.distance_v) <= _COUNTS * self.resolution_v or off_v2 < (_NEVER * std_v) ** 2:
             return ""
         if window.n * t_tail(math.sqrt(off_v2) / std_v, degrees) >= FALSE_ALARM:
@@ -153,10 +169,13 @@ class NoiseSeen(Struct):
         degrees = self._degrees - window.degrees
         if degrees < 1:
             return ""
-        run_v = math.sqrt(max(0.0, self._squares_v2 - window.squares_v2) / degrees)
+        others_v2 = max(0.0, self._squares_v2 - window.squares_v2)
+        run_v = math.sqrt(others_v2 / degrees + window.table_v2)
         above = (max(window.std_v, self.resolution_v) / max(run_v, self.resolution_v)) ** 2
         if above > _LEAST_RATIO**2 and f_is_improbable(above, window.degrees, degrees, chance=FALSE_ALARM):
             return f"the readings scatter by {window.std_v:.2g} V, those of the other windows by {run_v:.2g} V"
+        by_table_v2 = self._table_squares_v2 - window.degrees * window.table_v2
+        run_v = math.sqrt(max(0.0, others_v2 - by_table_v2) / degrees)
         below = (run_v / max(window.std_v, _STILL * self.resolution_v, 1e-12)) ** 2
         if below > _LEAST_RATIO**2 and f_is_improbable(below, degrees, window.degrees, chance=FALSE_ALARM):
             return (

@@ -178,7 +178,7 @@ class Acquire(Step, Struct, frozen=True):
         """Hold what comes later against the scatter of these readings too."""
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
-        context.noise.doubt(readings_v)  # nothing is wrong with them: the run went on
+        context.noise.doubt(readings_v, turning=bool(self.table_deg_s))  # nothing is wrong with them: the run went on
 
     def _table_rate(self, context: Context) -> float | None:
         """Read back the table that the point stands on, deg/s; None where it stands on none."""
@@ -235,7 +235,7 @@ class Acquire(Step, Struct, frozen=True):
         """See that the latest chunk, which may be the whole window, scatters as those of the run do."""
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
-        if said := context.noise.doubt(_volts(chunk)):
+        if said := context.noise.doubt(_volts(chunk), turning=bool(self.table_deg_s)):
             first = tally.count - len(chunk) + 1
             among = "" if len(chunk) == self.samples else f" (readings {first} to {tally.count} of {self.samples})"
             raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
